@@ -1,0 +1,1 @@
+"""Bytes <-> a welded working surface: intake limits, formats, lossless GLB editing."""

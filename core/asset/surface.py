@@ -1,0 +1,57 @@
+"""The working surface: every triangle of an asset in one pair of arrays, in the size-30 frame."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+MODEL_SIZE = 30.0
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """All triangles of an asset, flattened to world space and normalised to size 30 about the origin.
+
+    Attributes:
+        positions: (V, 3) float64, ``(world - offset) * scale``. Rows are the accessor rows of each drawn
+            primitive one after another: nothing is merged, so each row maps back to one accessor row.
+        faces: (F, 3) int64 into ``positions``.
+        weld: (V,) int64, the same number for vertices of one node at exactly equal positions; topology is read
+            through ``weld[faces]``.
+        face_primitive: (F,) int64, which drawn primitive (node x mesh primitive) a face belongs to.
+        face_triangle: (F,) int64, which triangle of that primitive it is.
+        scale: size-30 units per world unit.
+        offset: (3,) world position of the size-30 origin.
+    """
+
+    positions: Float
+    faces: Int
+    weld: Int
+    face_primitive: Int
+    face_triangle: Int
+    scale: float
+    offset: Float
+
+    @cached_property
+    def _cross(self) -> Float:
+        a, b, c = (self.positions[self.faces[:, corner]] for corner in range(3))
+        return np.cross(b - a, c - a)
+
+    @cached_property
+    def areas(self) -> Float:
+        """(F,) face areas."""
+        return np.asarray(np.linalg.norm(self._cross, axis=1) / 2)
+
+    @cached_property
+    def normals(self) -> Float:
+        """(F, 3) unit face normals; zero for degenerate faces."""
+        length = np.linalg.norm(self._cross, axis=1, keepdims=True)
+        return np.asarray(np.divide(self._cross, length, out=np.zeros_like(self._cross), where=length > 0))
+
+    def to_world(self, points: Float) -> Float:
+        """(N, 3) size-30 points as world points."""
+        return np.asarray(points / self.scale + self.offset)

@@ -1,0 +1,63 @@
+"""Every way to fail: a stable code, a sentence about this input, and what to do about it.
+
+Nothing else reaches a user: the service and the command line print exactly these three fields.
+"""
+
+from enum import StrEnum
+
+
+class ErrorCode(StrEnum):
+    """Stable codes; a code is never renamed or reused once released."""
+
+    # The uploaded file.
+    EMPTY_FILE = "empty_file"
+    UNKNOWN_FORMAT = "unknown_format"
+    UNSUPPORTED_FORMAT = "unsupported_format"
+    UNSUPPORTED_FEATURE = "unsupported_feature"
+    MALFORMED_FILE = "malformed_file"
+    TRUNCATED_FILE = "truncated_file"
+    NO_FACES = "no_faces"
+    NON_FINITE_POSITIONS = "non_finite_positions"
+    INDEX_OUT_OF_RANGE = "index_out_of_range"
+    BUDGET_EXCEEDED = "budget_exceeded"
+    EXTERNAL_REFERENCE = "external_reference"
+    # What was asked for.
+    INVALID_PARAMETERS = "invalid_parameters"
+    EMPTY_TEXT = "empty_text"
+    MISSING_GLYPHS = "missing_glyphs"
+    INVALID_FONT = "invalid_font"
+    # The work itself.
+    NO_PLACEMENT = "no_placement"
+    RENDERING_UNAVAILABLE = "rendering_unavailable"
+    INTERNAL_ERROR = "internal_error"
+    # The process around the work; raised by the worker, listed here so that all codes stand in one place.
+    TIME_LIMIT = "time_limit"
+    MEMORY_LIMIT = "memory_limit"
+    ENGINE_CRASHED = "engine_crashed"
+    WORKER_LOST = "worker_lost"
+    # The service in front of it.
+    UPLOAD_TOO_LARGE = "upload_too_large"
+    MISSING_FILE = "missing_file"
+    NOT_FOUND = "not_found"
+    NOT_READY = "not_ready"
+    JOB_FAILED = "job_failed"
+    JOB_CANCELED = "job_canceled"
+
+
+class MeshmarkError(Exception):
+    """A failure a user can read.
+
+    Args:
+        code: the stable code.
+        message: one sentence that says what is wrong with this file or this request.
+        remedy: one sentence that says what to do about it.
+    """
+
+    def __init__(self, code: ErrorCode, message: str, remedy: str) -> None:
+        super().__init__(code, message, remedy)  # all three in args, so that pickling keeps them
+        self.code = code
+        self.message = message
+        self.remedy = remedy
+
+    def __str__(self) -> str:
+        return f"{self.code}: {self.message} {self.remedy}"

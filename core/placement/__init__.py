@@ -1,0 +1,1 @@
+"""Where watermarks go: candidates, fine-tuning, filters, selection."""

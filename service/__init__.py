@@ -1,0 +1,1 @@
+"""FastAPI: accepts, reports, delivers. No geometry."""
