@@ -1,0 +1,44 @@
+"""What embossing hands to the writer: which faces go and which triangles take their place."""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+Bool = NDArray[np.bool_]
+
+
+class Kind(IntEnum):
+    """What a new triangle is part of."""
+
+    SURFACE = 0
+    CAP = 1
+    WALL = 2
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceEdit:
+    """A change of a :class:`~core.asset.surface.Surface`: F faces of which some go, and M new triangles.
+
+    Attributes:
+        keep: (F,) bool, the faces that stay exactly as they are.
+        vertex: (M, 3) int64 ids; corners with equal ids are one point and have equal ``position``.
+        position: (M, 3, 3) float64, size-30 frame, final (after lifting).
+        source_face: (M,) int64, the surface face that a triangle was cut from; its attributes are interpolated there.
+        barycentric: (M, 3, 3) float64, coordinates of each corner in ``source_face``, in the corner order of
+            ``surface.faces[source_face]``; for a lifted corner those of its foot point.
+        original: (M, 3) int64, the row of ``surface.positions`` where the corner is that untouched original vertex,
+            of the same drawn primitive as ``source_face``; else -1.
+        kind: (M,) int8, a :class:`Kind`.
+    """
+
+    keep: Bool
+    vertex: Int
+    position: Float
+    source_face: Int
+    barycentric: Float
+    original: Int
+    kind: NDArray[np.int8]

@@ -1,0 +1,273 @@
+"""A GLB as its two chunks, and the accessors in it (glTF 2.0 specification, sections 3.6 and 4.4)."""
+
+import base64
+import binascii
+import json
+import struct
+from dataclasses import dataclass
+from typing import Any
+from urllib.parse import unquote_to_bytes
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.errors import ErrorCode, MeshmarkError
+
+COMPONENT_TYPES: dict[int, np.dtype[Any]] = {
+    5120: np.dtype("<i1"),
+    5121: np.dtype("<u1"),
+    5122: np.dtype("<i2"),
+    5123: np.dtype("<u2"),
+    5125: np.dtype("<u4"),
+    5126: np.dtype("<f4"),
+}
+# type -> (columns, rows); a matrix is stored column by column
+ELEMENT_TYPES = {
+    "SCALAR": (1, 1),
+    "VEC2": (1, 2),
+    "VEC3": (1, 3),
+    "VEC4": (1, 4),
+    "MAT2": (2, 2),
+    "MAT3": (3, 3),
+    "MAT4": (4, 4),
+}
+COMPRESSED_VIEWS = ("EXT_meshopt_compression", "KHR_meshopt_compression")
+
+_HEADER = struct.Struct("<4sII")
+_CHUNK = struct.Struct("<I4s")
+
+
+def malformed(sentence: str) -> MeshmarkError:
+    """The error for a file whose structure contradicts itself."""
+    return MeshmarkError(
+        ErrorCode.MALFORMED_FILE, sentence, "Run the file through the Khronos glTF validator and export it again."
+    )
+
+
+def unsupported_extension(name: str, use: str) -> MeshmarkError:
+    """The error for geometry behind an extension that is not decoded; ``use`` is a noun, such as "A primitive"."""
+    return MeshmarkError(
+        ErrorCode.UNSUPPORTED_FEATURE,
+        f"{use} of this asset is compressed with {name}.",
+        f"Export the asset without {name} and send it again.",
+    )
+
+
+@dataclass
+class Document:
+    """A parsed GLB: nothing is interpreted, unknown properties are carried as they are.
+
+    Attributes:
+        json: the JSON chunk, keys in file order.
+        binary: the payload of the BIN chunk, empty where there is none.
+    """
+
+    json: dict[str, Any]
+    binary: bytes
+
+    @classmethod
+    def from_glb(cls, data: bytes) -> "Document":
+        """Split a GLB into its chunks; unknown chunks are skipped, as the specification asks.
+
+        Raises:
+            MeshmarkError: ``malformed_file``, or ``truncated_file`` where the file ends before its declared length.
+        """
+        if len(data) < _HEADER.size:
+            raise _truncated("The file ends inside the GLB header.")
+        magic, version, length = _HEADER.unpack_from(data)
+        if magic != b"glTF":
+            raise malformed("The file does not start with the GLB signature.")
+        if version != 2:
+            raise malformed(f"The file is a GLB of version {version}, not 2.")
+        if length > len(data):
+            raise _truncated(f"The GLB header declares {length} bytes, but the file has {len(data)}.")
+        chunks: list[tuple[bytes, bytes]] = []
+        offset = _HEADER.size
+        while offset < length:
+            if offset + _CHUNK.size > length:
+                raise _truncated("The GLB ends inside a chunk header.")
+            size, kind = _CHUNK.unpack_from(data, offset)
+            offset += _CHUNK.size
+            if offset + size > length:
+                raise _truncated(f"A GLB chunk declares {size} bytes, but only {length - offset} are left.")
+            chunks.append((kind, data[offset : offset + size]))
+            offset += size
+        if not chunks or chunks[0][0] != b"JSON":
+            raise malformed("The first chunk of the GLB is not its JSON.")
+        binary = chunks[1][1] if len(chunks) > 1 and chunks[1][0] == b"BIN\0" else b""
+        return cls(_parse_json(chunks[0][1]), binary)
+
+    def to_glb(self) -> bytes:
+        """The GLB; the same document always gives the same bytes."""
+        text = json.dumps(self.json, separators=(",", ":"), allow_nan=False).encode()
+        chunks = [(b"JSON", text + b" " * (-len(text) % 4))]
+        if self.binary:
+            chunks.append((b"BIN\0", self.binary + bytes(-len(self.binary) % 4)))
+        length = _HEADER.size + sum(_CHUNK.size + len(payload) for _, payload in chunks)
+        if length >= 2**32:
+            raise MeshmarkError(
+                ErrorCode.BUDGET_EXCEEDED,
+                f"The result would have {length} bytes; a GLB cannot exceed 4 GiB.",
+                "Send a smaller asset.",
+            )
+        parts = [_HEADER.pack(b"glTF", 2, length)]
+        for kind, payload in chunks:
+            parts += [_CHUNK.pack(len(payload), kind), payload]
+        return b"".join(parts)
+
+    def entry(self, kind: str, index: Any) -> dict[str, Any]:
+        """``json[kind][index]``.
+
+        Raises:
+            MeshmarkError: ``malformed_file`` where there is no such object.
+        """
+        entries = self.json.get(kind, [])
+        if not isinstance(entries, list) or type(index) is not int or not 0 <= index < len(entries):
+            raise malformed(f"The file refers to {kind}[{index}], which does not exist.")
+        entry = entries[index]
+        if not isinstance(entry, dict):
+            raise malformed(f"{kind}[{index}] is not a JSON object.")
+        return entry
+
+    def buffer(self, index: int) -> bytes:
+        """The bytes of a buffer: the BIN chunk, or a decoded data URI.
+
+        Raises:
+            MeshmarkError: ``malformed_file``; ``external_reference`` for any other URI.
+        """
+        entry = self.entry("buffers", index)
+        uri = entry.get("uri")
+        if uri is not None:
+            return _decode_data_uri(index, uri)
+        if index != 0:
+            raise malformed(f"buffers[{index}] has no URI, and only the first buffer can be the BIN chunk.")
+        return self.binary
+
+
+def read_accessor(document: Document, index: int) -> NDArray[Any]:
+    """The values of an accessor in its native dtype, possibly read-only.
+
+    Args:
+        document: the GLB.
+        index: which accessor.
+
+    Returns:
+        (count,) for SCALAR, (count, n) for VECn, (count, n * n) column-major for MATn. ``byteStride``, sparse
+        substitution and a missing buffer view (zeros) are honoured; ``normalized`` is not: see :func:`dequantize`.
+
+    Raises:
+        MeshmarkError: ``malformed_file``, ``index_out_of_range`` (sparse), ``external_reference``, or
+            ``unsupported_feature`` for compressed buffer views.
+    """
+    accessor = document.entry("accessors", index)
+    dtype = COMPONENT_TYPES.get(accessor.get("componentType", 0))
+    shape = ELEMENT_TYPES.get(accessor.get("type", ""))
+    count = accessor.get("count")
+    if dtype is None or shape is None or type(count) is not int or count < 1:
+        raise malformed(f"accessors[{index}] does not declare a valid type, component type and count.")
+    if "bufferView" in accessor:
+        values = _read_view(document, accessor["bufferView"], accessor.get("byteOffset", 0), count, dtype, shape)
+    else:
+        values = np.zeros((count, shape[0] * shape[1]), dtype)
+    if "sparse" in accessor:
+        values = _substitute(document, index, values, dtype, shape)
+    return values[:, 0] if accessor["type"] == "SCALAR" else values
+
+
+def dequantize(array: NDArray[Any], accessor: dict[str, Any]) -> NDArray[np.float64]:
+    """Accessor values as float64, integers of a ``normalized`` accessor as fractions (specification 3.6.2.2)."""
+    values = array.astype(np.float64)
+    if accessor.get("normalized", False) and array.dtype.kind in "iu":
+        values /= np.iinfo(array.dtype).max
+        np.maximum(values, -1.0, out=values)
+    return values
+
+
+def _parse_json(payload: bytes) -> dict[str, Any]:
+    def refuse(constant: str) -> None:
+        raise ValueError(f"{constant} is not JSON")
+
+    try:
+        parsed = json.loads(payload.decode("utf-8"), parse_constant=refuse)
+    except (ValueError, RecursionError):
+        raise malformed("The JSON chunk of the GLB is not valid JSON.") from None
+    if not isinstance(parsed, dict):
+        raise malformed("The JSON chunk of the GLB is not a JSON object.")
+    return parsed
+
+
+def _decode_data_uri(index: int, uri: Any) -> bytes:
+    if not isinstance(uri, str) or not uri.startswith("data:"):
+        raise MeshmarkError(
+            ErrorCode.EXTERNAL_REFERENCE,
+            f"buffers[{index}] lies in another file; nothing outside the uploaded file is opened.",
+            "Export the asset as one self-contained GLB.",
+        )
+    header, comma, payload = uri.partition(",")
+    try:
+        if not comma:
+            raise ValueError("no payload")
+        raw = unquote_to_bytes(payload)
+        return base64.b64decode(raw, validate=True) if header.endswith(";base64") else raw
+    except (ValueError, binascii.Error):
+        raise malformed(f"The data URI of buffers[{index}] cannot be decoded.") from None
+
+
+def _read_view(
+    document: Document,
+    view_index: Any,
+    byte_offset: Any,
+    count: int,
+    dtype: np.dtype[Any],
+    shape: tuple[int, int],
+) -> NDArray[Any]:
+    """(count, columns * rows) values that start ``byte_offset`` bytes into a buffer view."""
+    view = document.entry("bufferViews", view_index)
+    for extension in COMPRESSED_VIEWS:
+        if extension in view.get("extensions", {}):
+            raise unsupported_extension(extension, "A buffer view")
+    data = document.buffer(view.get("buffer", -1))
+    columns, rows = shape
+    column_bytes = rows * dtype.itemsize
+    column_stride = column_bytes if columns == 1 else -(-column_bytes // 4) * 4  # matrix columns are 4-byte aligned
+    stride = view.get("byteStride", columns * column_stride)
+    start, length = view.get("byteOffset", 0), view.get("byteLength", 0)
+    if any(type(number) is not int or number < 0 for number in (start, length, stride, byte_offset)):
+        raise malformed(f"bufferViews[{view_index}] has offsets that are not non-negative integers.")
+    last = byte_offset + (count - 1) * stride + (columns - 1) * column_stride + column_bytes
+    if last > length or start + length > len(data):
+        raise malformed(f"An accessor reads past the end of bufferViews[{view_index}] or of its buffer.")
+    strided = np.ndarray(
+        (count, columns, rows), dtype, data, start + byte_offset, (stride, column_stride, dtype.itemsize)
+    )
+    return np.ascontiguousarray(strided).reshape(count, columns * rows)
+
+
+def _substitute(
+    document: Document, index: int, values: NDArray[Any], dtype: np.dtype[Any], shape: tuple[int, int]
+) -> NDArray[Any]:
+    """``values`` with the rows of the accessor's ``sparse`` object replaced."""
+    sparse = document.entry("accessors", index)["sparse"]
+    try:
+        count = sparse["count"]
+        where, what = sparse["indices"], sparse["values"]
+        index_type = COMPONENT_TYPES[where["componentType"]]
+        views = where["bufferView"], what["bufferView"]
+    except (KeyError, TypeError):
+        raise malformed(f"The sparse part of accessors[{index}] is incomplete.") from None
+    if type(count) is not int or count < 1 or index_type.kind != "u":
+        raise malformed(f"The sparse part of accessors[{index}] does not declare a valid count and index type.")
+    rows = _read_view(document, views[0], where.get("byteOffset", 0), count, index_type, (1, 1))[:, 0]
+    if rows.max() >= len(values):
+        raise MeshmarkError(
+            ErrorCode.INDEX_OUT_OF_RANGE,
+            f"The sparse part of accessors[{index}] replaces row {rows.max()} of {len(values)}.",
+            "Export the asset again; its sparse accessor is damaged.",
+        )
+    result = values.copy()
+    result[rows] = _read_view(document, views[1], what.get("byteOffset", 0), count, dtype, shape)
+    return result
+
+
+def _truncated(sentence: str) -> MeshmarkError:
+    return MeshmarkError(ErrorCode.TRUNCATED_FILE, sentence, "Upload the complete file again.")
