@@ -43,8 +43,8 @@ def shape(text: str, font: hb.Font) -> list[Glyph]:
         MeshmarkError: ``empty_text`` (nothing visible), ``invalid_parameters`` (control or formatting characters),
             ``missing_glyphs`` (naming each character that the font lacks).
     """
-    text = unicodedata.normalize("NFC", text.strip())
     _require_printable(text)
+    text = unicodedata.normalize("NFC", text)
     _require_outlines(text, font)
     codepoints = [ord(character) for character in text]
     glyphs: list[Glyph] = []
@@ -71,7 +71,7 @@ def shape(text: str, font: hb.Font) -> list[Glyph]:
 
 
 def _require_printable(text: str) -> None:
-    if not text:
+    if not text.strip():
         raise MeshmarkError(
             ErrorCode.EMPTY_TEXT, "The watermark text is empty or only spaces.", "Send at least one visible character."
         )

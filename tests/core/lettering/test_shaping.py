@@ -1,0 +1,100 @@
+import pytest
+
+from core.errors import ErrorCode, MeshmarkError
+from core.lettering.fonts import default_font, load_font
+from core.lettering.shaping import shape
+from tests.core.lettering.fontsmith import SQUARE, make_font
+
+FONT = default_font()
+
+
+def glyph_ids(text: str) -> list[int]:
+    return [glyph.id for glyph in shape(text, FONT)]
+
+
+def nominal(text: str) -> list[int]:
+    return [FONT.get_nominal_glyph(ord(character)) for character in text]
+
+
+def refusal(text: str) -> MeshmarkError:
+    with pytest.raises(MeshmarkError) as caught:
+        shape(text, FONT)
+    return caught.value
+
+
+def test_latin_text_runs_from_left_to_right() -> None:
+    assert glyph_ids("water") == nominal("water")
+    origins = [glyph.x for glyph in shape("water", FONT)]
+    assert origins == sorted(set(origins))
+
+
+def test_pairs_are_kerned() -> None:
+    assert shape("AV", FONT)[1].x < FONT.get_glyph_h_advance(nominal("A")[0])
+
+
+def test_ligatures_are_formed() -> None:
+    assert len(glyph_ids("fi")) == 1
+
+
+def test_composed_and_decomposed_letters_look_the_same() -> None:
+    assert shape("e\u0301", FONT) == shape("\u00e9", FONT)
+
+
+def test_a_combining_mark_stands_over_its_letter() -> None:
+    letter, mark = shape("q\u0308", FONT)
+    extents = FONT.get_glyph_extents(mark.id)
+    middle = mark.x + extents.x_bearing + extents.width / 2
+    assert letter.x < middle < letter.x + FONT.get_glyph_h_advance(letter.id)
+
+
+def test_hebrew_runs_from_right_to_left_and_its_digits_do_not() -> None:
+    assert glyph_ids("\u05d0\u05d1 12") == nominal("12 \u05d1\u05d0")
+
+
+def test_brackets_are_mirrored_in_right_to_left_text() -> None:
+    assert glyph_ids("(\u05d0)") == nominal("(\u05d0)")
+
+
+def test_arabic_letters_join_and_a_non_joiner_parts_them() -> None:
+    joined, parted = glyph_ids("\u0628\u0628"), glyph_ids("\u0628\u200c\u0628")
+    isolated = nominal("\u0628")[0]
+    assert isolated not in joined
+    assert isolated in parted
+
+
+def test_mixed_directions_follow_the_first_strong_character() -> None:
+    assert glyph_ids("a \u05d0\u05d1 b") == nominal("a \u05d1\u05d0 b")
+    assert glyph_ids("\u05d0 a b") == nominal("a b \u05d0")
+
+
+def test_the_machine_locale_does_not_change_the_letters(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = shape("\u0431\u0433\u0434", FONT)  # Serbian and Russian draw these differently where the font can
+    monkeypatch.setenv("LANG", "sr_RS.UTF-8")
+    assert shape("\u0431\u0433\u0434", FONT) == before
+
+
+def test_every_missing_character_is_listed_once_with_its_code() -> None:
+    error = refusal("\u65e5a\u672c\u65e5\U0001f98a")
+    assert error.code == ErrorCode.MISSING_GLYPHS
+    assert error.message.count("U+65E5") == 1
+    assert "U+672C" in error.message
+    assert "\U0001f98a (U+1F98A)" in error.message
+
+
+def test_a_character_with_a_blank_picture_is_missing() -> None:
+    font = load_font(make_font({"a": [SQUARE], "b": []}))
+    with pytest.raises(MeshmarkError, match=r"b \(U\+0062\)") as caught:
+        shape("ab", font)
+    assert caught.value.code == ErrorCode.MISSING_GLYPHS
+
+
+@pytest.mark.parametrize("text", ["", " ", "\t\n ", "\u3000\u00a0"])
+def test_text_of_only_spaces_is_empty(text: str) -> None:
+    assert refusal(text).code == ErrorCode.EMPTY_TEXT
+
+
+@pytest.mark.parametrize("character", ["\n", "\0", "\x7f", "\u2028", "\u2029", "\u202e", "\u2067", "\ufeff", "\ud800"])
+def test_control_characters_are_refused_by_their_code_and_place(character: str) -> None:
+    error = refusal(f"ab{character}c")
+    assert error.code == ErrorCode.INVALID_PARAMETERS
+    assert f"U+{ord(character):04X} at position 3" in error.message
