@@ -1,0 +1,226 @@
+"""One watermark into the working mesh: patch, stand, cut, lift, check."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from manifold3d import CrossSection
+from numpy.typing import NDArray
+
+from core.asset.edit import Kind
+from core.embossing.check import is_closed
+from core.embossing.lift import MIN_AGREEMENT, folded, lift, obstructed
+from core.embossing.mesh import WorkingMesh, barycentric
+from core.embossing.patch import AREA_TOLERANCE, Patch, boundary_edges, directed_edges, patches
+from core.embossing.pieces import Pieces
+from core.embossing.refusal import Refusal
+from core.embossing.split import split
+from core.embossing.stamp import Stamp, stand
+from core.placement.boxes import Boxes
+from core.spatial import SpatialIndex
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+Cut = Callable[[Patch, CrossSection], Pieces | None]
+CUTS: tuple[tuple[str, Cut], ...] = (("split", split),)
+# In-plane shifts in text widths, far below what an eye sees: they break coincidences of outline and mesh.
+SHIFTS = ((0.0, 0.0), (0.0013, 0.0009), (-0.0011, 0.0017))
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A watermark that passed its check.
+
+    Attributes:
+        box: where it stands (a single box).
+        cut: which way of cutting succeeded, "split" or "arrangement".
+        faces: how many triangles it added, less those it replaced.
+    """
+
+    box: Boxes
+    cut: str
+    faces: int
+
+
+def emboss(mesh: WorkingMesh, box: Boxes, letters: Stamp, relief: float, index: SpatialIndex) -> Mark | Refusal:
+    """Embosses ``letters`` at the one ``box``, or leaves ``mesh`` exactly as it was and says why not.
+
+    Args:
+        mesh: changed in place on success only.
+        box: a single box, its width the text's width; size-30 frame.
+        letters: the islands in text widths.
+        relief: size-30 units; negative sinks the letters.
+        index: of the original surface.
+    """
+    refusal = Refusal.NOT_WHOLE
+    for shift in SHIFTS:
+        moved = Boxes(box.center + box.size[0, 0] * np.array(shift) @ box.axes[0, :2], box.axes, box.size)
+        found = _injective(mesh, moved, index)
+        if found is None:
+            return Refusal.NOT_WHOLE
+        standing = stand(letters, found, [mesh.source(patch.faces) for patch in found], moved, index)
+        if standing is None:
+            return Refusal.NOT_WHOLE
+        used = [(patch, text) for patch, text in zip(found, standing, strict=True) if not text.is_empty()]
+        for name, cut in CUTS:
+            outcome = _apply(mesh, moved, used, cut, relief, index)
+            if not isinstance(outcome, Refusal):
+                return Mark(moved, name, outcome)
+            if outcome in (Refusal.SECOND_LAYER, Refusal.THIN_WALL, Refusal.FOLDED):
+                return outcome
+            refusal = outcome
+    return refusal
+
+
+def _injective(mesh: WorkingMesh, box: Boxes, index: SpatialIndex) -> list[Patch] | None:
+    """The patches under ``box``, none of which covers itself; what is hidden behind another layer is left out."""
+    found = patches(mesh, box)
+    layered = [patch for patch in found if _covers_itself(patch)]
+    if not layered:
+        return found
+    faces = np.concatenate([patch.faces for patch in layered])
+    normal, thickness = box.axes[0, 2], box.size[0, 2]
+    centers = mesh.points[mesh.corners(faces)].mean(axis=1)
+    start = 1e-3 * thickness
+    distance, _ = index.first_hit(centers + start * normal, np.broadcast_to(normal, centers.shape))
+    found = patches(mesh, box, hidden=faces[distance <= thickness])
+    return None if any(_covers_itself(patch) for patch in found) else found
+
+
+def _covers_itself(patch: Patch) -> bool:
+    area = patch.projected_area()
+    return bool(area - patch.silhouette().area() > AREA_TOLERANCE * (1 + area))
+
+
+@dataclass(frozen=True, eq=False)
+class _Surgery:
+    """One patch's replacement in topological vertices, letters not yet lifted."""
+
+    removed: Int  # (K,) face ids
+    removed_corners: Int  # (K, 3)
+    boundary: Int  # (E, 2)
+    points: Float  # (N, 3) new vertices on the surface, numbered from the mesh's end
+    rest: Int  # (R, 3)
+    rest_source: Int
+    letters: Int  # (L, 3) on the surface
+    letter_source: Int
+    feet: Int  # (T,) the vertices of ``letters``
+    normals: Float  # (T, 3) smooth normals there
+
+
+def _apply(
+    mesh: WorkingMesh,
+    box: Boxes,
+    used: list[tuple[Patch, CrossSection]],
+    cut: Cut,
+    relief: float,
+    index: SpatialIndex,
+) -> int | Refusal:
+    surgeries: list[_Surgery] = []
+    first = len(mesh.points)
+    for patch, text in used:
+        pieces = cut(patch, text)
+        if pieces is None:
+            return Refusal.CUT_FAILED
+        surgery = _surgery(mesh, box, patch, pieces, first)
+        added = np.concatenate([surgery.rest, surgery.letters])
+        if not is_closed(surgery.removed_corners, surgery.boundary, added):
+            return Refusal.NOT_CLOSED
+        first += len(surgery.points)
+        surgeries.append(surgery)
+
+    on_surface = np.concatenate([mesh.points, *(s.points for s in surgeries)])
+    feet = np.concatenate([s.feet for s in surgeries])
+    letters = np.concatenate([s.letters for s in surgeries])
+    letter_source = np.concatenate([s.letter_source for s in surgeries])
+    normals = np.concatenate([s.normals for s in surgeries])
+    normal = box.axes[0, 2]
+
+    # Tops are numbered after everything on the surface, in the order of `feet`.
+    rank = np.full(len(on_surface), -1)
+    rank[feet] = np.arange(len(feet))
+    caps = rank[letters]
+    tops = lift(on_surface[feet], normals, relief, index)
+    if folded(tops, caps, normal):
+        tops = lift(on_surface[feet], np.broadcast_to(normal, normals.shape), relief, index)
+        if folded(tops, caps, normal):
+            return Refusal.FOLDED
+    if obstructed(on_surface[feet], tops, relief, index):
+        return Refusal.SECOND_LAYER if relief > 0 else Refusal.THIN_WALL
+
+    outline = boundary_edges(letters)
+    top = rank[outline] + len(on_surface)
+    walls = np.concatenate(
+        [np.column_stack([outline, top[:, 1]]), np.column_stack([outline[:, 0], top[:, 1], top[:, 0]])]
+    )
+    wall_source = np.tile(_source_of_edges(letters, letter_source, outline), 2)
+    rest = np.concatenate([s.rest for s in surgeries])
+    rest_source = np.concatenate([s.rest_source for s in surgeries])
+    corners = np.concatenate([rest, caps + len(on_surface), walls])
+    removed = np.concatenate([s.removed for s in surgeries])
+    removed_corners = np.concatenate([s.removed_corners for s in surgeries])
+    boundary = np.concatenate([s.boundary for s in surgeries])
+    if not is_closed(removed_corners, boundary, corners):
+        return Refusal.NOT_CLOSED
+    points = np.concatenate([on_surface, tops])
+    if _too_fine(points, corners, removed_corners, mesh.resolution):
+        return Refusal.TOO_FINE
+
+    known = len(mesh.points)
+    mesh.add_points(points[known:], np.concatenate([on_surface[known:], on_surface[feet]]))
+    kind = np.repeat([Kind.SURFACE, Kind.CAP, Kind.WALL], [len(rest), len(caps), len(walls)]).astype(np.int8)
+    mesh.replace(removed, corners, np.concatenate([rest_source, letter_source, wall_source]), kind)
+    return len(corners) - len(removed)
+
+
+def _surgery(mesh: WorkingMesh, box: Boxes, patch: Patch, pieces: Pieces, first: int) -> _Surgery:
+    """The cut of one patch in the mesh's own numbers; new vertices are numbered from ``first``."""
+    known = len(patch.points)
+    new = box.center[0] + box.size[0, 0] * pieces.points[known:] @ box.axes[0]
+    vertices = np.concatenate([patch.vertices, np.arange(first, first + len(new))])
+    source = mesh.source(patch.faces)
+
+    # Smooth normals of the patch's own vertices, interpolated to the letters' vertices.
+    corners = patch.points[patch.triangles]
+    face_normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    vertex_normal = np.zeros((known, 3))
+    for corner in range(3):
+        np.add.at(vertex_normal, patch.triangles[:, corner], face_normal)
+    vertex_normal /= np.maximum(np.linalg.norm(vertex_normal, axis=1, keepdims=True), np.finfo(float).tiny)
+    local, where = np.unique(pieces.letters, return_index=True)
+    face = pieces.letter_faces[where // 3]
+    weight = barycentric(pieces.points[local][:, None], corners[face])[:, 0]
+    normals = np.einsum("tk,tkj->tj", weight, vertex_normal[patch.triangles[face]])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
+    normals[normals[:, 2] < MIN_AGREEMENT] = (0.0, 0.0, 1.0)
+
+    return _Surgery(
+        removed=patch.faces,
+        removed_corners=patch.vertices[patch.triangles],
+        boundary=patch.vertices[patch.boundary],
+        points=new,
+        rest=vertices[pieces.rest],
+        rest_source=source[pieces.rest_faces],
+        letters=vertices[pieces.letters],
+        letter_source=source[pieces.letter_faces],
+        feet=vertices[local],
+        normals=normals @ box.axes[0],
+    )
+
+
+def _source_of_edges(triangles: Int, sources: Int, edges: Int) -> Int:
+    """(E,) the source face of the triangle that has each directed edge."""
+    size = int(triangles.max()) + 1
+    owned = directed_edges(triangles)
+    key = owned[:, 0] * size + owned[:, 1]
+    order = np.argsort(key)
+    return np.asarray(sources[order[np.searchsorted(key[order], edges[:, 0] * size + edges[:, 1])] // 3])
+
+
+def _too_fine(points: Float, corners: Int, removed_corners: Int, resolution: float) -> bool:
+    """Whether a new edge is so short that its ends may round to one point in the file."""
+    edges = directed_edges(corners)
+    is_new = ~np.isin(edges, removed_corners).all(axis=1)
+    length = np.linalg.norm(points[edges[is_new, 0]] - points[edges[is_new, 1]], axis=1)
+    return bool(np.any(length < 4 * resolution))

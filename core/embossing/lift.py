@@ -1,0 +1,47 @@
+"""Letter tops at a constant distance from the surface (paper section 4.4, curve-matching embossing)."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.spatial import SpatialIndex
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+FIT_ROUNDS = 2  # DESIGN section 4: two are enough for a variance of the distance near 1e-14
+MIN_AGREEMENT = 0.3  # cosine; a smooth normal further away from the box normal than this is not trusted
+FOLD_TOLERANCE = 1e-4  # share of the letters' area that may face away after lifting: slivers of rounding errors
+
+
+def lift(feet: Float, normals: Float, relief: float, index: SpatialIndex) -> Float:
+    """(N, 3) tops of the ``feet`` (N, 3): ``relief`` along the unit ``normals`` (N, 3), then moved so that their
+    distance to the surface is ``|relief|`` exactly. A negative relief sinks. Size-30 frame."""
+    tops = feet + relief * normals
+    for _ in range(FIT_ROUNDS):
+        distance, _, nearest = index.closest(tops)
+        away = distance > abs(relief) * 1e-3
+        direction = (tops - nearest) / np.where(away, distance, 1.0)[:, None]
+        step = np.where(away, np.clip(abs(relief) - distance, -abs(relief) / 2, abs(relief) / 2), 0.0)
+        tops = tops + step[:, None] * direction
+    return tops
+
+
+def folded(tops: Float, triangles: Int, normal: Float) -> bool:
+    """Whether lifted letter ``triangles`` (L, 3) into ``tops`` turn away from the box ``normal`` (3,)."""
+    a, b, c = (tops[triangles[:, k]] for k in range(3))
+    area = np.cross(b - a, c - a) @ normal
+    return bool(-area[area < 0].sum() > FOLD_TOLERANCE * np.abs(area).sum())
+
+
+def obstructed(feet: Float, tops: Float, relief: float, index: SpatialIndex) -> bool:
+    """Whether other surface lies within one and a half reliefs of the letters: above raised ones, behind sunken."""
+    direction = tops - feet
+    direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), np.finfo(float).tiny)
+    reach = 1.5 * abs(relief)
+    if relief > 0:
+        # Looking back from above, the first surface must be the one the letter stands on.
+        distance, _ = index.first_hit(feet + reach * direction, -direction)
+        return bool(np.any(distance < 0.95 * reach))
+    start = 0.05 * abs(relief)
+    distance, _ = index.first_hit(feet + start * direction, direction)
+    return bool(np.any(distance < reach - start))

@@ -1,0 +1,167 @@
+"""The mesh under surgery: original faces that can be retired, and the faces that replaced them."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.asset.edit import Kind, SurfaceEdit
+from core.asset.surface import Surface
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+Bool = NDArray[np.bool_]
+
+CELL = 1.0  # size-30 units; about a fifth of a usual text width, so that a query reads few cells
+
+
+class FaceGrid:
+    """Faces by the grid cell of their bounding-box centre; the few that are larger than a cell apart.
+
+    Args:
+        low, high: (F, 3) bounding boxes of the faces, size-30 frame.
+    """
+
+    def __init__(self, low: Float, high: Float) -> None:
+        self._low, self._high = low, high
+        is_large = np.any(high - low > CELL, axis=1)
+        self._large = np.flatnonzero(is_large)
+        small = np.flatnonzero(~is_large)
+        center = (low[small] + high[small]) / 2
+        self._origin = center.min(axis=0) if len(small) else np.zeros(3)
+        cell = np.floor((center - self._origin) / CELL).astype(np.int64)
+        self._shape = cell.max(axis=0) + 1 if len(small) else np.ones(3, dtype=np.int64)
+        key = (cell[:, 0] * self._shape[1] + cell[:, 1]) * self._shape[2] + cell[:, 2]
+        order = np.argsort(key, kind="stable")
+        self._small = small[order]
+        self._start = np.searchsorted(key[order], np.arange(int(np.prod(self._shape)) + 1))
+
+    def overlapping(self, low: Float, high: Float) -> Int:
+        """Faces whose bounding box meets the box ``low``-``high`` ((3,) each)."""
+        first = np.maximum(np.floor((low - CELL / 2 - self._origin) / CELL).astype(np.int64), 0)
+        last = np.minimum(np.floor((high + CELL / 2 - self._origin) / CELL).astype(np.int64), self._shape - 1)
+        found = [self._large]
+        if np.all(last >= first):
+            for x in range(first[0], last[0] + 1):
+                for y in range(first[1], last[1] + 1):
+                    row = (x * self._shape[1] + y) * self._shape[2]
+                    found.append(self._small[self._start[row + first[2]] : self._start[row + last[2] + 1]])
+        faces = np.concatenate(found)
+        meets = np.all((self._high[faces] >= low) & (self._low[faces] <= high), axis=1)
+        return np.sort(faces[meets])
+
+
+class WorkingMesh:
+    """An asset's triangles by topological vertex: original rows welded, new vertices appended.
+
+    Faces below ``original_faces`` are the surface's own; later ones were cut by a watermark. ``feet`` is where a
+    vertex stands on the original surface: its own position, except for lifted letter tops.
+
+    Args:
+        surface: the asset.
+        editable: (F,) bool, faces that may carry a watermark.
+    """
+
+    def __init__(self, surface: Surface, editable: Bool) -> None:
+        self.surface = surface
+        self.original_faces = len(surface.faces)
+        corners = surface.weld[surface.faces]
+        vertices = int(surface.weld.max()) + 1
+        self.points = np.zeros((vertices, 3))
+        self.points[surface.weld] = surface.positions
+        self.feet = self.points
+        self.original_vertices = vertices
+        self._corners = corners
+        self._alive = np.ones(self.original_faces, dtype=bool)
+        self._editable = editable
+        self._grid = FaceGrid(*_bounds(self.points[corners]))
+        self._new_corners = np.empty((0, 3), dtype=np.int64)
+        self._new_source = np.empty(0, dtype=np.int64)
+        self._new_kind = np.empty(0, dtype=np.int8)
+        self._new_alive = np.empty(0, dtype=bool)
+        # The spacing of float32 at the asset's largest world coordinate: closer points may become one in the file.
+        largest = np.abs(surface.positions / surface.scale + surface.offset).max()
+        self.resolution = float(np.spacing(np.float32(largest))) * surface.scale
+
+    def near(self, low: Float, high: Float) -> Int:
+        """Ids of the living faces whose bounding box meets ``low``-``high``."""
+        old = self._grid.overlapping(low, high)
+        old = old[self._alive[old]]
+        new = np.flatnonzero(self._new_alive)
+        if len(new):
+            new_low, new_high = _bounds(self.points[self._new_corners[new]])
+            new = new[np.all((new_high >= low) & (new_low <= high), axis=1)]
+        return np.concatenate([old, new + self.original_faces])
+
+    def corners(self, ids: Int) -> Int:
+        """(N, 3) topological vertices of faces ``ids``."""
+        return self._read(ids, self._corners, self._new_corners)
+
+    def source(self, ids: Int) -> Int:
+        """(N,) the surface face that each of ``ids`` is, or was cut from."""
+        return self._read(ids, np.arange(self.original_faces), self._new_source)
+
+    def editable(self, ids: Int) -> Bool:
+        """(N,) whether a watermark may cut these faces: never letters or their walls."""
+        return self._read(ids, self._editable, self._new_kind == Kind.SURFACE)
+
+    def _read(self, ids: Int, old: NDArray[Any], new: NDArray[Any]) -> NDArray[Any]:
+        is_old = ids < self.original_faces
+        result = np.empty((len(ids), *old.shape[1:]), dtype=old.dtype)
+        result[is_old] = old[ids[is_old]]
+        result[~is_old] = new[ids[~is_old] - self.original_faces]
+        return result
+
+    def add_points(self, points: Float, feet: Float) -> Int:
+        """Append (N, 3) vertices; returns their ids."""
+        first = len(self.points)
+        self.points = np.concatenate([self.points, points])
+        self.feet = np.concatenate([self.feet, feet])
+        return np.arange(first, first + len(points))
+
+    def replace(self, removed: Int, corners: Int, source: Int, kind: NDArray[np.int8]) -> None:
+        """Retire the faces ``removed`` and add (M, 3) ``corners`` cut from the surface faces ``source``."""
+        self._alive[removed[removed < self.original_faces]] = False
+        self._new_alive[removed[removed >= self.original_faces] - self.original_faces] = False
+        self._new_corners = np.concatenate([self._new_corners, corners])
+        self._new_source = np.concatenate([self._new_source, source])
+        self._new_kind = np.concatenate([self._new_kind, kind])
+        self._new_alive = np.concatenate([self._new_alive, np.ones(len(corners), dtype=bool)])
+
+    def edit(self) -> SurfaceEdit:
+        """Everything that changed, as the lossless writer wants it."""
+        living = self._new_alive
+        corners, source = self._new_corners[living], self._new_source[living]
+        rows = self.surface.faces[source]
+        same = self.surface.weld[rows][:, None, :] == corners[:, :, None]  # (M, corner, source corner)
+        original = np.where(same.any(axis=2), np.take_along_axis(rows, same.argmax(axis=2), axis=1), -1)
+        barycentric = barycentric(self.feet[corners], self.surface.positions[rows])
+        barycentric = np.where(same.any(axis=2)[:, :, None], same.astype(np.float64), barycentric)
+        return SurfaceEdit(
+            keep=self._alive.copy(),
+            vertex=corners,
+            position=self.points[corners],
+            source_face=source,
+            barycentric=barycentric,
+            original=original,
+            kind=self._new_kind[living],
+        )
+
+
+def _bounds(triangles: Float) -> tuple[Float, Float]:
+    return triangles.min(axis=1), triangles.max(axis=1)
+
+
+def barycentric(points: Float, triangles: Float) -> Float:
+    """(M, 3, 3) barycentric coordinates of ``points`` (M, 3, 3: corner, xyz) in their ``triangles`` (M, 3, 3),
+    clamped into the triangle: feet lie on it up to rounding."""
+    origin = triangles[:, 0]
+    first, second = triangles[:, 1] - origin, triangles[:, 2] - origin
+    normal = np.cross(first, second)
+    area = np.maximum(np.sum(normal * normal, axis=1), np.finfo(float).tiny)[:, None]
+    relative = points - origin[:, None]
+    v = np.einsum("mkj,mj->mk", np.cross(relative, second[:, None]), normal) / area
+    w = np.einsum("mkj,mj->mk", np.cross(first[:, None], relative), normal) / area
+    result = np.clip(np.stack([1 - v - w, v, w], axis=-1), 0.0, 1.0)
+    result[result < 1e-9] = 0.0
+    return np.asarray(result / result.sum(axis=-1, keepdims=True))

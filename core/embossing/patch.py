@@ -1,0 +1,180 @@
+"""The pieces of surface under a watermark, seen along its normal (DESIGN: the projection must be injective)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from manifold3d import CrossSection, FillRule, JoinType
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from core.embossing.mesh import WorkingMesh
+from core.placement.boxes import Boxes
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+Bool = NDArray[np.bool_]
+
+MIN_FACING = 0.15  # cosine between the box normal and a face's normal
+MARGIN = 0.02  # how far beyond the text's rectangle faces are taken in, in text widths
+AREA_TOLERANCE = 1e-6  # relative; projected triangles that cover more than their silhouette lie on top of each other
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """An edge-connected piece of surface that faces the box.
+
+    Attributes:
+        faces: (K,) ids in the working mesh.
+        vertices: (V,) topological vertices.
+        points: (V, 3) in the box's frame, in units of the text's width; z along the box normal.
+        triangles: (K, 3) into ``points``, counter-clockwise seen from +z.
+        pairs: (P, 2) indices into ``triangles`` of faces that share an edge the patch is connected through.
+        boundary: (E, 2) directed edges the patch ends at, itself on their left. Both directions of an edge are
+            there where two of its faces belong to the patch but a third one does not.
+    """
+
+    faces: Int
+    vertices: Int
+    points: Float
+    triangles: Int
+    pairs: Int
+    boundary: Int
+
+    def silhouette(self) -> CrossSection:
+        """The patch's outline in the box plane."""
+        return CrossSection(_loops(self.boundary, self.points[:, :2]), FillRule.Positive)
+
+    def room(self, clearance: float) -> CrossSection:
+        """Where letters may stand: the silhouette without what is closer than ``clearance`` to a boundary edge."""
+        room = self.silhouette().offset(-clearance, JoinType.Miter)
+        size = len(self.points)
+        forward = self.boundary[:, 0] * size + self.boundary[:, 1]
+        backward = self.boundary[:, 1] * size + self.boundary[:, 0]
+        slits = self.points[self.boundary[np.isin(forward, backward)], :2]
+        if len(slits):
+            along = slits[:, 1] - slits[:, 0]
+            along *= clearance / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), np.finfo(float).tiny)
+            across = np.column_stack([-along[:, 1], along[:, 0]])
+            start, end = slits[:, 0] - along, slits[:, 1] + along
+            quads = np.stack([start - across, end - across, end + across, start + across], axis=1)
+            room -= CrossSection(list(quads), FillRule.Positive)
+        return room
+
+    def projected_area(self) -> float:
+        """The sum of the triangles' areas in the box plane."""
+        a, b, c = (self.points[self.triangles[:, k], :2] for k in range(3))
+        return float(np.sum(_cross(b - a, c - a)) / 2)
+
+
+def _cross(a: Float, b: Float) -> Float:
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+
+
+def directed_edges(triangles: Int) -> Int:
+    """(3K, 2) directed edges of (K, 3) triangles, triangle by triangle."""
+    return triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+
+
+def boundary_edges(triangles: Int) -> Int:
+    """(E, 2) directed edges of (K, 3) ``triangles`` whose opposite no other triangle has."""
+    edges = directed_edges(triangles)
+    size = int(edges.max()) + 1 if len(edges) else 1
+    forward, backward = edges[:, 0] * size + edges[:, 1], edges[:, 1] * size + edges[:, 0]
+    return edges[~np.isin(forward, backward)]
+
+
+def _loops(edges: Int, points: Float) -> list[Float]:
+    """Chains (E, 2) directed edges into closed rings of ``points``. Where rings touch in a vertex any pairing will
+    do: the winding number of the plane is the same."""
+    following: dict[int, list[int]] = {}
+    for start, end in edges.tolist():
+        following.setdefault(start, []).append(end)
+    rings = []
+    while following:
+        start = next(iter(following))
+        ring, current = [], start
+        while True:
+            ring.append(current)
+            ends = following[current]
+            step = ends.pop()
+            if not ends:
+                del following[current]
+            current = step
+            if current == start or current not in following:
+                break
+        rings.append(points[ring])
+    return rings
+
+
+def patches(mesh: WorkingMesh, box: Boxes, hidden: Int | None = None) -> list[Patch]:
+    """Every edge-connected piece of surface that meets the one ``box`` and faces it.
+
+    Pieces end where an edge has no neighbour, has more than two faces, or where neighbours disagree on which side
+    is out; a watermark never crosses such an edge.
+
+    Args:
+        mesh: the working mesh.
+        box: a single box; its width is the text's width.
+        hidden: ids of faces to leave out.
+    """
+    center, axes, size = box.center[0], box.axes[0], box.size[0]
+    width = size[0]
+    reach = size / 2 + np.array([MARGIN * width, MARGIN * width, 0.0])
+    extent = np.abs(axes).T @ reach
+    ids = mesh.near(center - extent, center + extent)
+    vertices, flat = np.unique(mesh.corners(ids), return_inverse=True)
+    triangles = flat.reshape(-1, 3)
+    points = (mesh.points[vertices] - center) @ axes.T / width
+    corners = points[triangles]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normal, axis=1)
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    chosen = (normal[:, 2] > MIN_FACING * length) & mesh.editable(ids)
+    chosen &= np.all((high >= -reach / width) & (low <= reach / width), axis=1)
+    if hidden is not None:
+        chosen &= ~np.isin(ids, hidden)
+
+    # How often each edge is used is counted over all faces near, also those that look away.
+    count = len(vertices)
+    edges = directed_edges(triangles)
+    _, which, uses = np.unique(
+        edges.min(axis=1) * count + edges.max(axis=1), return_inverse=True, return_counts=True
+    )
+    is_plain = uses[which] == 2
+    face = np.repeat(np.arange(len(ids)), 3)
+    usable = chosen[face] & is_plain
+    forward = edges[usable, 0] * count + edges[usable, 1]
+    backward = edges[usable, 1] * count + edges[usable, 0]
+    order = np.argsort(forward)
+    place = np.searchsorted(forward[order], backward)
+    place = np.minimum(place, max(len(forward) - 1, 0))
+    matched = forward[order][place] == backward if len(forward) else np.empty(0, dtype=bool)
+    first, second = face[usable][matched], face[usable][order[place[matched]]]
+    is_open = chosen[face]
+    is_open[np.flatnonzero(usable)[matched]] = False
+    pairs = np.column_stack([first, second])[first < second]
+
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(ids), len(ids)))
+    _, label = connected_components(graph, directed=False)
+    found = []
+    for part in np.unique(label[chosen]):
+        members = np.flatnonzero(chosen & (label == part))
+        found.append(_patch(ids, vertices, points, triangles, pairs, edges[is_open & np.isin(face, members)], members))
+    return found
+
+
+def _patch(
+    ids: Int, vertices: Int, points: Float, triangles: Int, pairs: Int, boundary: Int, members: Int
+) -> Patch:
+    used, local = np.unique(triangles[members], return_inverse=True)
+    inside = np.searchsorted(members, pairs[:, 0])
+    mine = members[np.minimum(inside, len(members) - 1)] == pairs[:, 0]
+    return Patch(
+        faces=ids[members],
+        vertices=vertices[used],
+        points=points[used],
+        triangles=local.reshape(-1, 3),
+        pairs=np.column_stack([inside[mine], np.searchsorted(members, pairs[mine, 1])]),
+        boundary=np.searchsorted(used, boundary),
+    )

@@ -1,0 +1,22 @@
+"""Why a watermark could not be embossed at a place."""
+
+from enum import StrEnum
+
+
+class Refusal(StrEnum):
+    """A place that does not work is a value, not an exception: the next candidate is tried."""
+
+    NOT_WHOLE = "not_whole"
+    """A letter would cross the edge of the surface, of a part, or a fold."""
+    CUT_FAILED = "cut_failed"
+    """Neither the split nor the arrangement gave a triangulation that closes."""
+    SECOND_LAYER = "second_layer"
+    """Another surface lies within reach of the letters' tops."""
+    THIN_WALL = "thin_wall"
+    """Sunken letters would come through the back."""
+    FOLDED = "folded"
+    """The lifted letters would turn over: the surface is too strongly curved for the relief."""
+    TOO_FINE = "too_fine"
+    """The cut has edges that the file's 32-bit coordinates cannot tell apart."""
+    NOT_CLOSED = "not_closed"
+    """The new faces do not meet the old ones edge by edge."""

@@ -1,0 +1,75 @@
+"""The letters as manifold3d wants them: one cross-section an island, with points to feel the surface under it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from manifold3d import CrossSection, FillRule
+from numpy.typing import NDArray
+
+from core.embossing.patch import Patch
+from core.lettering.outline import Lettering
+from core.placement.boxes import Boxes
+from core.spatial import SpatialIndex
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+CLEARANCE = 0.004  # text widths kept between an outline and the edge of its patch (DESIGN section 4)
+LOST_AREA = 1e-9  # square text widths: rounding of the clipper, far under a letter's serif
+AGREEMENT = 0.9  # share of an island's sample rays that must name one patch; a ray along an edge may slip through
+
+
+@dataclass(frozen=True, eq=False)
+class Stamp:
+    """Letters in units of the text's width, centred at the origin.
+
+    Attributes:
+        islands: one cross-section for each connected shape, holes included.
+        samples: for each island (N, 2) points of its outlines.
+    """
+
+    islands: tuple[CrossSection, ...]
+    samples: tuple[Float, ...]
+
+
+def stamp(lettering: Lettering) -> Stamp:
+    """The islands of ``lettering``."""
+    islands = CrossSection(list(lettering.polygons), FillRule.Positive).decompose()
+    return Stamp(tuple(islands), tuple(np.concatenate(island.to_polygons()) for island in islands))
+
+
+def stand(
+    letters: Stamp, found: list[Patch], sources: list[Int], box: Boxes, index: SpatialIndex
+) -> list[CrossSection] | None:
+    """Puts every island on the patch that is uppermost under it.
+
+    Args:
+        letters: what is to stand.
+        found: the patches under the one ``box``.
+        sources: for each patch the surface faces it consists of.
+        box: a single box.
+        index: of the original surface.
+
+    Returns:
+        For each patch its letters (empty where none stand on it); None if an island does not lie wholly on one
+        patch, ``CLEARANCE`` from its edge.
+    """
+    owner = {face: k for k, faces in enumerate(sources) for face in faces.tolist()}
+    rooms: dict[int, CrossSection] = {}
+    standing: list[list[CrossSection]] = [[] for _ in found]
+    center, axes, size = box.center[0], box.axes[0], box.size[0]
+    for island, points in zip(letters.islands, letters.samples, strict=True):
+        origins = center + size[0] * points @ axes[:2] + size[2] / 2 * axes[2]
+        distance, face = index.first_hit(origins, np.broadcast_to(-axes[2], origins.shape))
+        votes = [owner.get(f, -1) for f, d in zip(face.tolist(), distance.tolist(), strict=True) if d <= size[2]]
+        if not votes:
+            return None
+        best = max(set(votes), key=votes.count)
+        if best < 0 or votes.count(best) < AGREEMENT * len(points):
+            return None
+        if best not in rooms:
+            rooms[best] = found[best].room(CLEARANCE)
+        if (island - rooms[best]).area() > LOST_AREA:
+            return None
+        standing[best].append(island)
+    return [CrossSection.compose(islands) for islands in standing]
