@@ -3,6 +3,7 @@
 import base64
 import binascii
 import json
+import math
 import struct
 from dataclasses import dataclass
 from typing import Any
@@ -188,12 +189,19 @@ def _parse_json(payload: bytes) -> dict[str, Any]:
         raise ValueError(f"{constant} is not JSON")
 
     try:
-        parsed = json.loads(payload.decode("utf-8"), parse_constant=refuse)
+        parsed = json.loads(payload.decode("utf-8"), parse_constant=refuse, parse_float=_finite)
     except (ValueError, RecursionError):
         raise malformed("The JSON chunk of the GLB is not valid JSON.") from None
     if not isinstance(parsed, dict):
         raise malformed("The JSON chunk of the GLB is not a JSON object.")
     return parsed
+
+
+def _finite(number: str) -> float:
+    value = float(number)
+    if not math.isfinite(value):
+        raise ValueError(f"{number} does not fit a double")
+    return value
 
 
 def _decode_data_uri(index: int, uri: Any) -> bytes:

@@ -1,0 +1,244 @@
+"""A GLB document as one working surface, with the way back from every face to its accessor rows."""
+
+import json
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.asset.gltf import Document, dequantize, malformed, read_accessor, unsupported_extension
+from core.asset.grouping import float_words, group_rows
+from core.asset.hierarchy import scene_nodes, world_matrices
+from core.asset.skin import blend, influence_sets, joint_matrices, read_influences
+from core.asset.surface import MODEL_SIZE, Surface
+from core.errors import ErrorCode, MeshmarkError
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN = 4, 5, 6
+DRACO = "KHR_draco_mesh_compression"
+INSTANCING = "EXT_mesh_gpu_instancing"
+# |det| over the product of the column lengths, below which a matrix cannot be inverted in any useful sense
+SINGULAR = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnPrimitive:
+    """One mesh primitive as one node of the scene draws it.
+
+    Attributes:
+        node, mesh, primitive: glTF indices.
+        triangles: (T, 3) int64 accessor rows in the file's winding; strips and fans as triangle lists.
+        first_vertex: row of ``Surface.positions`` where accessor row 0 lies. Primitives of one mesh that share all
+            their vertex attributes share these rows.
+        matrices: (V, 3, 4) for a skinned primitive, else (1, 3, 4): local -> world at the default pose.
+        joint_matrices: (J, 3, 4) bind pose -> world, for a skinned primitive.
+        morph_weights: (K,) the default weights of its morph targets.
+        mirrored: the transform turns it inside out, so its faces in the surface have the opposite winding.
+        invertible: every vertex in use can be taken back from world to local.
+    """
+
+    node: int
+    mesh: int
+    primitive: int
+    triangles: Int
+    first_vertex: int
+    matrices: Float
+    joint_matrices: Float | None
+    morph_weights: Float
+    mirrored: bool
+    invertible: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A document, its surface, and the drawn primitives that ``Surface.face_primitive`` counts."""
+
+    document: Document
+    surface: Surface
+    primitives: tuple[DrawnPrimitive, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Vertices:
+    """The vertices that the primitives of one node with the same attributes share."""
+
+    node: int
+    first: int
+    local: NDArray[np.float32]
+    world: Float
+    matrices: Float
+    joint_matrices: Float | None
+    morph_weights: Float
+    deformed: bool
+
+
+def flatten(document: Document) -> Scene:
+    """Every triangle of the default scene in one size-30 :class:`Surface`, at the default pose.
+
+    Node transforms, skins, default morph weights, strips, fans and quantised positions are applied. Points, lines
+    and nodes with EXT_mesh_gpu_instancing are left out: they stay in the file as they are.
+
+    Raises:
+        MeshmarkError: ``no_faces``, ``non_finite_positions``, ``index_out_of_range``, ``malformed_file``,
+            ``unsupported_feature`` (Draco, meshopt), ``external_reference``.
+    """
+    worlds = world_matrices(document)
+    blocks: dict[str, _Vertices] = {}
+    primitives: list[DrawnPrimitive] = []
+    rows = 0
+    for node in scene_nodes(document):
+        entry = document.entry("nodes", node)
+        if "mesh" not in entry or INSTANCING in entry.get("extensions", {}):
+            continue
+        mesh = document.entry("meshes", entry["mesh"])
+        for index, primitive in enumerate(mesh.get("primitives", [])):
+            if primitive.get("mode", TRIANGLES) not in (TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN):
+                continue
+            if DRACO in primitive.get("extensions", {}):
+                raise unsupported_extension(DRACO, "A mesh")
+            if "POSITION" not in primitive.get("attributes", {}):
+                continue
+            key = json.dumps([node, primitive["attributes"], primitive.get("targets")], sort_keys=True)
+            if key not in blocks:
+                weights = entry.get("weights", mesh.get("weights", []))
+                blocks[key] = _place_vertices(document, node, primitive, weights, worlds, rows)
+                rows += len(blocks[key].local)
+            triangles = _triangles(document, primitive, len(blocks[key].local))
+            if len(triangles):
+                primitives.append(_draw(blocks[key], entry["mesh"], index, triangles))
+    if not primitives:
+        raise _no_faces("The asset has no triangles in its default scene.")
+    return Scene(document, _surface(list(blocks.values()), primitives), tuple(primitives))
+
+
+def _place_vertices(
+    document: Document, node: int, primitive: dict[str, Any], weights: list[float], worlds: Float, first: int
+) -> _Vertices:
+    """Read the vertices of a primitive and take them to the world."""
+    attributes = primitive["attributes"]
+    local = _read_positions(document, attributes["POSITION"])
+    targets = primitive.get("targets", [])
+    morph_weights = np.zeros(len(targets))
+    morph_weights[: len(weights)] = weights[: len(targets)]
+    morphed = local
+    for target, weight in zip(targets, morph_weights, strict=True):
+        if weight and "POSITION" in target:
+            delta = _read_positions(document, target["POSITION"])
+            if len(delta) != len(local):
+                raise malformed(f"A morph target of nodes[{node}] has {len(delta)} rows for {len(local)} vertices.")
+            morphed = morphed + weight * delta
+    skin = document.entry("nodes", node).get("skin")
+    if skin is not None and influence_sets(attributes):
+        joints = joint_matrices(document, skin, worlds)  # the transform of a skinned node itself is ignored
+        matrices = blend(*read_influences(document, attributes, len(joints)), joints)
+        if len(matrices) != len(local):
+            raise malformed(f"A skinned primitive of nodes[{node}] has {len(matrices)} weights for {len(local)} rows.")
+    else:
+        joints, matrices = None, worlds[node, None, :3]
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused just below
+        # Not a matrix product: it must round the same for equal rows.
+        world = matrices[:, :, 3] + sum(matrices[:, :, axis] * morphed[:, axis, None] for axis in range(3))
+    if not np.isfinite(world).all():
+        raise MeshmarkError(
+            ErrorCode.NON_FINITE_POSITIONS,
+            f"meshes[{document.entry('nodes', node)['mesh']}] has positions that are not finite numbers.",
+            "Remove the broken vertices, or export the asset again.",
+        )
+    deformed = joints is not None or morphed is not local
+    return _Vertices(node, first, local.astype(np.float32), world, matrices, joints, morph_weights, deformed)
+
+
+def _read_positions(document: Document, accessor: int) -> Float:
+    values = read_accessor(document, accessor)
+    if values.ndim != 2 or values.shape[1] != 3:
+        raise malformed(f"accessors[{accessor}] should hold positions, three numbers a vertex.")
+    return dequantize(values, document.entry("accessors", accessor))
+
+
+def _triangles(document: Document, primitive: dict[str, Any], vertex_count: int) -> Int:
+    """(T, 3) accessor rows of a primitive's triangles; strips and fans as in specification 3.7.2.1."""
+    if "indices" in primitive:
+        accessor = primitive["indices"]
+        indices = read_accessor(document, accessor)
+        if indices.ndim != 1 or indices.dtype.kind != "u":
+            raise malformed(f"accessors[{accessor}] should hold indices, one unsigned integer each.")
+        if indices.max() >= vertex_count:
+            raise MeshmarkError(
+                ErrorCode.INDEX_OUT_OF_RANGE,
+                f"A triangle refers to vertex {indices.max()}, but its primitive has {vertex_count} vertices.",
+                "Export the asset again; its index data is damaged.",
+            )
+        indices = indices.astype(np.int64)
+    else:
+        indices = np.arange(vertex_count)
+    mode = primitive.get("mode", TRIANGLES)
+    if mode == TRIANGLES:
+        return indices[: len(indices) // 3 * 3].reshape(-1, 3)
+    first = np.arange(max(len(indices) - 2, 0))
+    if mode == TRIANGLE_STRIP:
+        odd = first % 2
+        return indices[np.stack([first, first + 1 + odd, first + 2 - odd], axis=1)]
+    return indices[np.stack([first + 1, first + 2, np.zeros_like(first)], axis=1)]
+
+
+def _draw(vertices: _Vertices, mesh: int, index: int, triangles: Int) -> DrawnPrimitive:
+    matrices = vertices.matrices if len(vertices.matrices) == 1 else vertices.matrices[np.unique(triangles)]
+    columns = [matrices[:, :, axis] for axis in range(3)]
+    determinant = np.einsum("vi,vi->v", np.cross(columns[0], columns[1]), columns[2])
+    volume = np.prod([np.linalg.norm(column, axis=1) for column in columns], axis=0)
+    return DrawnPrimitive(
+        node=vertices.node,
+        mesh=mesh,
+        primitive=index,
+        triangles=triangles,
+        first_vertex=vertices.first,
+        matrices=vertices.matrices,
+        joint_matrices=vertices.joint_matrices,
+        morph_weights=vertices.morph_weights,
+        mirrored=bool(np.count_nonzero(determinant < 0) * 2 > len(determinant)),
+        invertible=bool((np.abs(determinant) > SINGULAR * volume).all()),
+    )
+
+
+def _surface(blocks: list[_Vertices], primitives: list[DrawnPrimitive]) -> Surface:
+    world = np.concatenate([block.world for block in blocks])
+    faces = np.concatenate(
+        [drawn.first_vertex + drawn.triangles[:, [0, 2, 1] if drawn.mirrored else [0, 1, 2]] for drawn in primitives]
+    )
+    used = np.zeros(len(world), dtype=bool)
+    used[faces] = True
+    low, high = world[used].min(axis=0), world[used].max(axis=0)
+    side = float((high - low).max())
+    if not 0.0 < side < np.inf or not np.isfinite(MODEL_SIZE / side):
+        raise _no_faces("The asset has no extent: all its triangles lie in one point, or its size overflows.")
+    offset = low + (high - low) / 2
+    scale = MODEL_SIZE / side
+    counts = [len(drawn.triangles) for drawn in primitives]
+    return Surface(
+        positions=(world - offset) * scale,
+        faces=faces,
+        weld=_weld(blocks),
+        face_primitive=np.repeat(np.arange(len(primitives)), counts),
+        face_triangle=np.concatenate([np.arange(count) for count in counts]),
+        scale=scale,
+        offset=offset,
+    )
+
+
+def _weld(blocks: list[_Vertices]) -> Int:
+    """Labels that are equal where node, local float position and, under deformation, world position are."""
+    deformed = {block.node for block in blocks if block.deformed}
+    node = np.repeat([block.node for block in blocks], [len(block.local) for block in blocks])
+    words = [node[:, None].astype(np.uint32), float_words(np.concatenate([block.local for block in blocks]))]
+    if deformed:
+        # Equal local positions of a rigid node have equal world positions anyway: zeros keep its rows out of this.
+        moved = [block.world if block.node in deformed else np.zeros_like(block.world) for block in blocks]
+        words.append(float_words(np.concatenate(moved)))
+    return group_rows(np.hstack(words))
+
+
+def _no_faces(sentence: str) -> MeshmarkError:
+    return MeshmarkError(ErrorCode.NO_FACES, sentence, "Send a mesh with triangles that span an area.")

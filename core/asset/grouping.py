@@ -1,0 +1,23 @@
+"""Rows of a table that are bit for bit the same."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def group_rows(words: NDArray[np.uint32]) -> NDArray[np.int64]:
+    """(N,) int64 labels 0..G-1 of (N, K) uint32 ``words``: equal rows, and only they, get equal labels.
+
+    Any fixed-size value can be cut into 32-bit words by a view. One exact 64-bit sort a column: several times as
+    fast as ``np.unique(axis=0)``, and unlike a hash it cannot collide.
+    """
+    labels = np.zeros(len(words), dtype=np.int64)
+    for column in words.T:
+        key = labels.astype(np.uint64) << np.uint64(32) | column
+        labels = np.unique(key, return_inverse=True)[1]
+    return labels
+
+
+def float_words(values: NDArray[np.float32] | NDArray[np.float64]) -> NDArray[np.uint32]:
+    """(N, K) floats as (N, K or 2K) words in which -0.0 equals 0.0, for :func:`group_rows`."""
+    positive_zero = np.ascontiguousarray(values + values.dtype.type(0.0))  # -0.0 + 0.0 is 0.0
+    return positive_zero.view(np.uint32).reshape(len(values), -1)

@@ -1,0 +1,90 @@
+"""The node hierarchy of a glTF document (glTF 2.0 specification, section 3.5)."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.asset.gltf import Document, malformed
+
+Float = NDArray[np.float64]
+
+
+def world_matrices(document: Document) -> Float:
+    """(N, 4, 4) local -> world matrix of every node, whether or not a scene shows it.
+
+    Raises:
+        MeshmarkError: ``malformed_file`` for a node with two parents, a cycle, or a malformed transform.
+    """
+    nodes = document.json.get("nodes", [])
+    worlds = np.zeros((len(nodes), 4, 4))
+    parent = np.full(len(nodes), -1)
+    for index in range(len(nodes)):
+        for child in _children(document, index):
+            if parent[child] >= 0:
+                raise malformed(f"nodes[{child}] has two parents; a node may have one.")
+            parent[child] = index
+    pending = [index for index in range(len(nodes)) if parent[index] < 0]
+    placed = 0
+    while pending:
+        index = pending.pop()
+        local = _local_matrix(document.entry("nodes", index), index)
+        with np.errstate(over="ignore", invalid="ignore"):  # an overflow shows as positions that are not finite
+            worlds[index] = local if parent[index] < 0 else worlds[parent[index]] @ local
+        pending += _children(document, index)
+        placed += 1
+    if placed < len(nodes):
+        raise malformed("The node hierarchy contains a cycle.")
+    return worlds
+
+
+def scene_nodes(document: Document) -> list[int]:
+    """Nodes of the default scene, depth first in file order; every root's where the file has no scenes.
+
+    Raises:
+        MeshmarkError: ``malformed_file`` for a scene or node that does not exist, or is listed twice.
+    """
+    if "scenes" in document.json:
+        pending = list(document.entry("scenes", document.json.get("scene", 0)).get("nodes", []))[::-1]
+    else:
+        count = len(document.json.get("nodes", []))
+        children = {child for index in range(count) for child in _children(document, index)}
+        pending = [index for index in range(count) if index not in children][::-1]
+    found: list[int] = []
+    seen: set[int] = set()
+    while pending:
+        index = pending.pop()
+        children_of = _children(document, index)
+        if index in seen:
+            raise malformed(f"nodes[{index}] appears twice in the scene.")
+        seen.add(index)
+        found.append(index)
+        pending += children_of[::-1]
+    return found
+
+
+def _children(document: Document, index: int) -> list[int]:
+    children = document.entry("nodes", index).get("children", [])
+    for child in children:
+        document.entry("nodes", child)  # raises where there is none
+    return list(children)
+
+
+def _local_matrix(node: dict[str, Any], index: int) -> Float:
+    try:
+        if "matrix" in node:
+            return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
+        matrix = np.eye(4)
+        x, y, z, w = (float(number) for number in node.get("rotation", (0, 0, 0, 1)))
+        rotation = np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+        matrix[:3, :3] = rotation * np.array(node.get("scale", (1, 1, 1)), dtype=np.float64).reshape(3)
+        matrix[:3, 3] = np.array(node.get("translation", (0, 0, 0)), dtype=np.float64).reshape(3)
+    except (TypeError, ValueError):
+        raise malformed(f"nodes[{index}] has a malformed transform.") from None
+    return matrix
