@@ -1,0 +1,177 @@
+"""Which fitted boxes are fit for letters: one pure function per reason to drop a box.
+
+A box may only be kept where its front looks out of the asset. On a part whose faces are wound inside out the
+candidates look inwards; what they face is then the asset itself, and :func:`occluded` (or the visibility
+matrix of ``selection``) removes them. They are not turned around: a renderer that culls back faces would not
+show their letters either.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from core.placement.boxes import Boxes
+from core.placement.finetune import LOSS_THRESHOLD
+from core.spatial import SpatialIndex
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+Bool = NDArray[np.bool_]
+
+ROUGHNESS_THRESHOLD = 1.25  # the paper's, mean of 1/cos
+ROUGHNESS_SAMPLES = 32  # the paper's H_r, its value not given
+# 1/cos has a pole at a right angle: steeper or opposed normals count as this rough.
+SMALLEST_COSINE = 0.05
+FACING = 0.15  # cosine from which embossing takes a face as part of the patch
+FOOTPRINT = (24, 6)
+FOOTPRINT_MARGIN = 0.01  # of the width; letters keep this clear of every border of the surface
+
+
+@dataclass(frozen=True, eq=False)
+class Footprint:
+    """What rays from above meet over a grid on each box: the first layer, seen along minus the box's normal.
+
+    Attributes:
+        height: (B, N) along the normal from the middle plane, size-30 units; -inf where nothing is met.
+        cosine: (B, N) between the box's normal and the normal of the face that is met; -1 where none is.
+        local: (B, N, 2) grid points in box coordinates, right and up.
+    """
+
+    height: Float
+    cosine: Float
+    local: Float
+
+
+def footprint(
+    boxes: Boxes,
+    index: SpatialIndex,
+    normals: Float,
+    clearance: float,
+    grid: tuple[int, int] = FOOTPRINT,
+    margin: float = FOOTPRINT_MARGIN,
+) -> Footprint:
+    """Cast a ``grid`` of rays onto each box from ``clearance`` above its front face.
+
+    The grid spans the front face and ``margin`` times the width more on all sides. ``normals`` (F, 3) are the
+    unit face normals of the surface in ``index``.
+    """
+    u, v = np.meshgrid(*(np.linspace(-0.5, 0.5, count) for count in grid), indexing="ij")
+    spread = boxes.size[:, None, :2] + 2 * margin * boxes.size[:, None, :1]
+    local = np.stack([u.ravel(), v.ravel()], axis=1)[None] * spread
+    start = boxes.size[:, 2] / 2 + clearance
+    normal = boxes.axes[:, 2]
+    origin = boxes.center + start[:, None] * normal
+    points = origin[:, None, :] + np.einsum("bni,bij->bnj", local, boxes.axes[:, :2])
+    down = np.broadcast_to(-normal[:, None, :], points.shape)
+    distance, face = index.first_hit(points.reshape(-1, 3), down.reshape(-1, 3))
+    distance, face = distance.reshape(points.shape[:2]), face.reshape(points.shape[:2])
+    cosine = np.where(face >= 0, np.einsum("bni,bi->bn", normals[face], normal), -1.0)
+    return Footprint(start[:, None] - distance, cosine, local)
+
+
+def well_aligned(loss: Float) -> Bool:
+    """(B,) loss below the paper's 0.005."""
+    return np.asarray(loss < LOSS_THRESHOLD)
+
+
+def covered(met: Footprint, boxes: Boxes) -> Bool:
+    """(B,) boxes with one layer of surface under all of their footprint.
+
+    Every ray meets a face that looks at the box (cosine above 0.15) within the box's thickness. A box that
+    hangs over an edge, a hole or a gap fails, and so does one with another layer within the clearance of
+    ``footprint`` above it, because the rays start above that layer and meet it first.
+    """
+    within = np.abs(met.height) <= boxes.size[:, 2:3] / 2
+    return np.asarray((within & (met.cosine > FACING)).all(axis=1))
+
+
+def roughness(boxes: Boxes, points: Float, normals: Float) -> Float:
+    """(B,) mean over all pairs of normals inside each box of 1/cos (paper, supplement "Filtering"); 1 is flat.
+
+    Args:
+        boxes: the boxes.
+        points: (S, 3) area samples of the surface; samples, not vertices, so that coarse meshes are judged too.
+        normals: (S, 3) unit normals there.
+
+    Samples that look away from the box belong to the far side of a thin wall and do not count. Pairs at
+    almost a right angle or more count as 1/0.05. A box with no sample inside is infinitely rough.
+    """
+    if len(boxes) == 0:
+        return np.empty(0)
+    reach = np.linalg.norm(boxes.size, axis=1) / 2
+    found = cKDTree(points).query_ball_point(boxes.center, reach, return_sorted=True)
+    owner = np.repeat(np.arange(len(boxes)), [len(item) for item in found])
+    which = np.concatenate([np.asarray(item, dtype=np.int64) for item in found])
+    local = np.einsum("ni,nji->nj", points[which] - boxes.center[owner], boxes.axes[owner])
+    toward = np.einsum("ni,ni->n", normals[which], boxes.axes[owner, 2])
+    inside = (np.abs(local) <= boxes.size[owner] / 2).all(axis=1) & (toward > -0.2)
+    owner, which = owner[inside], which[inside]
+    # The samples come in random order, so each box's first ones are a random choice.
+    first = np.searchsorted(owner, np.arange(len(boxes)))
+    rank = np.arange(len(owner)) - first[owner]
+    few = rank < ROUGHNESS_SAMPLES
+    taken = np.zeros((len(boxes), ROUGHNESS_SAMPLES, 3))
+    taken[owner[few], rank[few]] = normals[which[few]]
+    valid = np.linalg.norm(taken, axis=2) > 0.5
+    pairs = valid[:, :, None] & valid[:, None, :]
+    inverse = 1 / np.clip(taken @ taken.transpose(0, 2, 1), SMALLEST_COSINE, 1.0)
+    count = pairs.sum(axis=(1, 2))
+    total = np.where(pairs, inverse, 0.0).sum(axis=(1, 2))
+    return np.asarray(np.divide(total, count, out=np.full(len(boxes), np.inf), where=count > 0))
+
+
+def smooth(rough: Float) -> Bool:
+    """(B,) roughness below the paper's 1.25."""
+    return np.asarray(rough < ROUGHNESS_THRESHOLD)
+
+
+def occluded(boxes: Boxes, points: Float, index: SpatialIndex, reach: float) -> Bool:
+    """(B,) boxes whose front looks at the asset itself within ``reach``, size-30 units.
+
+    Rays leave along the normal from ``points`` (B, N, 3), see :func:`above` (paper, supplement "Non-Occluding
+    Boxes").
+    """
+    along = np.broadcast_to(boxes.axes[:, 2:3], points.shape)
+    distance, _ = index.first_hit(points.reshape(-1, 3), along.reshape(-1, 3))
+    return np.asarray((distance.reshape(points.shape[:2]) <= reach).any(axis=1))
+
+
+def thin_walled(boxes: Boxes, points: Float, index: SpatialIndex, depth: float) -> Bool:
+    """(B,) boxes with another side of the asset within ``depth``, size-30 units, behind their surface.
+
+    Sunken letters would break through there. Rays go against the normal from ``points`` (B, N, 3) just below
+    the surface, see :func:`above`.
+    """
+    return occluded(Boxes(boxes.center, -boxes.axes, boxes.size), points, index, depth)
+
+
+def above(boxes: Boxes, met: Footprint, clearance: float) -> Float:
+    """(B, N, 3) points ``clearance`` above the surface under each box, so that the curvature below the box is not
+    in their way; above the middle plane where no surface is met."""
+    height = np.where(np.isfinite(met.height), met.height, 0.0) + clearance
+    local = np.concatenate([met.local, height[..., None]], axis=2)
+    return np.asarray(np.einsum("bni,bij->bnj", local, boxes.axes) + boxes.center[:, None, :])
+
+
+def overlapping(boxes: Boxes, one: int, spacing: float = 0.0) -> Bool:
+    """(B,) which boxes come closer to box ``one`` than ``spacing``, by the separating-axis test.
+
+    Every box is grown by half the spacing on all sides. Fifteen axes per pair: the six face normals and the
+    nine cross products of edges (Gottschalk, Lin, Manocha 1996). Touching boxes overlap; a box overlaps itself.
+    """
+    half = boxes.size / 2 + spacing / 2
+    radius = np.linalg.norm(half, axis=1)
+    offset = boxes.center - boxes.center[one]
+    near = np.flatnonzero(np.linalg.norm(offset, axis=1) <= radius + radius[one])
+    mine, others = boxes.axes[one], boxes.axes[near]
+    crossed = np.cross(mine[None, :, None, :], others[:, None, :, :]).reshape(-1, 9, 3)
+    axes = np.concatenate([np.broadcast_to(mine, others.shape), others, crossed], axis=1)
+    reach = np.abs(axes @ mine.T) @ half[one]
+    reach += (np.abs(axes @ others.transpose(0, 2, 1)) @ half[near][:, :, None])[..., 0]
+    gap = np.abs(axes @ offset[near][:, :, None])[..., 0] - reach
+    overlap = np.zeros(len(boxes), dtype=bool)
+    # Parallel edges give a null axis, on which nothing separates: the gap is then zero up to rounding.
+    overlap[near] = (gap <= 1e-12).all(axis=1)
+    return overlap
