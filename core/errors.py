@@ -42,6 +42,10 @@ class ErrorCode(StrEnum):
     NOT_READY = "not_ready"
     JOB_FAILED = "job_failed"
     JOB_CANCELED = "job_canceled"
+    JOB_EXPIRED = "job_expired"
+    INVALID_REQUEST = "invalid_request"
+    METHOD_NOT_ALLOWED = "method_not_allowed"
+    SERVICE_UNAVAILABLE = "service_unavailable"
 
 
 class MeshmarkError(Exception):

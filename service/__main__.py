@@ -1,0 +1,103 @@
+"""`python -m service [all|api|openapi]`: the service with its worker, the API alone, or its OpenAPI document."""
+
+import argparse
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Sequence
+
+import structlog
+import uvicorn
+import yaml
+
+from service.app import create_app
+from service.config import Settings
+from service.logs import configure_logs
+
+RESTART_DELAY = 1.0  # seconds; a worker that cannot start shall not be started in a busy loop
+STOP_TIMEOUT = 10.0
+
+log = structlog.get_logger("service")
+
+
+class Supervisor:
+    """Keeps one process running: starts it again when it dies, until told to stop."""
+
+    def __init__(self, command: Sequence[str]) -> None:
+        self._command = command
+        self._stopping = threading.Event()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._thread = threading.Thread(target=self._run, name="supervisor", daemon=True)
+
+    def start(self) -> None:
+        """Start the process and watch it."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Ask the process to end, kill it if it does not, and wait until it is gone."""
+        self._stopping.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while not self._stopping.is_set():
+            # A session of its own: Ctrl-C reaches this process only, and this process ends the worker.
+            process = subprocess.Popen(self._command, start_new_session=True)
+            while process.poll() is None and not self._stopping.wait(0.2):
+                pass
+            if self._stopping.is_set():
+                _end(process)
+            else:
+                log.error("the worker died and is started again", exit_code=process.returncode)
+                self._stopping.wait(RESTART_DELAY)
+
+
+def _end(process: "subprocess.Popen[bytes]") -> None:
+    if process.poll() is None:
+        process.send_signal(signal.SIGTERM)
+    try:
+        process.wait(STOP_TIMEOUT)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
+def serve(settings: Settings, worker: Sequence[str] | None) -> None:
+    """Run the API, and beside it a worker started by a command, until SIGINT or SIGTERM."""
+    configure_logs(settings.log_level)
+    config = uvicorn.Config(
+        create_app(settings), settings.host, settings.port, log_config=None, timeout_graceful_shutdown=5
+    )
+    supervisor = Supervisor(worker) if worker else None
+    if supervisor:
+        supervisor.start()
+    try:
+        uvicorn.Server(config).run()
+    except KeyboardInterrupt:  # uvicorn raises the signal again once it has shut down
+        pass
+    finally:
+        if supervisor:
+            supervisor.stop()
+
+
+def openapi() -> str:
+    """The OpenAPI document as YAML."""
+    return yaml.safe_dump(create_app(Settings()).openapi(), sort_keys=False, allow_unicode=True, width=120)
+
+
+def main() -> None:
+    """Run what the command line asks for."""
+    parser = argparse.ArgumentParser(prog="python -m service", description=__doc__)
+    parser.add_argument("what", nargs="?", choices=["all", "api", "openapi"], default="all")
+    match parser.parse_args().what:
+        case "openapi":
+            sys.stdout.write(openapi())
+        case "api":
+            serve(Settings(), None)
+        case _:
+            serve(Settings(), [sys.executable, "-m", "worker", str(os.getpid())])
+
+
+if __name__ == "__main__":
+    main()

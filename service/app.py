@@ -1,0 +1,93 @@
+"""The HTTP application."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+from fastapi import FastAPI
+from pydantic.json_schema import models_json_schema
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from service.config import Settings
+from service.jobs.artifacts import ArtifactStore
+from service.jobs.ledger import Ledger
+from service.jobs.queue import create_queue
+from service.problems import Problem, install_problem_handlers, problem_response, upload_too_large
+from service.routes import health, watermarks
+from service.state import AppState
+
+FORM_OVERHEAD = 2**17  # bytes of a request that are neither asset nor font: boundaries, part headers, parameters
+MAX_PARAMS_BYTES = 2**16
+
+
+class DeclaredSizeLimit:
+    """Refuse a request by its Content-Length before a byte of its body is read.
+
+    FastAPI's own `max_body_size` counts what arrives, and so covers what declares nothing or lies; where the header
+    tells, it would answer in plain text.
+    """
+
+    def __init__(self, app: ASGIApp, limit: int) -> None:
+        self.app = app
+        self.limit = limit
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer, or pass the request on."""
+        declared = dict(scope.get("headers", ())).get(b"content-length", b"0")
+        if declared.isdigit() and int(declared) > self.limit:
+            # The rest of the connection is the body nobody will read.
+            response = problem_response(upload_too_large(self.limit), {"Connection": "close"})
+            return await response(scope, receive, send)
+        return await self.app(scope, receive, send)
+
+
+class Application(FastAPI):
+    """FastAPI whose OpenAPI document knows that every error is a problem."""
+
+    def openapi(self) -> dict[str, Any]:
+        """The OpenAPI document."""
+        if not self.openapi_schema:
+            document = super().openapi()
+            _, problems = models_json_schema([(Problem, "serialization")], ref_template="#/components/schemas/{model}")
+            schemas = document["components"]["schemas"]
+            schemas.update(problems["$defs"])
+            for name in ("HTTPValidationError", "ValidationError"):  # FastAPI's own shape, which is never sent
+                schemas.pop(name, None)
+            for path in document["paths"].values():
+                for operation in path.values():
+                    if "HTTPValidationError" in str(operation["responses"].get("422")):
+                        del operation["responses"]["422"]
+        assert self.openapi_schema is not None
+        return self.openapi_schema
+
+
+def create_app(settings: Settings) -> FastAPI:
+    """The application with its own ledger, store and queue, which open when it starts and close when it stops."""
+    body_limit = settings.max_upload_bytes + settings.max_font_bytes + FORM_OVERHEAD
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        data = settings.data_dir.resolve()
+        state = AppState(
+            settings, Ledger(settings.ledger_url), ArtifactStore(data / "artifacts"), create_queue(settings)
+        )
+        app.state.meshmark = state
+        yield
+        state.queue.close()
+        state.ledger.close()
+
+    app = Application(
+        title="Meshmark",
+        summary="Embosses visible watermarks into 3D assets.",
+        description="Send an asset and a text; follow the job; fetch the watermarked GLB, its report and a preview. "
+        "Errors are RFC 9457 problem details with a stable `code` and a `remedy`.",
+        version="1",
+        lifespan=lifespan,
+        max_body_size=body_limit,
+        form_limits={"max_files": 2, "max_fields": 1, "max_part_size": MAX_PARAMS_BYTES},
+    )
+    app.include_router(watermarks.router)
+    app.include_router(health.router)
+    install_problem_handlers(app, body_limit)
+    app.add_middleware(DeclaredSizeLimit, limit=body_limit)
+    return app

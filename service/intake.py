@@ -1,0 +1,32 @@
+"""What can be refused at once, without loading the asset."""
+
+from pathlib import Path
+from threading import BoundedSemaphore
+
+from core.asset.gate import admit
+
+from core.lettering.fonts import default_font, load_font
+from core.lettering.shaping import shape
+from core.parameters import Parameters
+
+# Bounds what uploads hold in memory at the same time to two assets.
+_IN_MEMORY = BoundedSemaphore(2)
+
+
+def check_lettering(parameters: Parameters, font: bytes | None) -> None:
+    """Refuse a text that the font cannot write.
+
+    Raises:
+        MeshmarkError: ``invalid_font``, ``missing_glyphs``, ``empty_text``, ``invalid_parameters``.
+    """
+    shape(parameters.text, default_font() if font is None else load_font(font))
+
+
+def check_asset(path: Path) -> None:
+    """Refuse an asset whose header already tells that it cannot be watermarked.
+
+    Raises:
+        MeshmarkError: as :func:`core.asset.gate.admit` does.
+    """
+    with _IN_MEMORY:
+        admit(path.read_bytes())

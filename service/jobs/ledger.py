@@ -1,0 +1,235 @@
+"""The job ledger: the one truth about every job.
+
+Every transition is a single compare-and-set UPDATE, so any number of workers and duplicate messages may race for a
+job and exactly one wins. A worker's right to change a job is its lease: it is renewed by heartbeats, and it is void
+as soon as the job was canceled, given to another worker, or finished.
+"""
+
+import uuid
+from collections.abc import Iterable, Mapping
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from sqlalchemy import ColumnElement, create_engine, delete, event, select, text, update
+from sqlalchemy.engine import Engine, make_url
+from sqlalchemy.orm import Session, sessionmaker
+
+from core.errors import ErrorCode, MeshmarkError
+from service.jobs.models import Artifact, ArtifactKind, Base, Job, JobState, Lease
+
+ACTIVE = (JobState.QUEUED, JobState.RUNNING)
+OUTPUTS = (ArtifactKind.MODEL, ArtifactKind.REPORT, ArtifactKind.PREVIEW)
+
+
+class Content(NamedTuple):
+    """Stored content: its hash and its size in bytes."""
+
+    sha256: str
+    size: int
+
+
+def now() -> datetime:
+    """The present moment, UTC."""
+    return datetime.now(UTC)
+
+
+def _connect(url: str) -> Engine:
+    if make_url(url).get_backend_name() != "sqlite":
+        return create_engine(url, pool_pre_ping=True)
+    if database := make_url(url).database:
+        Path(database).parent.mkdir(parents=True, exist_ok=True)
+    engine = create_engine(url, connect_args={"timeout": 10.0})
+
+    @event.listens_for(engine, "connect")
+    def _tune(connection: Any, _record: Any) -> None:
+        connection.execute("PRAGMA journal_mode=WAL")  # readers never wait for the writer
+        connection.execute("PRAGMA foreign_keys=ON")
+
+    return engine
+
+
+class Ledger:
+    """Jobs in a SQL database. Safe to share between threads; each call is one short transaction."""
+
+    def __init__(self, url: str) -> None:
+        self._engine = _connect(url)
+        self._session = sessionmaker(self._engine, expire_on_commit=False)
+        with self._engine.begin() as connection:
+            if connection.dialect.name == "sqlite":
+                connection.execute(text("BEGIN IMMEDIATE"))  # API and worker start together; one creates the tables
+            Base.metadata.create_all(connection)
+
+    def close(self) -> None:
+        """Close every connection."""
+        self._engine.dispose()
+
+    def ping(self) -> None:
+        """Raise SQLAlchemyError where the database does not answer."""
+        with self._engine.connect() as connection:
+            connection.execute(text("SELECT 1"))
+
+    def create(self, filename: str, parameters: dict[str, Any], contents: Mapping[ArtifactKind, Content]) -> Job:
+        """A new queued job that refers to its stored inputs."""
+        moment = now()
+        job = Job(
+            id=str(uuid.uuid4()),
+            state=JobState.QUEUED,
+            filename=filename,
+            parameters=parameters,
+            created_at=moment,
+            enqueued_at=moment,
+            artifacts=[Artifact(kind=kind, sha256=item.sha256, size=item.size) for kind, item in contents.items()],
+        )
+        with self._session.begin() as session:
+            session.add(job)
+        return job
+
+    def get(self, job_id: str) -> Job | None:
+        """The job as it stands now."""
+        with self._session() as session:
+            return session.get(Job, job_id)
+
+    def claim(self, job_id: str, lease_seconds: float) -> Job | None:
+        """Take a queued job, or None if it is not (or no longer) there to be taken."""
+        with self._session.begin() as session:
+            claimed = self._set(
+                session,
+                (Job.id == job_id, Job.state == JobState.QUEUED),
+                state=JobState.RUNNING,
+                stage=None,
+                progress=0.0,
+                started_at=now(),
+                attempts=Job.attempts + 1,
+                lease_token=Job.lease_token + 1,
+                lease_expires_at=now() + timedelta(seconds=lease_seconds),
+            )
+            return session.get(Job, job_id) if claimed else None
+
+    def heartbeat(self, lease: Lease, lease_seconds: float, stage: str | None, progress: float) -> bool:
+        """Renew the lease and note where the work stands; False when the lease is void."""
+        expiry = now() + timedelta(seconds=lease_seconds)
+        with self._session.begin() as session:
+            return self._set(session, _held(lease), lease_expires_at=expiry, stage=stage, progress=progress)
+
+    def publish(self, lease: Lease, kind: ArtifactKind, content: Content) -> bool:
+        """Refer to an output, in place of an earlier attempt's; False when the lease is void."""
+        with self._session.begin() as session:
+            if not self._set(session, _held(lease), lease_token=lease.token):  # locks the row until the commit
+                return False
+            session.merge(Artifact(job_id=lease.job_id, kind=kind, sha256=content.sha256, size=content.size))
+            return True
+
+    def succeed(self, lease: Lease) -> bool:
+        """running -> succeeded; False when the lease is void."""
+        with self._session.begin() as session:
+            return self._set(session, _held(lease), state=JobState.SUCCEEDED, progress=1.0, **_finished())
+
+    def fail(self, lease: Lease, error: MeshmarkError) -> bool:
+        """running -> failed; False when the lease is void."""
+        with self._session.begin() as session:
+            return self._set(session, _held(lease), state=JobState.FAILED, **_finished(error))
+
+    def release(self, lease: Lease) -> bool:
+        """running -> queued without counting the attempt, for a worker that stops; False when the lease is void."""
+        with self._session.begin() as session:
+            return self._set(session, _held(lease), attempts=Job.attempts - 1, **_queued())
+
+    def cancel(self, job_id: str) -> bool:
+        """queued or running -> canceled; False when the job had already ended."""
+        with self._session.begin() as session:
+            return self._set(session, (Job.id == job_id, Job.state.in_(ACTIVE)), state=JobState.CANCELED, **_finished())
+
+    def drop_artifacts(self, job_id: str) -> set[str]:
+        """Forget an ended job's files (succeeded -> expired); returns the hashes that no job refers to any more."""
+        with self._session.begin() as session:
+            self._set(session, (Job.id == job_id, Job.state == JobState.SUCCEEDED), state=JobState.EXPIRED)
+            ended = select(Job.id).where(Job.id == job_id, Job.state.not_in(ACTIVE))
+            dropped = session.scalars(
+                delete(Artifact).where(Artifact.job_id.in_(ended)).returning(Artifact.sha256)
+            ).all()
+            return _unreferenced(session, dropped)
+
+    def drop_outputs(self, lease: Lease) -> set[str]:
+        """Forget what an earlier attempt published; returns the hashes that no job refers to any more."""
+        with self._session.begin() as session:
+            held = select(Job.id).where(*_held(lease))
+            dropped = session.scalars(
+                delete(Artifact).where(Artifact.job_id.in_(held), Artifact.kind.in_(OUTPUTS)).returning(Artifact.sha256)
+            ).all()
+            return _unreferenced(session, dropped)
+
+    def unreferenced(self, hashes: Iterable[str]) -> set[str]:
+        """Those hashes that no job refers to."""
+        with self._session() as session:
+            return _unreferenced(session, hashes)
+
+    def recover(self, max_attempts: int, error: MeshmarkError) -> tuple[list[str], list[str]]:
+        """Take running jobs from workers that fell silent: (requeued ids, failed ids)."""
+        requeued: list[str] = []
+        failed: list[str] = []
+        with self._session() as session:
+            silent = session.scalars(
+                select(Job).where(Job.state == JobState.RUNNING, Job.lease_expires_at < now())
+            ).all()
+        for job in silent:
+            condition = (*_held(job.lease), Job.lease_expires_at < now())  # a heartbeat may have come since
+            again = job.attempts < max_attempts
+            values = _queued() if again else {"state": JobState.FAILED, **_finished(error)}
+            with self._session.begin() as session:
+                if self._set(session, condition, **values):
+                    (requeued if again else failed).append(job.id)
+        return requeued, failed
+
+    def waiting(self, seconds: float) -> list[str]:
+        """The jobs queued and not announced for so long. They count as announced from here on, so announce them."""
+        cutoff = now() - timedelta(seconds=seconds)
+        with self._session.begin() as session:
+            return list(
+                session.scalars(
+                    update(Job)
+                    .where(Job.state == JobState.QUEUED, Job.enqueued_at < cutoff)
+                    .values(enqueued_at=now())
+                    .returning(Job.id)
+                )
+            )
+
+    def running(self) -> set[Lease]:
+        """The leases held now."""
+        with self._session() as session:
+            rows = session.execute(select(Job.id, Job.lease_token).where(Job.state == JobState.RUNNING))
+            return {Lease(job_id, token) for job_id, token in rows}
+
+    @staticmethod
+    def _set(session: Session, condition: Iterable[ColumnElement[bool]], **values: Any) -> bool:
+        result: Any = session.execute(
+            update(Job).where(*condition).values(**values).execution_options(synchronize_session=False)
+        )
+        return bool(result.rowcount == 1)
+
+
+def _held(lease: Lease) -> tuple[ColumnElement[bool], ...]:
+    return (Job.id == lease.job_id, Job.state == JobState.RUNNING, Job.lease_token == lease.token)
+
+
+def _queued() -> dict[str, Any]:
+    return {"state": JobState.QUEUED, "stage": None, "progress": 0.0, "lease_expires_at": None, "enqueued_at": now()}
+
+
+def _finished(error: MeshmarkError | None = None) -> dict[str, Any]:
+    values: dict[str, Any] = {"stage": None, "finished_at": now(), "lease_expires_at": None}
+    if error:
+        values |= {"error_code": error.code.value, "error_message": error.message, "error_remedy": error.remedy}
+    return values
+
+
+def _unreferenced(session: Session, hashes: Iterable[str]) -> set[str]:
+    candidates = set(hashes)
+    return candidates - set(session.scalars(select(Artifact.sha256).where(Artifact.sha256.in_(candidates))))
+
+
+WORKER_LOST = MeshmarkError(
+    ErrorCode.WORKER_LOST,
+    "The worker that ran this job disappeared, each time it was tried.",
+    "Send the asset again; if it happens again, this asset may exhaust the machine: reduce it, or report it.",
+)

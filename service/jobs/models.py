@@ -1,0 +1,102 @@
+"""The ledger's tables."""
+
+from datetime import UTC, datetime
+from enum import StrEnum
+from typing import Any, NamedTuple
+
+from sqlalchemy import JSON, DateTime, Dialect, ForeignKey, Index, String, TypeDecorator
+from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
+
+
+class JobState(StrEnum):
+    """Where a job stands; the last four are terminal, and only a succeeded job can still become `expired`."""
+
+    QUEUED = "queued"
+    RUNNING = "running"
+    SUCCEEDED = "succeeded"
+    FAILED = "failed"
+    CANCELED = "canceled"
+    EXPIRED = "expired"
+
+
+class ArtifactKind(StrEnum):
+    """What a stored file is to its job."""
+
+    INPUT = "input"
+    FONT = "font"
+    MODEL = "model"
+    REPORT = "report"
+    PREVIEW = "preview"
+
+
+class Lease(NamedTuple):
+    """The right to change a running job. Every claim draws a higher token, so an old lease changes nothing."""
+
+    job_id: str
+    token: int
+
+
+class UtcDateTime(TypeDecorator[datetime]):
+    """An aware UTC datetime; SQLite keeps no zone, so it is stored naive there and everywhere."""
+
+    impl = DateTime
+    cache_ok = True
+
+    def process_bind_param(self, value: datetime | None, dialect: Dialect) -> datetime | None:  # noqa: ARG002
+        """UTC without its zone."""
+        return value and value.astimezone(UTC).replace(tzinfo=None)
+
+    def process_result_value(self, value: datetime | None, dialect: Dialect) -> datetime | None:  # noqa: ARG002
+        """UTC with its zone."""
+        return value and value.replace(tzinfo=UTC)
+
+
+class Base(DeclarativeBase):
+    """Carries the metadata of all tables."""
+
+    type_annotation_map = {datetime: UtcDateTime, dict[str, Any]: JSON}  # noqa: RUF012
+
+
+class Job(Base):
+    """One watermarking request and what became of it."""
+
+    __tablename__ = "jobs"
+    __table_args__ = (Index("ix_jobs_state_enqueued_at", "state", "enqueued_at"),)
+
+    id: Mapped[str] = mapped_column(String(36), primary_key=True)
+    state: Mapped[JobState] = mapped_column(String(16), default=JobState.QUEUED)
+    stage: Mapped[str | None] = mapped_column(String(32))
+    progress: Mapped[float] = mapped_column(default=0.0)
+    filename: Mapped[str] = mapped_column(String(255))
+    parameters: Mapped[dict[str, Any]]
+    created_at: Mapped[datetime]
+    enqueued_at: Mapped[datetime]
+    started_at: Mapped[datetime | None]
+    finished_at: Mapped[datetime | None]
+    attempts: Mapped[int] = mapped_column(default=0)
+    lease_token: Mapped[int] = mapped_column(default=0)
+    lease_expires_at: Mapped[datetime | None]
+    error_code: Mapped[str | None] = mapped_column(String(64))
+    error_message: Mapped[str | None]
+    error_remedy: Mapped[str | None]
+    artifacts: Mapped[list["Artifact"]] = relationship(lazy="selectin", order_by="Artifact.kind")
+
+    @property
+    def lease(self) -> Lease:
+        """The lease of the claim that returned this row."""
+        return Lease(self.id, self.lease_token)
+
+    def artifact(self, kind: ArtifactKind) -> "Artifact | None":
+        """This job's stored file of one kind, if there is one."""
+        return next((artifact for artifact in self.artifacts if artifact.kind == kind), None)
+
+
+class Artifact(Base):
+    """A reference from a job to stored content; the content lives as long as one reference does."""
+
+    __tablename__ = "artifacts"
+
+    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id", ondelete="CASCADE"), primary_key=True)
+    kind: Mapped[ArtifactKind] = mapped_column(String(16), primary_key=True)
+    sha256: Mapped[str] = mapped_column(String(64), index=True)
+    size: Mapped[int]

@@ -1,0 +1,175 @@
+"""Errors over HTTP: RFC 9457 problem details, with a stable `code` and a `remedy`."""
+
+from http import HTTPStatus
+from typing import Annotated, Any
+
+import structlog
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, ConfigDict, Field
+from starlette.exceptions import HTTPException
+
+from core.errors import ErrorCode, MeshmarkError
+
+MEDIA_TYPE = "application/problem+json"
+
+STATUS: dict[ErrorCode, int] = {
+    ErrorCode.EMPTY_FILE: 422,
+    ErrorCode.UNKNOWN_FORMAT: 415,
+    ErrorCode.UNSUPPORTED_FORMAT: 415,
+    ErrorCode.UNSUPPORTED_FEATURE: 422,
+    ErrorCode.MALFORMED_FILE: 422,
+    ErrorCode.TRUNCATED_FILE: 422,
+    ErrorCode.NO_FACES: 422,
+    ErrorCode.NON_FINITE_POSITIONS: 422,
+    ErrorCode.INDEX_OUT_OF_RANGE: 422,
+    ErrorCode.BUDGET_EXCEEDED: 422,
+    ErrorCode.EXTERNAL_REFERENCE: 422,
+    ErrorCode.INVALID_PARAMETERS: 422,
+    ErrorCode.EMPTY_TEXT: 422,
+    ErrorCode.MISSING_GLYPHS: 422,
+    ErrorCode.INVALID_FONT: 422,
+    ErrorCode.NO_PLACEMENT: 422,
+    ErrorCode.RENDERING_UNAVAILABLE: 500,
+    ErrorCode.INTERNAL_ERROR: 500,
+    ErrorCode.TIME_LIMIT: 500,
+    ErrorCode.MEMORY_LIMIT: 500,
+    ErrorCode.ENGINE_CRASHED: 500,
+    ErrorCode.WORKER_LOST: 500,
+    ErrorCode.UPLOAD_TOO_LARGE: 413,
+    ErrorCode.MISSING_FILE: 422,
+    ErrorCode.NOT_FOUND: 404,
+    ErrorCode.NOT_READY: 409,
+    ErrorCode.JOB_FAILED: 409,
+    ErrorCode.JOB_CANCELED: 409,
+    ErrorCode.JOB_EXPIRED: 410,
+    ErrorCode.INVALID_REQUEST: 400,
+    ErrorCode.METHOD_NOT_ALLOWED: 405,
+    ErrorCode.SERVICE_UNAVAILABLE: 503,
+}
+
+log = structlog.get_logger(__name__)
+
+
+class Problem(BaseModel):
+    """What went wrong, and what to do about it."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {
+                    "type": "urn:meshmark:problem:no_faces",
+                    "title": "No faces",
+                    "status": 422,
+                    "detail": "The OBJ file has 8 vertices but no face.",
+                    "code": "no_faces",
+                    "remedy": "Export the asset with its faces.",
+                }
+            ]
+        }
+    )
+
+    type: Annotated[str, Field(description="A URI that names the kind of problem.")]
+    title: Annotated[str, Field(description="The kind of problem in words.")]
+    status: Annotated[int, Field(description="The HTTP status.")]
+    detail: Annotated[str, Field(description="What is wrong with this request or this file.")]
+    code: Annotated[ErrorCode, Field(description="A stable code to program against.")]
+    remedy: Annotated[str, Field(description="What to do about it.")]
+
+
+def title(code: ErrorCode) -> str:
+    """A code in words."""
+    return code.value.replace("_", " ").capitalize()
+
+
+def problem_response(error: MeshmarkError, headers: dict[str, str] | None = None) -> JSONResponse:
+    """The response that tells a client about an error."""
+    problem = Problem(
+        type=f"urn:meshmark:problem:{error.code}",
+        title=title(error.code),
+        status=STATUS[error.code],
+        detail=error.message,
+        code=error.code,
+        remedy=error.remedy,
+    )
+    return JSONResponse(problem.model_dump(mode="json"), problem.status, headers, MEDIA_TYPE)
+
+
+def problem_responses(*codes: ErrorCode) -> dict[int | str, dict[str, Any]]:
+    """What OpenAPI says about the errors a route answers with, by status."""
+    by_status: dict[int | str, list[str]] = {}
+    for code in codes:
+        by_status.setdefault(STATUS[code], []).append(f"`{code}`")
+    schema = {"schema": {"$ref": "#/components/schemas/Problem"}}
+    return {
+        status: {"description": ", ".join(names), "content": {MEDIA_TYPE: schema}}
+        for status, names in by_status.items()
+    }
+
+
+def upload_too_large(limit: int) -> MeshmarkError:
+    """The error for a request body over the limit, in bytes."""
+    return MeshmarkError(
+        ErrorCode.UPLOAD_TOO_LARGE,
+        f"The request is larger than the {limit} bytes accepted here.",
+        "Send a smaller asset, or ask the operator to raise the limit.",
+    )
+
+
+def install_problem_handlers(app: FastAPI, body_limit: int) -> None:
+    """Answer every error of an app with problem details."""
+
+    @app.exception_handler(MeshmarkError)
+    async def _known(_request: Request, error: MeshmarkError) -> JSONResponse:
+        return problem_response(error, {"Retry-After": "1"} if error.code == ErrorCode.NOT_READY else None)
+
+    @app.exception_handler(RequestValidationError)
+    async def _invalid(_request: Request, error: RequestValidationError) -> JSONResponse:
+        fields = {str(item["loc"][-1]): item["msg"] for item in error.errors()}
+        code = ErrorCode.MISSING_FILE if "file" in fields else ErrorCode.INVALID_REQUEST
+        listed = "; ".join(f"{name}: {message}" for name, message in fields.items())
+        return problem_response(
+            MeshmarkError(
+                code,
+                f"The request is not complete or not of the right form: {listed}.",
+                "Send multipart/form-data with the asset as the file part `file` and JSON in the field `params`.",
+            )
+        )
+
+    @app.exception_handler(HTTPException)
+    async def _http(request: Request, error: HTTPException) -> JSONResponse:
+        return problem_response(_from_status(request, error, body_limit), dict(error.headers or {}))
+
+    @app.exception_handler(Exception)
+    async def _unknown(request: Request, error: Exception) -> JSONResponse:
+        log.error("request failed", method=request.method, path=request.url.path, exc_info=error)
+        return problem_response(
+            MeshmarkError(
+                ErrorCode.INTERNAL_ERROR,
+                "The service could not answer this request.",
+                "Try again; if it happens again, report the time of the request to the operator.",
+            )
+        )
+
+
+def _from_status(request: Request, error: HTTPException, body_limit: int) -> MeshmarkError:
+    """An error of the web framework in our terms."""
+    match error.status_code:
+        case HTTPStatus.NOT_FOUND:
+            return MeshmarkError(
+                ErrorCode.NOT_FOUND, f"There is nothing at {request.url.path}.", "See /openapi.json for what there is."
+            )
+        case HTTPStatus.METHOD_NOT_ALLOWED:
+            return MeshmarkError(
+                ErrorCode.METHOD_NOT_ALLOWED,
+                f"{request.method} is not possible on {request.url.path}.",
+                "See the Allow header for what is.",
+            )
+        case HTTPStatus.REQUEST_ENTITY_TOO_LARGE:
+            return upload_too_large(body_limit)
+    return MeshmarkError(
+        ErrorCode.INVALID_REQUEST,
+        f"The request could not be read: {error.detail}.",
+        "Send multipart/form-data with the asset as the file part `file` and JSON in the field `params`.",
+    )

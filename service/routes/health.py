@@ -1,0 +1,33 @@
+"""Whether the service can do its work."""
+
+from typing import Literal
+
+from fastapi import APIRouter
+from pydantic import BaseModel
+from sqlalchemy.exc import SQLAlchemyError
+
+from core.errors import ErrorCode, MeshmarkError
+from service.problems import problem_responses
+from service.state import State
+
+router = APIRouter(tags=["health"])
+
+
+class Health(BaseModel):
+    """The service is up and reaches its ledger."""
+
+    status: Literal["ok"] = "ok"
+
+
+@router.get("/healthz", responses=problem_responses(ErrorCode.SERVICE_UNAVAILABLE))
+def health(state: State) -> Health:
+    """Answer 200 while the ledger can be reached."""
+    try:
+        state.ledger.ping()
+    except SQLAlchemyError as error:
+        raise MeshmarkError(
+            ErrorCode.SERVICE_UNAVAILABLE,
+            "The job ledger does not answer.",
+            "Try again later; the operator can check the database.",
+        ) from error
+    return Health()

@@ -1,0 +1,110 @@
+"""What the watermark routes answer, as clients see it."""
+
+from datetime import datetime
+from typing import Annotated, Self
+
+from pydantic import BaseModel, ConfigDict, Field
+from pydantic.config import JsonDict
+
+from core.errors import ErrorCode
+from core.parameters import Parameters
+from service.jobs.models import ArtifactKind, Job, JobState
+from service.problems import title
+
+EXAMPLE: JsonDict = {
+    "id": "6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11",
+    "state": "running",
+    "stage": "evaluating",
+    "progress": 0.5,
+    "created_at": "2026-01-31T12:00:00.000000Z",
+    "started_at": "2026-01-31T12:00:00.200000Z",
+    "finished_at": None,
+    "attempts": 1,
+    "input": {
+        "filename": "lantern.glb",
+        "size": 9563016,
+        "sha256": "b94d27b9934d3e08a52e52d7da7dabfac484efe37a5380ee9088f7ace2efcde9",
+    },
+    "parameters": {"text": "SAMPLE", "seed": 7},
+    "error": None,
+    "links": {
+        "self": "/v1/watermarks/6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11",
+        "model": "/v1/watermarks/6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11/model",
+        "report": None,
+        "preview": None,
+    },
+}
+
+
+class InputView(BaseModel):
+    """The uploaded asset."""
+
+    filename: str
+    size: Annotated[int, Field(description="Bytes.")]
+    sha256: str
+
+
+class ErrorView(BaseModel):
+    """Why a job failed."""
+
+    code: ErrorCode
+    title: str
+    detail: Annotated[str, Field(description="What is wrong with this asset or this request.")]
+    remedy: Annotated[str, Field(description="What to do about it.")]
+
+
+class LinksView(BaseModel):
+    """Where the job's parts are; null until they exist, and once they are gone."""
+
+    self: str
+    model: str | None
+    report: str | None
+    preview: str | None
+
+
+class JobView(BaseModel):
+    """A watermarking job."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [EXAMPLE]})
+
+    id: str
+    state: JobState
+    stage: Annotated[str | None, Field(description="What a running job does at the moment.")]
+    progress: Annotated[float, Field(ge=0, le=1, description="How much of the stage is done; 1 once succeeded.")]
+    created_at: datetime
+    started_at: Annotated[datetime | None, Field(description="When the latest attempt began.")]
+    finished_at: datetime | None
+    attempts: Annotated[int, Field(description="How often the job was started.")]
+    input: Annotated[InputView | None, Field(description="The uploaded asset; null once it is deleted.")]
+    parameters: Parameters
+    error: ErrorView | None
+    links: LinksView
+
+    @classmethod
+    def of(cls, job: Job, url: str) -> Self:
+        """A job as clients see it; `url` is the job's own."""
+        source = job.artifact(ArtifactKind.INPUT)
+        error = None
+        if job.error_code is not None:
+            code = ErrorCode(job.error_code)
+            error = ErrorView(
+                code=code, title=title(code), detail=job.error_message or "", remedy=job.error_remedy or ""
+            )
+        parts = {
+            kind.value: f"{url}/{kind}" if job.artifact(kind) else None
+            for kind in (ArtifactKind.MODEL, ArtifactKind.REPORT, ArtifactKind.PREVIEW)
+        }
+        return cls(
+            id=job.id,
+            state=job.state,
+            stage=job.stage,
+            progress=job.progress,
+            created_at=job.created_at,
+            started_at=job.started_at,
+            finished_at=job.finished_at,
+            attempts=job.attempts,
+            input=InputView(filename=job.filename, size=source.size, sha256=source.sha256) if source else None,
+            parameters=Parameters.model_validate(job.parameters),
+            error=error,
+            links=LinksView(self=url, **parts),
+        )

@@ -1,0 +1,209 @@
+"""The watermark jobs: send an asset, follow its job, fetch what came of it, delete it."""
+
+from contextlib import ExitStack
+from pathlib import PurePath
+from typing import Annotated, Any
+
+import structlog
+from fastapi import APIRouter, File, Form, Request, Response, UploadFile, status
+from fastapi.responses import FileResponse
+from kombu.exceptions import KombuError
+
+from core.errors import ErrorCode, MeshmarkError
+from core.parameters import parse_parameters
+from service.intake import check_asset, check_lettering
+from service.jobs import queue
+from service.jobs.ledger import Content
+from service.jobs.models import ArtifactKind, Job, JobState
+from service.problems import problem_responses
+from service.routes.schemas import JobView
+from service.state import AppState, State
+
+router = APIRouter(prefix="/v1/watermarks", tags=["watermarks"])
+log = structlog.get_logger(__name__)
+
+MEDIA_TYPES = {
+    ArtifactKind.MODEL: "model/gltf-binary",
+    ArtifactKind.REPORT: "application/json",
+    ArtifactKind.PREVIEW: "image/png",
+}
+SUFFIXES = {ArtifactKind.MODEL: ".glb", ArtifactKind.REPORT: ".report.json", ArtifactKind.PREVIEW: ".png"}
+
+REFUSALS = problem_responses(
+    ErrorCode.INVALID_REQUEST,
+    ErrorCode.UPLOAD_TOO_LARGE,
+    ErrorCode.UNKNOWN_FORMAT,
+    ErrorCode.UNSUPPORTED_FORMAT,
+    ErrorCode.MISSING_FILE,
+    ErrorCode.EMPTY_FILE,
+    ErrorCode.INVALID_PARAMETERS,
+    ErrorCode.EMPTY_TEXT,
+    ErrorCode.MISSING_GLYPHS,
+    ErrorCode.INVALID_FONT,
+    ErrorCode.MALFORMED_FILE,
+    ErrorCode.TRUNCATED_FILE,
+    ErrorCode.NO_FACES,
+    ErrorCode.NON_FINITE_POSITIONS,
+    ErrorCode.INDEX_OUT_OF_RANGE,
+    ErrorCode.BUDGET_EXCEEDED,
+    ErrorCode.UNSUPPORTED_FEATURE,
+    ErrorCode.EXTERNAL_REFERENCE,
+)
+UNKNOWN = problem_responses(ErrorCode.NOT_FOUND)
+NOT_THERE = problem_responses(
+    ErrorCode.NOT_FOUND, ErrorCode.NOT_READY, ErrorCode.JOB_FAILED, ErrorCode.JOB_CANCELED, ErrorCode.JOB_EXPIRED
+)
+
+
+@router.post("", status_code=status.HTTP_202_ACCEPTED, responses=REFUSALS)
+def create_watermark(
+    request: Request,
+    response: Response,
+    state: State,
+    file: Annotated[UploadFile, File(description="The asset: GLB, OBJ, STL, PLY or OFF.")],
+    params: Annotated[
+        str,
+        Form(
+            description="What to emboss and how: a `Parameters` object as JSON.",
+            examples=['{"text": "SAMPLE", "seed": 7}'],
+            json_schema_extra={
+                "contentMediaType": "application/json",
+                "contentSchema": {"$ref": "#/components/schemas/Parameters"},
+            },
+        ),
+    ],
+    font: Annotated[UploadFile | None, File(description="A TrueType or OpenType font for the text.")] = None,
+) -> JobView:
+    """Accept an asset for watermarking. What can be seen to be wrong at once is refused at once."""
+    parameters = parse_parameters(params)
+    settings, artifacts = state.settings, state.artifacts
+    with ExitStack() as stack:
+        staged = {
+            ArtifactKind.INPUT: stack.enter_context(
+                artifacts.stage(file.file, limit=settings.max_upload_bytes, name="file")
+            )
+        }
+        if font is not None:
+            staged[ArtifactKind.FONT] = stack.enter_context(
+                artifacts.stage(font.file, limit=settings.max_font_bytes, name="font")
+            )
+        check_lettering(parameters, staged[ArtifactKind.FONT].path.read_bytes() if font is not None else None)
+        check_asset(staged[ArtifactKind.INPUT].path)
+        with artifacts.exclusive():
+            for item in staged.values():
+                artifacts.add(item)
+            job = state.ledger.create(
+                _plain_name(file.filename),
+                parameters.model_dump(mode="json"),
+                {kind: Content(item.sha256, item.size) for kind, item in staged.items()},
+            )
+    try:
+        queue.send(state.queue, job.id)
+    except (KombuError, OSError):
+        log.exception("the broker does not answer; the job waits for the sweeper", job=job.id)
+    view = _view(request, job)
+    response.headers["Location"] = view.links.self
+    return view
+
+
+@router.get("/{job_id}", responses=UNKNOWN)
+def read_watermark(request: Request, state: State, job_id: str) -> JobView:
+    """Where the job stands."""
+    return _view(request, _job(state, job_id))
+
+
+@router.delete("/{job_id}", status_code=status.HTTP_204_NO_CONTENT, responses=UNKNOWN)
+def delete_watermark(state: State, job_id: str) -> None:
+    """Cancel the job if it has not ended, and delete the uploaded asset and everything made from it."""
+    _job(state, job_id)
+    state.ledger.cancel(job_id)
+    with state.artifacts.exclusive():
+        for sha256 in state.ledger.drop_artifacts(job_id):
+            state.artifacts.remove(sha256)
+
+
+def _download(kind: ArtifactKind) -> dict[str, Any]:
+    content = {"content": {MEDIA_TYPES[kind]: {}}, "description": f"The {kind}."}
+    return {
+        "response_class": FileResponse,
+        "responses": {200: content, 304: {"description": "Not changed since `If-None-Match`."}, **NOT_THERE},
+    }
+
+
+@router.get("/{job_id}/model", **_download(ArtifactKind.MODEL))
+def read_model(request: Request, state: State, job_id: str) -> Response:
+    """The watermarked GLB; there from stage `evaluating` on."""
+    return _deliver(request, state, job_id, ArtifactKind.MODEL)
+
+
+@router.get("/{job_id}/report", **_download(ArtifactKind.REPORT))
+def read_report(request: Request, state: State, job_id: str) -> Response:
+    """Where the watermarks are, and what they measure."""
+    return _deliver(request, state, job_id, ArtifactKind.REPORT)
+
+
+@router.get("/{job_id}/preview", **_download(ArtifactKind.PREVIEW))
+def read_preview(request: Request, state: State, job_id: str) -> Response:
+    """Pictures of the watermarked asset from eight sides, as one PNG."""
+    return _deliver(request, state, job_id, ArtifactKind.PREVIEW)
+
+
+def _job(state: AppState, job_id: str) -> Job:
+    job = state.ledger.get(job_id)
+    if job is None:
+        raise MeshmarkError(
+            ErrorCode.NOT_FOUND, f"There is no job {job_id[:64]!r}.", "Use the id or the Location that POST gave."
+        )
+    return job
+
+
+def _view(request: Request, job: Job) -> JobView:
+    return JobView.of(job, request.app.url_path_for("read_watermark", job_id=job.id))
+
+
+def _plain_name(filename: str | None) -> str:
+    """The last part of what the client calls its file, without anything that does not print."""
+    name = PurePath((filename or "").replace("\\", "/")).name
+    return "".join(character for character in name if character.isprintable())[-120:] or "asset"
+
+
+def _deliver(request: Request, state: AppState, job_id: str, kind: ArtifactKind) -> Response:
+    job = _job(state, job_id)
+    artifact = job.artifact(kind)
+    if artifact is None:
+        raise _not_there(job, kind)
+    path = state.artifacts.path(artifact.sha256)
+    try:
+        found = path.stat()
+    except FileNotFoundError:  # deleted since the look at the ledger
+        raise _not_there(_job(state, job_id), kind) from None
+    headers = {"ETag": f'"{artifact.sha256}"', "Cache-Control": "private, no-cache"}
+    if artifact.sha256 in request.headers.get("If-None-Match", ""):
+        return Response(status_code=status.HTTP_304_NOT_MODIFIED, headers=headers)
+    name = PurePath(job.filename).stem + ".watermarked" + SUFFIXES[kind]
+    return FileResponse(path, headers=headers, media_type=MEDIA_TYPES[kind], filename=name, stat_result=found)
+
+
+def _not_there(job: Job, kind: ArtifactKind) -> MeshmarkError:
+    match job.state:
+        case JobState.QUEUED | JobState.RUNNING:
+            return MeshmarkError(
+                ErrorCode.NOT_READY, f"The {kind} does not exist yet.", "Ask again when the job's links name it."
+            )
+        case JobState.FAILED:
+            return MeshmarkError(
+                ErrorCode.JOB_FAILED,
+                f"There is no {kind}, for the job failed: {job.error_message}",
+                job.error_remedy or "",
+            )
+        case JobState.CANCELED:
+            return MeshmarkError(
+                ErrorCode.JOB_CANCELED, f"There is no {kind}, for the job was canceled.", "Send the asset again."
+            )
+        case JobState.EXPIRED:
+            return MeshmarkError(ErrorCode.JOB_EXPIRED, f"The {kind} was deleted.", "Send the asset again.")
+    return MeshmarkError(  # succeeded
+        ErrorCode.NOT_FOUND,
+        f"The job was done without a {kind}.",
+        "The job's links name what there is.",
+    )

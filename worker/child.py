@@ -1,0 +1,109 @@
+"""The process that runs the engine once: `python -m worker.child`, started by :mod:`worker.runner`.
+
+It reads one JSON object from stdin and answers in JSON lines on a pipe of its own, since native libraries print on
+stdout: `{"stage", "progress"}`, `{"artifact", "path"}`, and last `{"done": true}` or `{"error": {...}}`. Files stay in
+the working folder it was given.
+"""
+
+import ctypes
+import faulthandler
+import importlib
+import json
+import os
+import resource
+import signal
+import sys
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TextIO
+
+from core.errors import ErrorCode, MeshmarkError
+
+PR_SET_PDEATHSIG = 1
+SUFFIXES = {"model": ".glb", "report": ".json", "preview": ".png"}
+
+
+def die_with_parent(parent: int) -> None:
+    """Be killed by the kernel as soon as the thread that started this process is gone (Linux)."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    if os.getppid() != parent:  # it went before the request was made
+        os._exit(1)
+
+
+def run(request: dict[str, Any], say: Callable[..., None]) -> None:
+    """Call the engine and say what it publishes.
+
+    Args:
+        request: ``engine`` as "module:function", ``input`` and ``font`` as paths, ``parameters``, ``folder``.
+        say: sends one message.
+
+    Raises:
+        MeshmarkError: as the engine does.
+    """
+    from core.parameters import parse_parameters
+
+    folder = Path(request["folder"])
+    published = set()
+
+    def publish(kind: str, content: bytes) -> None:
+        path = folder / (kind + SUFFIXES[kind])
+        path.write_bytes(content)
+        published.add(kind)
+        say(artifact=kind, path=os.fspath(path))
+
+    module, _, function = request["engine"].partition(":")
+    engine = getattr(importlib.import_module(module), function)
+    result = engine(
+        Path(request["input"]).read_bytes(),
+        parse_parameters(request["parameters"]),
+        font=Path(request["font"]).read_bytes() if request["font"] else None,
+        progress=lambda stage, fraction: say(stage=stage, progress=float(fraction)),
+        publish=publish,
+    )
+    for kind, content in (("model", result.model), ("preview", result.preview)):
+        if content is not None and kind not in published:
+            publish(kind, content)
+    publish("report", json.dumps(result.report, allow_nan=False).encode())
+
+
+def main() -> None:
+    """Serve one request and exit without the teardown of native libraries, which adds nothing but time and crashes."""
+    request = json.load(sys.stdin)
+    die_with_parent(request["parent"])
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # a crash is reported, not written to disk with the asset in it
+    faulthandler.enable()
+    channel: TextIO = os.fdopen(request["channel"], "w", buffering=1)
+
+    def say(**message: Any) -> None:
+        channel.write(json.dumps(message) + "\n")
+
+    try:
+        run(request, say)
+        say(done=True)
+    except MeshmarkError as error:
+        say(error={"code": error.code, "message": error.message, "remedy": error.remedy})
+    except MemoryError:
+        say(
+            error={
+                "code": ErrorCode.MEMORY_LIMIT,
+                "message": "There is not enough memory on the machine for this asset.",
+                "remedy": "Reduce the asset, or run the worker where there is more memory.",
+            }
+        )
+    except Exception:
+        traceback.print_exc()
+        say(
+            error={
+                "code": ErrorCode.INTERNAL_ERROR,
+                "message": "The engine met a case it does not handle.",
+                "remedy": "Report this job's id to the operator; the log holds the details.",
+            }
+        )
+    sys.stderr.flush()
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,51 @@
+"""Build the Celery app that runs jobs."""
+
+from functools import cache
+from typing import Any
+
+from celery import Celery
+from celery.signals import setup_logging, worker_ready, worker_shutting_down
+
+from service.config import Settings
+from service.jobs.queue import TASK, create_queue
+from service.logs import configure_logs
+from worker.sweeper import start_sweeper
+from worker.tasks import Worker
+
+ENGINE = "core.pipeline:watermark"
+
+
+def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
+    """A Celery app that runs jobs with the engine at an import path "module:function"."""
+    app = create_queue(settings)
+    app.conf.update(
+        # Threads: each only watches a child process of its own (worker/runner.py), so it needs neither its own
+        # interpreter nor billiard's daemonic processes, which may not have children; and the consumer's thread stays
+        # free to keep the broker's connection and to obey signals, which the solo pool cannot while a job runs.
+        worker_pool="threads",
+        worker_concurrency=settings.worker_concurrency,
+        worker_prefetch_multiplier=1,
+        task_acks_late=True,
+        worker_hijack_root_logger=False,
+        worker_redirect_stdouts=False,
+        # Neither remote control nor events are used; on the file broker each would leave a queue of files behind.
+        worker_enable_remote_control=False,
+        worker_send_task_events=False,
+        worker_cancel_long_running_tasks_on_connection_loss=False,  # the lease decides, not the connection
+    )
+
+    @cache  # made when the worker runs: whoever only imports the app shall not create folders and tables
+    def worker() -> Worker:
+        return Worker(settings, app, engine)
+
+    def start(**_: Any) -> None:
+        start_sweeper(worker())
+
+    def stop(**_: Any) -> None:
+        worker().stopping.set()
+
+    app.task(lambda job_id: worker().run(job_id), name=TASK)
+    setup_logging.connect(lambda **_: configure_logs(settings.log_level), weak=False)
+    worker_ready.connect(start, weak=False)
+    worker_shutting_down.connect(stop, weak=False)
+    return app

@@ -1,0 +1,192 @@
+"""Run the engine in a child process that may crash, hang or eat memory without harm to the worker."""
+
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Generator
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import psutil
+import structlog
+
+from core.errors import ErrorCode, MeshmarkError
+from service.jobs.models import ArtifactKind
+from worker.child import SUFFIXES
+
+TICK = 0.1  # seconds between two looks at the child
+LONGEST_MESSAGE = 2**20
+LOGGED = 4000  # last characters of the child's stderr that are logged
+
+# What the child gets of the worker's environment. The ledger's and the broker's passwords are not among it: the child
+# handles hostile input.
+PASSED_ON = ("PATH", "HOME", "LANG", "TZ", "PYTHONPATH", "VIRTUAL_ENV", "LD_LIBRARY_PATH")
+PASSED_ON_PREFIXES = ("LC_", "XDG_", "OMP_", "MKL_", "OPENBLAS_", "CUDA_", "NVIDIA_", "TORCH_", "EGL_", "PYOPENGL_")
+
+log = structlog.get_logger(__name__)
+
+
+@dataclass(frozen=True)
+class Work:
+    """One call of the engine: its import path, its input files, and a folder that is its own."""
+
+    engine: str
+    input: Path
+    font: Path | None
+    parameters: dict[str, Any]
+    folder: Path
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Wall-clock seconds and resident bytes."""
+
+    seconds: float
+    memory: int
+
+
+@dataclass(frozen=True)
+class Progress:
+    """The engine entered a stage or moved on in it (0 to 1)."""
+
+    stage: str
+    fraction: float
+
+
+@dataclass(frozen=True)
+class Published:
+    """The engine wrote an artifact."""
+
+    kind: ArtifactKind
+    path: Path
+
+
+def run_engine(work: Work, limits: Limits) -> Generator[Progress | Published | None]:
+    """What the child reports, as it comes, and None at least once per tick; ends when the engine is done.
+
+    Close the generator to stop the child. Whatever way the iteration ends, the child and what it started are killed.
+
+    Raises:
+        MeshmarkError: the engine's own; ``time_limit``, ``memory_limit``; ``engine_crashed`` when the child died.
+    """
+    reader, writer = os.pipe()
+    errors = work.folder / "stderr"
+    with os.fdopen(reader, "rb", buffering=0) as channel, errors.open("wb") as stderr:
+        with os.fdopen(writer, "wb"):  # closed here once the child has it, so that the pipe ends with the child
+            child = subprocess.Popen(
+                [sys.executable, "-m", "worker.child"],
+                stdin=subprocess.PIPE,
+                stdout=stderr,
+                stderr=stderr,
+                pass_fds=[writer],
+                env=_environment(work.folder),
+                start_new_session=True,  # out of reach of Ctrl-C, and one group to kill
+            )
+        try:
+            _order(child, work, writer)
+            yield from _listen(child, channel.fileno(), limits, work.folder)
+        finally:
+            _kill(child)
+            _log_stderr(errors)
+
+
+def _order(child: "subprocess.Popen[bytes]", work: Work, channel: int) -> None:
+    request = {
+        "engine": work.engine,
+        "input": os.fspath(work.input),
+        "font": os.fspath(work.font) if work.font else None,
+        "parameters": work.parameters,
+        "folder": os.fspath(work.folder),
+        "parent": os.getpid(),
+        "channel": channel,
+    }
+    assert child.stdin is not None
+    with suppress(BrokenPipeError), child.stdin as stdin:  # a child that is gone already is met in _listen
+        stdin.write(json.dumps(request).encode())
+
+
+def _listen(
+    child: "subprocess.Popen[bytes]", channel: int, limits: Limits, folder: Path
+) -> Generator[Progress | Published | None]:
+    deadline = time.monotonic() + limits.seconds
+    process = psutil.Process(child.pid)
+    buffer = b""
+    while True:
+        if select.select([channel], [], [], TICK)[0]:
+            chunk = os.read(channel, 65536)
+            *lines, buffer = (buffer + chunk).split(b"\n")
+            for line in lines:
+                message = json.loads(line)
+                if "done" in message:
+                    return
+                if error := message.get("error"):
+                    raise MeshmarkError(ErrorCode(error["code"]), error["message"], error["remedy"])
+                yield _event(message, folder)
+            if not chunk or len(buffer) > LONGEST_MESSAGE:
+                raise _crashed(child)
+        _check_limits(process, limits, deadline)
+        yield None
+
+
+def _event(message: dict[str, Any], folder: Path) -> Progress | Published:
+    if kind := message.get("artifact"):
+        return Published(ArtifactKind(kind), folder / (kind + SUFFIXES[kind]))
+    return Progress(message["stage"], min(max(message["progress"], 0.0), 1.0))
+
+
+def _check_limits(process: psutil.Process, limits: Limits, deadline: float) -> None:
+    if time.monotonic() > deadline:
+        raise MeshmarkError(
+            ErrorCode.TIME_LIMIT,
+            f"This asset took longer than the {limits.seconds:g} seconds a job may take.",
+            "Reduce the asset or ask for fewer watermarks.",
+        )
+    try:
+        resident = process.memory_info().rss
+    except psutil.NoSuchProcess:
+        return
+    if resident > limits.memory:
+        raise MeshmarkError(
+            ErrorCode.MEMORY_LIMIT,
+            f"This asset needed more than the {limits.memory // 2**20} MiB of memory a job may hold.",
+            "Reduce the number of faces or the size of the textures.",
+        )
+
+
+def _crashed(child: "subprocess.Popen[bytes]") -> MeshmarkError:
+    """Why the pipe closed without a result."""
+    try:
+        code = child.wait(timeout=2)
+    except subprocess.TimeoutExpired:
+        reason = "stopped answering"
+    else:
+        reason = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"left with exit code {code}"
+    return MeshmarkError(
+        ErrorCode.ENGINE_CRASHED,
+        f"The process that worked on this asset {reason} before it was done.",
+        "Send the asset again; if it happens again, re-export it from its authoring tool, or report this job's id.",
+    )
+
+
+def _kill(child: "subprocess.Popen[bytes]") -> None:
+    with suppress(ProcessLookupError):
+        os.killpg(child.pid, signal.SIGKILL)  # the group: also what the engine may have started
+    child.wait()
+
+
+def _environment(folder: Path) -> dict[str, str]:
+    passed = {key: value for key, value in os.environ.items() if key in PASSED_ON or key.startswith(PASSED_ON_PREFIXES)}
+    return passed | {"TMPDIR": os.fspath(folder), "PYTHONUNBUFFERED": "1"}
+
+
+def _log_stderr(path: Path) -> None:
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - LOGGED))
+        if text := file.read().decode(errors="replace").strip():
+            log.warning("the engine's process wrote to stderr", text=text)
