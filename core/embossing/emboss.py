@@ -8,6 +8,7 @@ from manifold3d import CrossSection
 from numpy.typing import NDArray
 
 from core.asset.edit import Kind
+from core.embossing.arrange import arrange
 from core.embossing.check import is_closed
 from core.embossing.lift import MIN_AGREEMENT, folded, lift, obstructed
 from core.embossing.mesh import WorkingMesh, barycentric
@@ -23,7 +24,7 @@ Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 
 Cut = Callable[[Patch, CrossSection], Pieces | None]
-CUTS: tuple[tuple[str, Cut], ...] = (("split", split),)
+CUTS: tuple[tuple[str, Cut], ...] = (("split", split), ("arrangement", arrange))
 # In-plane shifts in text widths, far below what an eye sees: they break coincidences of outline and mesh.
 SHIFTS = ((0.0, 0.0), (0.0013, 0.0009), (-0.0011, 0.0017))
 

@@ -79,6 +79,7 @@ class WorkingMesh:
         self._new_source = np.empty(0, dtype=np.int64)
         self._new_kind = np.empty(0, dtype=np.int8)
         self._new_alive = np.empty(0, dtype=bool)
+        self._new_low = self._new_high = np.empty((0, 3))
         # The spacing of float32 at the asset's largest world coordinate: closer points may become one in the file.
         largest = np.abs(surface.positions / surface.scale + surface.offset).max()
         self.resolution = float(np.spacing(np.float32(largest))) * surface.scale
@@ -89,8 +90,7 @@ class WorkingMesh:
         old = old[self._alive[old]]
         new = np.flatnonzero(self._new_alive)
         if len(new):
-            new_low, new_high = _bounds(self.points[self._new_corners[new]])
-            new = new[np.all((new_high >= low) & (new_low <= high), axis=1)]
+            new = new[np.all((self._new_high[new] >= low) & (self._new_low[new] <= high), axis=1)]
         return np.concatenate([old, new + self.original_faces])
 
     def corners(self, ids: Int) -> Int:
@@ -127,6 +127,8 @@ class WorkingMesh:
         self._new_source = np.concatenate([self._new_source, source])
         self._new_kind = np.concatenate([self._new_kind, kind])
         self._new_alive = np.concatenate([self._new_alive, np.ones(len(corners), dtype=bool)])
+        low, high = _bounds(self.points[corners])
+        self._new_low, self._new_high = np.concatenate([self._new_low, low]), np.concatenate([self._new_high, high])
 
     def edit(self) -> SurfaceEdit:
         """Everything that changed, as the lossless writer wants it."""
@@ -135,14 +137,14 @@ class WorkingMesh:
         rows = self.surface.faces[source]
         same = self.surface.weld[rows][:, None, :] == corners[:, :, None]  # (M, corner, source corner)
         original = np.where(same.any(axis=2), np.take_along_axis(rows, same.argmax(axis=2), axis=1), -1)
-        barycentric = barycentric(self.feet[corners], self.surface.positions[rows])
-        barycentric = np.where(same.any(axis=2)[:, :, None], same.astype(np.float64), barycentric)
+        weights = barycentric(self.feet[corners], self.surface.positions[rows])
+        weights = np.where(same.any(axis=2)[:, :, None], same.astype(np.float64), weights)
         return SurfaceEdit(
             keep=self._alive.copy(),
             vertex=corners,
             position=self.points[corners],
             source_face=source,
-            barycentric=barycentric,
+            barycentric=weights,
             original=original,
             kind=self._new_kind[living],
         )

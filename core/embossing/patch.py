@@ -138,9 +138,7 @@ def patches(mesh: WorkingMesh, box: Boxes, hidden: Int | None = None) -> list[Pa
     # How often each edge is used is counted over all faces near, also those that look away.
     count = len(vertices)
     edges = directed_edges(triangles)
-    _, which, uses = np.unique(
-        edges.min(axis=1) * count + edges.max(axis=1), return_inverse=True, return_counts=True
-    )
+    _, which, uses = np.unique(edges.min(axis=1) * count + edges.max(axis=1), return_inverse=True, return_counts=True)
     is_plain = uses[which] == 2
     face = np.repeat(np.arange(len(ids)), 3)
     usable = chosen[face] & is_plain
@@ -164,9 +162,7 @@ def patches(mesh: WorkingMesh, box: Boxes, hidden: Int | None = None) -> list[Pa
     return found
 
 
-def _patch(
-    ids: Int, vertices: Int, points: Float, triangles: Int, pairs: Int, boundary: Int, members: Int
-) -> Patch:
+def _patch(ids: Int, vertices: Int, points: Float, triangles: Int, pairs: Int, boundary: Int, members: Int) -> Patch:
     used, local = np.unique(triangles[members], return_inverse=True)
     inside = np.searchsorted(members, pairs[:, 0])
     mine = members[np.minimum(inside, len(members) - 1)] == pairs[:, 0]
