@@ -1,0 +1,220 @@
+"""The new corners of an edited surface, taken back to accessor rows: where they lie and what they carry."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.asset.attributes import (
+    Points,
+    flat_normals,
+    interpolate_attribute,
+    interpolate_influences,
+    orthogonal_tangents,
+    read_rows,
+    unit,
+)
+from core.asset.edit import Kind, SurfaceEdit
+from core.asset.flatten import SINGULAR, DrawnPrimitive, Scene
+from core.asset.gltf import Document
+from core.asset.grouping import group_rows
+from core.asset.skin import blend
+from core.errors import ErrorCode, MeshmarkError
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+Bool = NDArray[np.bool_]
+
+# Corners of one point share a row where their attributes agree to this fraction of the attribute's largest value;
+# those of a wall, whose two triangles are never quite coplanar, where their normals agree to a sixteenth of a degree.
+SAME_ATTRIBUTE, SAME_WALL = 2.0**-20, 2.0**-10
+
+
+@dataclass(eq=False)
+class Patch:
+    """New triangles whose source primitives share their vertex attributes: C = 3M corners, in surface order.
+
+    Attributes:
+        drawn: indices into ``scene.primitives``, ascending.
+        maps: semantic -> accessor, of the base mesh and then of each morph target.
+        triangles: (M,) int64, which triangles of the edit these are.
+        points: where the corners lie in their source faces.
+        vertex: (C,) int64 point ids.
+        original: (C,) int64, the accessor row that a corner is, or -1.
+        wall: (C,) bool.
+        winding: (M,) float64, -1 where the primitive is mirrored, else 1.
+        local: (C, 3) float32 positions in the mesh's own frame; equal ids have equal positions in all of a node.
+        values: one dictionary for each of ``maps``: semantic -> (C, n) float64.
+    """
+
+    drawn: list[int]
+    maps: list[dict[str, int]]
+    triangles: Int
+    points: Points
+    vertex: Int
+    original: Int
+    wall: Bool
+    winding: Float
+    local: NDArray[np.float32]
+    values: list[dict[str, Float]]
+
+
+def cut_patches(scene: Scene, edit: SurfaceEdit) -> list[Patch]:
+    """The touched primitives of an edit, together where they share their vertex attributes.
+
+    Raises:
+        MeshmarkError: ``unsupported_feature`` where a vertex cannot be taken back to its node's frame.
+    """
+    surface = scene.surface
+    owner = surface.face_primitive[edit.source_face]
+    together: dict[int, list[int]] = {}
+    for index in np.union1d(surface.face_primitive[~edit.keep], owner).tolist():
+        together.setdefault(scene.primitives[index].first_vertex, []).append(index)
+    mirrored = np.array([drawn.mirrored for drawn in scene.primitives])
+    patches = []
+    for first_vertex, drawn in together.items():
+        triangles = np.flatnonzero(np.isin(owner, drawn))
+        original = edit.original[triangles].reshape(-1)
+        source = primitive_json(scene.document, scene.primitives[drawn[0]])
+        maps = [source["attributes"], *source.get("targets", [])]
+        patch = Patch(
+            drawn=drawn,
+            maps=maps,
+            triangles=triangles,
+            points=Points(
+                np.repeat(surface.faces[edit.source_face[triangles]] - first_vertex, 3, axis=0),
+                edit.barycentric[triangles].reshape(-1, 3),
+            ),
+            vertex=edit.vertex[triangles].reshape(-1),
+            original=np.where(original >= 0, original - first_vertex, -1),
+            wall=np.repeat(edit.kind[triangles] == Kind.WALL, 3),
+            winding=np.where(mirrored[owner[triangles]], -1.0, 1.0),
+            local=np.empty((0, 3), np.float32),
+            values=[{} for _ in maps],
+        )
+        _place(scene, surface.to_world(edit.position[triangles].reshape(-1, 3)), patch)
+        patches.append(patch)
+    _share_positions(scene, patches)
+    for patch in patches:
+        _interpolate(scene.document, patch)
+    return patches
+
+
+def primitive_json(document: Document, drawn: DrawnPrimitive) -> dict[str, Any]:
+    """The JSON object of a drawn primitive."""
+    primitive: dict[str, Any] = document.entry("meshes", drawn.mesh)["primitives"][drawn.primitive]
+    return primitive
+
+
+def row_labels(patch: Patch, corners: Int) -> Int:
+    """(N,) labels of ``corners`` (N,): equal for those that can share one row.
+
+    These are corners of the same point, both of a wall or neither, whose attributes agree. Positions, joints and
+    weights belong to the point and need no comparison.
+    """
+    wall = patch.wall[corners]
+    words = [patch.vertex[corners, None].view(np.uint32), wall[:, None].astype(np.uint32)]
+    for values in patch.values:
+        for name, value in values.items():
+            if name == "POSITION" or name.startswith(("JOINTS_", "WEIGHTS_")):
+                continue
+            largest = max(float(np.abs(value).max(initial=0.0)), np.finfo(np.float32).tiny)
+            coarse = name in ("NORMAL", "TANGENT")
+            step = np.where(wall & coarse, SAME_WALL, SAME_ATTRIBUTE)[:, None] * largest
+            words.append(np.round(value[corners] / step).astype(np.int32).view(np.uint32))
+    return group_rows(np.hstack(words))
+
+
+def _place(scene: Scene, world: Float, patch: Patch) -> None:
+    """Local positions of the corners, with the influences and morphs that take them to where they belong.
+
+    All corners of one point take these from the first of them, so that it stays one point in every pose.
+    """
+    document, drawn = scene.document, scene.primitives[patch.drawn[0]]
+    points = patch.points[_first_of_each(patch.vertex, patch.original)]
+    matrices = drawn.matrices
+    if drawn.joint_matrices is not None:
+        joints, weights = interpolate_influences(document, patch.maps[0], len(drawn.joint_matrices), points)
+        matrices = blend(joints, weights, drawn.joint_matrices)
+        for number in range(joints.shape[1] // 4):
+            columns = slice(4 * number, 4 * number + 4)
+            patch.values[0][f"JOINTS_{number}"] = joints[:, columns].astype(np.float64)
+            patch.values[0][f"WEIGHTS_{number}"] = weights[:, columns]
+    _require_invertible(drawn, matrices)
+    local = np.linalg.solve(matrices[:, :, :3], (world - matrices[:, :, 3])[:, :, None])[:, :, 0]
+    for weight, target, values in zip(drawn.morph_weights, patch.maps[1:], patch.values[1:], strict=True):
+        if "POSITION" in target:
+            delta = interpolate_attribute(document, "POSITION", target["POSITION"], points).astype(np.float32)
+            values["POSITION"] = delta.astype(np.float64)
+            local -= weight * values["POSITION"]
+    patch.local = local.astype(np.float32)
+    untouched = patch.original >= 0
+    rows = read_rows(document, "POSITION", patch.maps[0]["POSITION"])
+    patch.local[untouched] = rows[patch.original[untouched]]
+
+
+def _share_positions(scene: Scene, patches: list[Patch]) -> None:
+    """Give the corners of one point one local position across all primitives of their node."""
+    by_node: dict[int, list[Patch]] = {}
+    for patch in patches:
+        by_node.setdefault(scene.primitives[patch.drawn[0]].node, []).append(patch)
+    for group in by_node.values():
+        vertex = np.concatenate([patch.vertex for patch in group])
+        original = np.concatenate([patch.original for patch in group])
+        local = np.concatenate([patch.local for patch in group])[_first_of_each(vertex, original)]
+        ends = np.cumsum([len(patch.vertex) for patch in group])
+        for patch, part in zip(group, np.split(local, ends[:-1]), strict=True):
+            patch.local = part
+            patch.values[0]["POSITION"] = part.astype(np.float64)
+
+
+def _first_of_each(vertex: Int, original: Int) -> Int:
+    """(C,) for each corner, the first corner of the same point, one at an untouched vertex before all others."""
+    order = np.lexsort((original < 0, vertex))
+    _, start, label = np.unique(vertex[order], return_index=True, return_inverse=True)
+    first = np.empty(len(vertex), dtype=np.int64)
+    first[order] = order[start][label]
+    return first
+
+
+def _require_invertible(drawn: DrawnPrimitive, matrices: Float) -> None:
+    linear = matrices[:, :, :3]
+    volume = np.linalg.norm(linear, axis=1).prod(axis=1)
+    if not (np.abs(np.linalg.det(linear)) > SINGULAR * volume).all():
+        raise MeshmarkError(
+            ErrorCode.UNSUPPORTED_FEATURE,
+            f"nodes[{drawn.node}] flattens its mesh, so that no letter can be put back into the mesh's own frame.",
+            "Apply the transforms of that node to its mesh and send it again.",
+        )
+
+
+def _interpolate(document: Document, patch: Patch) -> None:
+    """Fill ``patch.values`` with what :func:`_place` has not put there already."""
+    for attributes, values in zip(patch.maps, patch.values, strict=True):
+        for name, accessor in attributes.items():
+            if name not in values:
+                values[name] = interpolate_attribute(document, name, accessor, patch.points)
+    base, targets = patch.values[0], patch.values[1:]
+    if "NORMAL" not in base:
+        return
+    flat = _flat_normals(patch, base["POSITION"])
+    smooth = unit(base["NORMAL"])
+    is_flat = (patch.wall | ~smooth.any(axis=1)) & flat.any(axis=1)
+    normals = np.where(is_flat[:, None], flat, smooth)
+    normals[~normals.any(axis=1)] = (0.0, 0.0, 1.0)  # a triangle without area or normals: any unit vector is valid
+    base["NORMAL"] = normals
+    for target in targets:
+        if "NORMAL" in target and "POSITION" in target:
+            turned = _flat_normals(patch, base["POSITION"] + target["POSITION"])
+            follows = patch.wall & flat.any(axis=1) & turned.any(axis=1)
+            target["NORMAL"][follows] = (turned - flat)[follows]
+    if "TANGENT" in base:
+        base["TANGENT"][:, :3] = orthogonal_tangents(base["TANGENT"][:, :3], normals)
+        handedness = read_rows(document, "TANGENT", patch.maps[0]["TANGENT"])[:, 3:]
+        base["TANGENT"][:, 3:] = patch.points.nearest(handedness)
+
+
+def _flat_normals(patch: Patch, local: Float) -> Float:
+    """(C, 3) normals of the new triangles at local corner positions (C, 3), outwards in the mesh's own frame."""
+    return np.repeat(flat_normals(local.reshape(-1, 3, 3)) * patch.winding[:, None], 3, axis=0)

@@ -1,0 +1,156 @@
+"""An edited surface back into its GLB: only what was touched is new, appended behind what was there."""
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.asset.appender import Appender
+from core.asset.attributes import encode, read_rows
+from core.asset.edit import Kind, SurfaceEdit
+from core.asset.flatten import TRIANGLES, Scene
+from core.asset.gltf import Document, read_accessor
+from core.asset.patch import Patch, cut_patches, primitive_json, row_labels
+
+Int = NDArray[np.int64]
+
+# What a plain material has no use for, and what would tint it.
+TEXTURING = ("TANGENT", "TEXCOORD_", "COLOR_")
+
+
+def write(scene: Scene, edit: SurfaceEdit, color: str | None) -> bytes:
+    """The scene's GLB with ``edit`` applied.
+
+    The BIN chunk of the input is the beginning of the output's. A touched primitive gets new accessors, its old rows
+    first and unchanged, then the new ones; all other objects stay as they are. A mesh that other nodes draw too is
+    cloned for the node that was touched. Same input, same bytes.
+
+    Args:
+        scene: what the edit refers to.
+        edit: the faces that go and the triangles that come.
+        color: ``"#rrggbb"`` puts caps and walls into a primitive of their own with a plain PBR material; ``None``
+            leaves them in the source primitive.
+
+    Raises:
+        MeshmarkError: ``unsupported_feature`` where a touched vertex cannot be taken back to its node's frame.
+    """
+    if edit.keep.all() and not len(edit.source_face):
+        return scene.document.to_glb()
+    appender = Appender(scene.document)
+    paint = _Paint(appender, color) if color else None
+    changes: dict[int, dict[int, tuple[dict[str, Any] | None, dict[str, Any] | None]]] = {}
+    for patch in cut_patches(scene, edit):
+        corners, maps = _append_rows(scene.document, patch, appender)
+        for index in patch.drawn:
+            drawn = scene.primitives[index]
+            kept = drawn.triangles[edit.keep[scene.surface.face_primitive == index]]
+            mine = scene.surface.face_primitive[edit.source_face[patch.triangles]] == index
+            added = corners.reshape(-1, 3)[mine][:, [0, 2, 1] if drawn.mirrored else [0, 1, 2]]
+            letters = (edit.kind[patch.triangles][mine] != Kind.SURFACE) & (paint is not None)
+            source = primitive_json(scene.document, drawn)
+            smallest = (
+                read_accessor(scene.document, source["indices"]).dtype if "indices" in source else np.dtype("<u2")
+            )
+            base = np.concatenate([kept, added[~letters]])
+            changes.setdefault(drawn.node, {})[drawn.primitive] = (
+                _rewritten(source, maps, appender.add_indices(base, smallest)) if len(base) else None,
+                paint.primitive(source, maps, appender.add_indices(added[letters], smallest))
+                if paint and letters.any()
+                else None,
+            )
+    _replace_primitives(appender.json, changes)
+    return appender.to_glb()
+
+
+class _Paint:
+    """Plain materials of one colour, made when first needed, and primitives that wear them."""
+
+    def __init__(self, appender: Appender, color: str) -> None:
+        self._appender = appender
+        self._factor = [round(_linear(int(color[start : start + 2], 16) / 255), 6) for start in (1, 3, 5)] + [1.0]
+        self._materials: dict[bool, int] = {}
+
+    def primitive(self, source: dict[str, Any], maps: list[dict[str, int]], indices: int) -> dict[str, Any]:
+        """A primitive that shares the vertices ``maps`` of ``source``, without what only its textures needed."""
+        kept = {name for name in maps[0] if not name.startswith(TEXTURING)}
+        for target in maps[1:]:
+            if kept.isdisjoint(target):
+                kept |= target.keys()  # a morph target must not become empty
+        chosen = [{name: accessor for name, accessor in entry.items() if name in kept} for entry in maps]
+        painted = {"attributes": chosen[0], "indices": indices, "material": self._material(source)}
+        return painted | ({"targets": chosen[1:]} if "targets" in source else {})
+
+    def _material(self, source: dict[str, Any]) -> int:
+        materials = self._appender.json.get("materials", [])
+        double_sided = bool("material" in source and materials[source["material"]].get("doubleSided", False))
+        if double_sided not in self._materials:
+            material: dict[str, Any] = {
+                "name": "meshmark",
+                "pbrMetallicRoughness": {
+                    "baseColorFactor": self._factor,
+                    "metallicFactor": 0.0,
+                    "roughnessFactor": 0.6,
+                },
+            }
+            if double_sided:
+                material["doubleSided"] = True
+            self._materials[double_sided] = self._appender.append("materials", material)
+        return self._materials[double_sided]
+
+
+def _linear(channel: float) -> float:
+    """An sRGB channel (IEC 61966-2-1) as linear light."""
+    return channel / 12.92 if channel <= 0.04045 else ((channel + 0.055) / 1.055) ** 2.4
+
+
+def _append_rows(document: Document, patch: Patch, appender: Appender) -> tuple[Int, list[dict[str, int]]]:
+    """Append the vertex data of a patch: the row (C,) of each corner, and the new accessors in place of its maps."""
+    if not len(patch.triangles):
+        return patch.original, patch.maps
+    new = np.flatnonzero((patch.original < 0) | patch.wall)
+    _, representative, label = np.unique(row_labels(patch, new), return_index=True, return_inverse=True)
+    corners = patch.original.copy()
+    corners[new] = document.entry("accessors", patch.maps[0]["POSITION"])["count"] + label
+    maps = []
+    for attributes, values in zip(patch.maps, patch.values, strict=True):
+        accessors = {}
+        for name, accessor in attributes.items():
+            entry = document.entry("accessors", accessor)
+            rows = read_rows(document, name, accessor)
+            normalized = entry.get("normalized", False) or name.startswith("WEIGHTS_")
+            added = encode(values[name][new[representative]], rows.dtype, normalized)
+            accessors[name] = appender.add_attribute(np.concatenate([rows, added]), entry, name == "POSITION")
+        maps.append(accessors)
+    return corners, maps
+
+
+def _rewritten(source: dict[str, Any], maps: list[dict[str, int]], indices: int) -> dict[str, Any]:
+    """A primitive with other accessors, as a triangle list; everything else about it stays."""
+    primitive = source | {"attributes": maps[0], "indices": indices}
+    if "mode" in source:
+        primitive["mode"] = TRIANGLES
+    if "targets" in source:
+        primitive["targets"] = maps[1:]
+    return primitive
+
+
+def _replace_primitives(
+    json: dict[str, Any], changes: dict[int, dict[int, tuple[dict[str, Any] | None, dict[str, Any] | None]]]
+) -> None:
+    """Put the rewritten primitives (node -> primitive -> surface and letters) into the meshes of their nodes."""
+    users = Counter(node["mesh"] for node in json["nodes"] if "mesh" in node)
+    for index, replaced in sorted(changes.items()):
+        node = json["nodes"][index]
+        mesh = json["meshes"][node["mesh"]]
+        pairs = [replaced.get(number, (primitive, None)) for number, primitive in enumerate(mesh["primitives"])]
+        primitives = [base for base, _ in pairs if base] + [letters for _, letters in pairs if letters]
+        if not primitives:
+            raise ValueError(f"the edit leaves no triangle of nodes[{index}]")
+        edited = mesh | {"primitives": primitives}
+        if users[node["mesh"]] > 1:
+            users[node["mesh"]] -= 1
+            json["meshes"].append(edited)
+            json["nodes"][index] = node | {"mesh": len(json["meshes"]) - 1}
+        else:
+            json["meshes"][node["mesh"]] = edited
