@@ -26,6 +26,7 @@ ADAM_RATE = 0.02
 
 COARSE_GRID, COARSE_STEPS, COARSE_LIMIT = (8, 2), 8, 0.05
 FINE_GRID, FINE_STEPS = (15, 4), 6
+CONVERGED, NEGLIGIBLE = 0.01, 1e-6  # relative decrease of the cost; the cost itself
 LONGEST_MOVE, LARGEST_TURN = 1.0, 0.5  # per step: size-30 units, radians
 # Weight of the squared sine of the roll against the mean squared distance: enough to keep free directions
 # upright, too little to hold a box off the surface.
@@ -93,19 +94,26 @@ def _fit(
     center, axes = torch.from_numpy(boxes.center.copy()), torch.from_numpy(boxes.axes.copy())
     damping = torch.full((len(boxes),), 1e-2, dtype=torch.float64)
     squared, cost, hessian, gradient = _linearise(center, axes, local, up, index)
+    going = torch.arange(len(boxes))
     for _ in range(steps):
-        damped = hessian + torch.diag_embed(damping[:, None] * (torch.diagonal(hessian, dim1=1, dim2=2) + 1e-3))
-        step = -torch.linalg.solve(damped, gradient)
-        move, turn = _clamp(step[:, :3], LONGEST_MOVE), _clamp(step[:, 3:], LARGEST_TURN)
-        moved, turned = center + move, axes @ _rotation(turn).transpose(1, 2)
-        trial = _linearise(moved, turned, local, up, index)
-        better = trial[1] < cost
-        damping = torch.where(better, damping / 4, damping * 4).clamp(1e-6, 1e4)
-        center = torch.where(better[:, None], moved, center)
-        axes = torch.where(better[:, None, None], turned, axes)
-        squared, cost = torch.where(better, trial[0], squared), torch.where(better, trial[1], cost)
-        hessian = torch.where(better[:, None, None], trial[2], hessian)
-        gradient = torch.where(better[:, None], trial[3], gradient)
+        scale = torch.diagonal(hessian[going], dim1=1, dim2=2) + 1e-3
+        damped = hessian[going] + torch.diag_embed(damping[going, None] * scale)
+        step = -torch.linalg.solve(damped, gradient[going])
+        moved = center[going] + _clamp(step[:, :3], LONGEST_MOVE)
+        turned = axes[going] @ _rotation(_clamp(step[:, 3:], LARGEST_TURN)).transpose(1, 2)
+        trial = _linearise(moved, turned, local[going], up[going], index)
+        decrease = cost[going] - trial[1]
+        better = decrease > 0
+        # A box whose last step gained next to nothing has arrived; asking for its distances again is waste.
+        arrived = (better & (decrease < CONVERGED * cost[going])) | (trial[1] < NEGLIGIBLE)
+        damping[going] = torch.where(better, damping[going] / 4, damping[going] * 4).clamp(1e-6, 1e4)
+        taken = going[better]
+        center[taken], axes[taken] = moved[better], turned[better]
+        for kept, new in zip((squared, cost, hessian, gradient), trial, strict=True):
+            kept[taken] = new[better]
+        going = going[~arrived]
+        if len(going) == 0:
+            break
     return center.numpy(), axes.numpy(), squared.numpy()
 
 

@@ -35,6 +35,8 @@ LIFT = 1.5  # reliefs above the surface at which visibility starts: just clear o
 SKIN = 0.01  # how far below the surface rays start that look for the other side of a wall
 SIGHT_GRID = (8, 2)
 FIBONACCI = 200
+# What narrower text costs, by the share of the widest that is missing: it only fills what wider text leaves.
+NARROW = 0.3
 # With this share of all directions seen, narrower text is not tried.
 ENOUGH = 0.97
 
@@ -96,7 +98,7 @@ def place_width(
 ) -> tuple[Placement, dict[str, int]]:
     """The survivors for one text width, and how many boxes were left after each stage, by stage.
 
-    Only candidates that look towards one of the directions ``wanted`` (K, 3), within 60 degrees, are fitted.
+    Only candidates that look towards one of the directions ``wanted`` (K, 3), within 45 degrees, are fitted.
     """
     assert parameters.relief is not None
     relief = parameters.relief
@@ -107,7 +109,7 @@ def place_width(
         number, radius = SAMPLES, float(np.sqrt(PACKING * surface.areas.sum() / CANDIDATES))
     boxes = candidates(surface, size, number, radius, rng)
     left = {"candidates": len(boxes)}
-    boxes = boxes[np.flatnonzero((boxes.axes[:, 2] @ wanted.T > 0.5).any(axis=1))]
+    boxes = boxes[np.flatnonzero(facing(boxes, wanted).any(axis=1))]
     left["wanted"] = len(boxes)
 
     boxes, loss = (adam if parameters.solver is Solver.ADAM else levenberg_marquardt)(boxes, index)
@@ -161,12 +163,14 @@ def _cost(boxes: Boxes, rough: Float, height: Float, visible: Bool, directions: 
     level = np.einsum("bi,bi->b", boxes.axes[:, 1], upright(boxes.axes[:, 2])[:, 1])
     roll = np.sqrt(1 - np.clip(level, 0, 1) ** 2)
     bend = np.sqrt((height**2).mean(axis=1)) / (boxes.size[:, 2] / 2)
-    return np.asarray(hidden + 0.6 * roll + bend + (rough - 1))
+    return np.asarray(2 * hidden + 0.6 * roll + bend + (rough - 1))
 
 
 def _pool(found: list[Placement], widths: Sequence[float]) -> Placement:
-    """One placement from several widths; narrower text costs more, so that it only fills what wider leaves."""
-    narrow = np.concatenate([np.full(len(p.boxes), 1 - w / widths[0]) for p, w in zip(found, widths, strict=False)])
+    """One placement from several widths, widest first."""
+    narrow = np.concatenate(
+        [np.full(len(p.boxes), NARROW * (1 - w / widths[0])) for p, w in zip(found, widths, strict=False)]
+    )
     return Placement(
         boxes=Boxes(
             np.concatenate([p.boxes.center for p in found]),

@@ -18,8 +18,8 @@ Free = Callable[[list[int]], Bool]  # which boxes overlap none of the given ones
 
 FACING_VIEW = np.cos(np.radians(45.0))  # a mark turned further away is not readable from that view
 SPACING = 0.3  # between boxes, size-30 units
-# What one unit of placement cost weighs against the share of all directions covered (DESIGN section 3).
-COST_WEIGHT = 0.04
+# What one unit of placement cost weighs against the share of all directions covered.
+COST_WEIGHT = 0.02
 # The paper gives each octant a mark; with fewer marks than this, coverage decides alone.
 OCTANTS = 8
 SWEEPS = 3
@@ -46,6 +46,11 @@ class Placement:
     visible: Bool
     directions: Float
     weight: Float
+
+    @cached_property
+    def worth(self) -> Float:
+        """(B, D) what each box is worth towards each direction, where it is visible there."""
+        return self.visible * self.weight
 
     @cached_property
     def octant(self) -> Int:
@@ -101,7 +106,7 @@ def select(placement: Placement, count: int, fixed: Sequence[int] = (), dead: Co
 def _gain(placement: Placement, chosen: list[int]) -> Float:
     """(B,) what each box would add to the objective: newly covered directions by weight, less its cost."""
     unseen = ~placement.visible[chosen].any(axis=0)
-    return np.asarray(placement.visible @ (placement.weight * unseen) - COST_WEIGHT * placement.cost)
+    return np.asarray(placement.worth @ unseen.astype(np.float64) - COST_WEIGHT * placement.cost)
 
 
 def _add_octants(placement: Placement, chosen: list[int], free: Free, count: int) -> None:
