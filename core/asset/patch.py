@@ -17,7 +17,7 @@ from core.asset.attributes import (
 )
 from core.asset.edit import Kind, SurfaceEdit
 from core.asset.flatten import SINGULAR, DrawnPrimitive, Scene
-from core.asset.gltf import Document
+from core.asset.gltf import Document, dequantize, read_accessor
 from core.asset.grouping import group_rows
 from core.asset.skin import blend
 from core.errors import ErrorCode, MeshmarkError
@@ -95,7 +95,7 @@ def cut_patches(scene: Scene, edit: SurfaceEdit) -> list[Patch]:
         )
         _place(scene, surface.to_world(edit.position[triangles].reshape(-1, 3)), patch)
         patches.append(patch)
-    _share_positions(scene, patches)
+    _share_points(scene, patches)
     for patch in patches:
         _interpolate(scene.document, patch)
     return patches
@@ -132,8 +132,8 @@ def _place(scene: Scene, world: Float, patch: Patch) -> None:
     All corners of one point take these from the first of them, so that it stays one point in every pose.
     """
     document, drawn = scene.document, scene.primitives[patch.drawn[0]]
-    points = patch.points[_first_of_each(patch.vertex, patch.original)]
-    matrices = drawn.matrices
+    first = _first_of_each(patch.vertex, patch.original)
+    points, matrices = patch.points[first], drawn.matrices
     if drawn.joint_matrices is not None:
         joints, weights = interpolate_influences(document, patch.maps[0], len(drawn.joint_matrices), points)
         matrices = blend(joints, weights, drawn.joint_matrices)
@@ -141,6 +141,7 @@ def _place(scene: Scene, world: Float, patch: Patch) -> None:
             columns = slice(4 * number, 4 * number + 4)
             patch.values[0][f"JOINTS_{number}"] = joints[:, columns].astype(np.float64)
             patch.values[0][f"WEIGHTS_{number}"] = weights[:, columns]
+        _keep_influences(document, patch, patch.original[first])
     _require_invertible(drawn, matrices)
     local = np.linalg.solve(matrices[:, :, :3], (world - matrices[:, :, 3])[:, :, None])[:, :, 0]
     for weight, target, values in zip(drawn.morph_weights, patch.maps[1:], patch.values[1:], strict=True):
@@ -154,19 +155,47 @@ def _place(scene: Scene, world: Float, patch: Patch) -> None:
     patch.local[untouched] = rows[patch.original[untouched]]
 
 
-def _share_positions(scene: Scene, patches: list[Patch]) -> None:
-    """Give the corners of one point one local position across all primitives of their node."""
-    by_node: dict[int, list[Patch]] = {}
+def _keep_influences(document: Document, patch: Patch, original: Int) -> None:
+    """Give corners at an untouched vertex (``original`` >= 0) the joints and weights of its row to the last bit."""
+    at_vertex = original >= 0
+    for name, values in patch.values[0].items():
+        accessor = patch.maps[0][name]
+        entry = document.entry("accessors", accessor) | ({"normalized": True} if name.startswith("WEIGHTS_") else {})
+        values[at_vertex] = dequantize(read_accessor(document, accessor)[original[at_vertex]], entry)
+
+
+def _share_points(scene: Scene, patches: list[Patch]) -> None:
+    """Give the corners of one point one position across all primitives of their node, and one way of moving across
+    those that store their influences and morphs alike."""
+    nodes: dict[int, list[Patch]] = {}
+    alike: dict[tuple[int, str], list[Patch]] = {}
     for patch in patches:
-        by_node.setdefault(scene.primitives[patch.drawn[0]].node, []).append(patch)
-    for group in by_node.values():
-        vertex = np.concatenate([patch.vertex for patch in group])
-        original = np.concatenate([patch.original for patch in group])
-        local = np.concatenate([patch.local for patch in group])[_first_of_each(vertex, original)]
-        ends = np.cumsum([len(patch.vertex) for patch in group])
-        for patch, part in zip(group, np.split(local, ends[:-1]), strict=True):
-            patch.local = part
-            patch.values[0]["POSITION"] = part.astype(np.float64)
+        node = scene.primitives[patch.drawn[0]].node
+        types = [
+            [(name, scene.document.entry("accessors", accessors[name])["componentType"]) for name in values]
+            for accessors, values in zip(patch.maps, patch.values, strict=True)
+        ]
+        nodes.setdefault(node, []).append(patch)
+        alike.setdefault((node, repr(types)), []).append(patch)
+    for group in nodes.values():
+        for patch, local in zip(group, _shared(group, [patch.local for patch in group]), strict=True):
+            patch.local = local
+    for group in alike.values():
+        for number, names in enumerate(group[0].values):
+            for name in names:
+                columns = _shared(group, [patch.values[number][name] for patch in group])
+                for patch, values in zip(group, columns, strict=True):
+                    patch.values[number][name] = values
+    for patch in patches:
+        patch.values[0]["POSITION"] = patch.local.astype(np.float64)
+
+
+def _shared(group: list[Patch], values: list[NDArray[Any]]) -> list[NDArray[Any]]:
+    """The (C, n) ``values`` of each patch with those of the first corner of the same point in any of them."""
+    vertex = np.concatenate([patch.vertex for patch in group])
+    original = np.concatenate([patch.original for patch in group])
+    ends = np.cumsum([len(patch.vertex) for patch in group])
+    return np.split(np.concatenate(values)[_first_of_each(vertex, original)], ends[:-1])
 
 
 def _first_of_each(vertex: Int, original: Int) -> Int:
