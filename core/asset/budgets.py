@@ -1,0 +1,45 @@
+"""How much an asset may declare before anything is allocated for it."""
+
+from dataclasses import dataclass
+
+from core.errors import ErrorCode, MeshmarkError
+
+
+@dataclass(frozen=True)
+class Budgets:
+    """Upper bounds of one asset.
+
+    Attributes:
+        faces: triangles drawn; a mesh drawn by several nodes counts once per node.
+        vertices: vertices drawn, counted likewise.
+        bytes: of the file, and of all values its accessors declare.
+        image_pixels: pixels of all textures together (the default is sixteen of 4096 x 4096).
+        json_bytes: of the JSON chunk of a GLB.
+        json_values: JSON arrays and objects in that chunk; an empty one costs 20 times its text in memory.
+        materials: material groups of an OBJ, each of which becomes a primitive.
+    """
+
+    faces: int = 5_000_000
+    vertices: int = 15_000_000
+    bytes: int = 200 * 2**20
+    image_pixels: int = 2**28
+    json_bytes: int = 32 * 2**20
+    json_values: int = 1_000_000
+    materials: int = 4096
+
+
+DEFAULT_BUDGETS = Budgets()
+
+
+def within(count: int, budget: int, what: str) -> None:
+    """Refuse ``count`` of ``what`` (a plural noun) above ``budget``.
+
+    Raises:
+        MeshmarkError: ``budget_exceeded``, naming both numbers.
+    """
+    if count > budget:
+        raise MeshmarkError(
+            ErrorCode.BUDGET_EXCEEDED,
+            f"The file declares {count:,} {what}; at most {budget:,} are accepted.",
+            "Simplify or split the asset and send it again.",
+        )

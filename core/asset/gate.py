@@ -1,0 +1,128 @@
+"""The admission gate: what a file is and what it declares, before any loader allocates for it."""
+
+import re
+
+from core.asset import off, ply, stl
+from core.asset.budgets import DEFAULT_BUDGETS, Budgets, within
+from core.asset.glb_check import check_glb
+from core.asset.refusals import malformed, no_faces, truncated
+from core.asset.sniff import Format, sniff
+from core.errors import ErrorCode, MeshmarkError
+
+
+def admit(data: bytes, budgets: Budgets = DEFAULT_BUDGETS) -> Format:
+    """Recognise a file by its content and refuse it where its headers cannot be true or exceed a budget.
+
+    Only headers are read: whether positions are finite and vertex indices in range is left to the loaders, which
+    raise ``non_finite_positions`` and ``index_out_of_range``.
+
+    Args:
+        data: the whole file.
+        budgets: what it may declare.
+
+    Returns:
+        The format to hand to :func:`core.asset.formats.to_document`.
+
+    Raises:
+        MeshmarkError: ``empty_file``, ``unknown_format``, ``unsupported_format``, ``unsupported_feature``,
+            ``malformed_file``, ``truncated_file``, ``no_faces``, ``index_out_of_range``, ``budget_exceeded`` or
+            ``external_reference``.
+    """
+    if not data:
+        raise MeshmarkError(ErrorCode.EMPTY_FILE, "The file is empty: it has 0 bytes.", "Upload the file again.")
+    within(len(data), budgets.bytes, "bytes")
+    file_format = sniff(data)
+    match file_format:
+        case Format.GLB:
+            check_glb(data, budgets)
+        case Format.OBJ:
+            _check_obj(data, budgets)
+        case Format.STL:
+            _check_stl(data, budgets)
+        case Format.PLY:
+            _check_ply(data, budgets)
+        case Format.OFF:
+            _check_off(data, budgets)
+    return file_format
+
+
+def _check_obj(data: bytes, budgets: Budgets) -> None:
+    vertices, faces = _count_lines(data, b"v"), _count_lines(data, b"f")
+    if faces == 0:
+        raise no_faces(f"The OBJ has {vertices:,} vertices but no face.")
+    if vertices == 0:
+        raise malformed(f"The OBJ has {faces:,} faces but no vertex.")
+    within(vertices, budgets.vertices, "vertices")
+    within(faces, budgets.faces, "faces")
+
+
+def _count_lines(data: bytes, word: bytes) -> int:
+    """Lines that start with ``word`` and a blank, nearly always without indentation."""
+    plain = sum(data.count(b"\n" + word + blank) + data.count(b"\r" + word + blank) for blank in (b" ", b"\t"))
+    plain += data.removeprefix(b"\xef\xbb\xbf")[:2] in (word + b" ", word + b"\t")
+    return plain or sum(1 for _ in re.finditer(rb"(?:^|[\r\n])[ \t]+" + word + rb"[ \t]", data))
+
+
+def _check_stl(data: bytes, budgets: Budgets) -> None:
+    if stl.is_ascii(data):
+        faces = data.lower().count(b"endfacet")
+    else:
+        faces = stl.triangle_count(data)
+        present = len(data) - stl.HEADER_BYTES
+        if present < faces * stl.TRIANGLE_BYTES:
+            raise truncated(
+                f"The STL claims {faces:,} triangles, which take {faces * stl.TRIANGLE_BYTES:,} bytes, "
+                f"but {present:,} follow its header."
+            )
+        if present > 2 * faces * stl.TRIANGLE_BYTES > 0:  # a few stray bytes at the end are common and harmless
+            raise malformed(f"The STL claims {faces:,} triangles, but {present:,} bytes follow its header.")
+    if faces == 0:
+        raise no_faces("The STL has no triangle.")
+    within(faces, budgets.faces, "triangles")
+
+
+def _check_ply(data: bytes, budgets: Budgets) -> None:
+    header = ply.parse_header(data)
+    vertex, face = header.element("vertex"), header.element("face")
+    if vertex is None or not set("xyz") <= {column.name for column in vertex.properties if not column.count_kind}:
+        raise malformed("The PLY declares no vertices with x, y and z.")
+    if header.element("tristrips") is not None and (face is None or face.count == 0):
+        raise MeshmarkError(
+            ErrorCode.UNSUPPORTED_FEATURE,
+            "The PLY stores its surface as triangle strips, which are not read.",
+            "Export it with faces, or as a GLB.",
+        )
+    if face is None or face.count == 0:
+        raise no_faces(f"The PLY has {vertex.count:,} vertices but no face.")
+    if not any(column.name in ply.FACE_LISTS and column.count_kind for column in face.properties):
+        raise malformed("The faces of the PLY have no list of vertex indices.")
+    for element in header.elements:
+        names = [column.name for column in element.properties]
+        if len(set(names)) != len(names):
+            raise malformed(f"The PLY declares a property of {element.name} twice.")
+    if len({element.name for element in header.elements}) != len(header.elements):
+        raise malformed("The PLY declares an element twice.")
+    within(vertex.count, budgets.vertices, "vertices")
+    within(face.count, budgets.faces, "faces")
+    # in a text every number takes at least a digit and a blank
+    least = sum(
+        element.count * (2 * len(element.properties) if header.format == "ascii" else element.least_row_bytes)
+        for element in header.elements
+    )
+    present = len(data) - header.end + (header.format == "ascii")  # the last blank may be missing
+    if least > present:
+        raise truncated(f"What the PLY declares takes at least {least:,} bytes, but {present:,} follow its header.")
+
+
+def _check_off(data: bytes, budgets: Budgets) -> None:
+    header = off.parse_header(data)
+    if header.faces == 0:
+        raise no_faces(f"The OFF has {header.vertices:,} vertices but no face.")
+    within(header.vertices, budgets.vertices, "vertices")
+    within(header.faces, budgets.faces, "faces")
+    least = len("0 0 0\n") * header.vertices + len("0\n") * header.faces - 1
+    if least > len(data) - header.end:
+        raise truncated(
+            f"The OFF declares {header.vertices:,} vertices and {header.faces:,} faces, "
+            f"but {len(data) - header.end:,} bytes follow its header."
+        )

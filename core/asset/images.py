@@ -1,0 +1,58 @@
+"""The size of an image from its header; nothing is decoded."""
+
+import struct
+
+_PNG = b"\x89PNG\r\n\x1a\n"
+_KTX2 = b"\xabKTX 20\xbb\r\n\x1a\n"
+
+
+def image_size(data: bytes) -> tuple[int, int] | None:
+    """(width, height) of a PNG, JPEG, WebP or KTX2 image; ``None`` for anything else."""
+    try:
+        if data.startswith(_PNG) and data[12:16] == b"IHDR":
+            return _pair(struct.unpack_from(">II", data, 16))
+        if data.startswith(_KTX2):
+            return _pair(struct.unpack_from("<II", data, 20))
+        if data.startswith(b"RIFF") and data[8:12] == b"WEBP":
+            return _webp_size(data)
+        if data.startswith(b"\xff\xd8"):
+            return _jpeg_size(data)
+    except struct.error:
+        pass  # the header is cut off
+    return None
+
+
+def _pair(size: tuple[int, ...]) -> tuple[int, int]:
+    return size[0], size[1]
+
+
+def _webp_size(data: bytes) -> tuple[int, int] | None:
+    """RFC 9649, sections 2.5 to 2.7."""
+    match data[12:16]:
+        case b"VP8X":
+            low_width, high_width, low_height, high_height = struct.unpack_from("<HBHB", data, 24)
+            return 1 + low_width + (high_width << 16), 1 + low_height + (high_height << 16)
+        case b"VP8L":
+            bits = struct.unpack_from("<I", data, 21)[0]
+            return 1 + (bits & 0x3FFF), 1 + (bits >> 14 & 0x3FFF)
+        case b"VP8 ":
+            width, height = struct.unpack_from("<HH", data, 26)
+            return width & 0x3FFF, height & 0x3FFF
+    return None
+
+
+def _jpeg_size(data: bytes) -> tuple[int, int] | None:
+    """Walk the marker segments up to the start of frame (ITU-T T.81, annex B)."""
+    offset = 2
+    while offset < len(data):
+        marker, code, length = struct.unpack_from(">BBH", data, offset)
+        if marker != 0xFF:
+            return None
+        if code == 0xFF:  # fill byte
+            offset += 1
+            continue
+        if 0xC0 <= code <= 0xCF and code not in (0xC4, 0xC8, 0xCC):
+            height, width = struct.unpack_from(">HH", data, offset + 5)
+            return width, height
+        offset += 2 + max(length, 2)
+    return None

@@ -1,0 +1,134 @@
+"""Polygons with indexed corners, as OBJ, PLY and OFF store them, and their triangulation."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from manifold3d import triangulate as triangulate_outlines
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+_BLOCK = 2**20  # corners worked on at a time: bounds the memory of a five-million-quad file
+
+
+@dataclass(frozen=True, eq=False)
+class Attribute:
+    """Values that corners refer to.
+
+    Attributes:
+        values: (K, n) float64.
+        index: (C,) int64, the row of each corner; -1 where a corner has none.
+    """
+
+    values: Float
+    index: Int
+
+
+@dataclass(frozen=True, eq=False)
+class PolygonMesh:
+    """Polygons in file order.
+
+    Attributes:
+        positions: (V, 3) float64.
+        corners: (C,) int64 into ``positions``, polygon after polygon; may be out of range as read from a file.
+        sizes: (P,) int64, corners of each polygon.
+        attributes: by glTF name: NORMAL (K, 3), TEXCOORD_0 (K, 2) with V downwards, COLOR_0 (K, 4) sRGB in 0-1.
+        group: (P,) int64 into ``materials``.
+        materials: material names; one empty name where the format has none.
+    """
+
+    positions: Float
+    corners: Int
+    sizes: Int
+    group: Int
+    attributes: dict[str, Attribute] = field(default_factory=dict)
+    materials: tuple[str, ...] = ("",)
+
+
+def triangulate(positions: Float, corners: Int, sizes: Int) -> tuple[Int, Int]:
+    """Split polygons into triangles, in polygon order.
+
+    Convex polygons become fans about their first corner; a concave quad is cut at its reflex corner; other concave
+    polygons are clipped in their plane. Polygons with fewer than three corners draw nothing and vanish.
+
+    Args:
+        positions: (V, 3).
+        corners: (C,) vertex of each corner, in range.
+        sizes: (P,) corners of each polygon, summing to C.
+
+    Returns:
+        (T, 3) corner numbers and (T,) the polygon of each triangle.
+    """
+    first = np.cumsum(sizes) - sizes
+    count = np.maximum(sizes - 2, 0)
+    offset = np.cumsum(count) - count
+    triangles = np.empty((int(count.sum()), 3), np.int64)
+    for size, rows in _blocks(sizes):
+        local = np.broadcast_to(_fan(size, 0), (len(rows), size - 2, 3))
+        if size > 3:
+            local = _cut(positions[corners[first[rows][:, None] + np.arange(size)]], local)
+        triangles[offset[rows][:, None] + np.arange(size - 2)] = local + first[rows][:, None, None]
+    return triangles, np.repeat(np.arange(len(sizes)), count)
+
+
+def weld(values: Float) -> Int:
+    """(N,) for each row of (N, n) finite values, the first row that is exactly equal to it."""
+    if len(values) == 0:
+        return np.empty(0, np.int64)
+    order = np.lexsort(values.T)  # stable, so each run of equal rows starts with its first one
+    new = np.ones(len(values), bool)
+    new[1:] = np.any(values[order[1:]] != values[order[:-1]], axis=1)
+    representative = np.empty(len(values), np.int64)
+    representative[order] = order[new][np.cumsum(new) - 1]
+    return representative
+
+
+def _blocks(sizes: Int) -> Iterator[tuple[int, Int]]:
+    """Polygon numbers by size, at most ``_BLOCK`` corners (or one polygon) at a time."""
+    order = np.argsort(sizes, kind="stable")
+    distinct, start = np.unique(sizes[order], return_index=True)
+    for size, rows in zip(distinct.tolist(), np.split(order, start[1:]), strict=True):
+        if size >= 3:
+            step = max(1, _BLOCK // size)
+            for block in range(0, len(rows), step):
+                yield size, rows[block : block + step]
+
+
+def _fan(size: int, start: int) -> Int:
+    """(size - 2, 3) the fan of one polygon about corner ``start``."""
+    middle = np.arange(1, size - 1)
+    return (np.column_stack([np.zeros_like(middle), middle, middle + 1]) + start) % size
+
+
+def _cut(points: Float, fans: Int) -> Int:
+    """(R, n - 2, 3) triangles of R polygons (R, n, 3), given their fans."""
+    size = points.shape[1]
+    ahead = np.roll(points, -1, axis=1) - points
+    turn = np.cross(np.roll(ahead, 1, axis=1), ahead)
+    normal = np.cross(points - points[:, :1], np.roll(points, -1, axis=1) - points[:, :1]).sum(axis=1)
+    reflex = np.einsum("rnk,rk->rn", turn, normal) < 0
+    concave = np.flatnonzero(reflex.any(axis=1))
+    if len(concave) == 0:
+        return fans
+    result = fans.copy()
+    if size == 4:
+        result[reflex[:, 1] | reflex[:, 3]] = _fan(4, 1)
+        return result
+    for row in concave:
+        clipped = _clip(points[row], normal[row])
+        if len(clipped) == size - 2:  # fewer for an outline that crosses itself: it has no triangulation, keep the fan
+            result[row] = clipped
+    return result
+
+
+def _clip(points: Float, normal: Float) -> Int:
+    """Triangles of a simple polygon (n, 3), seen along ``normal``."""
+    drop = int(np.argmax(np.abs(normal)))
+    flat = points[:, [(drop + 1) % 3, (drop + 2) % 3]]
+    flat = flat - flat.min(axis=0)
+    flat /= max(float(flat.max()), np.finfo(np.float64).tiny)
+    if normal[drop] < 0:
+        flat = flat[:, ::-1]
+    return np.asarray(triangulate_outlines([np.ascontiguousarray(flat)]), np.int64)

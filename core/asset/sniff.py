@@ -1,0 +1,136 @@
+"""What a file is, from its content alone; its name is never asked."""
+
+import io
+import re
+import zipfile
+from enum import StrEnum
+
+from core.asset import stl
+from core.errors import ErrorCode, MeshmarkError
+
+
+class Format(StrEnum):
+    """The formats that are read."""
+
+    GLB = "glb"
+    OBJ = "obj"
+    STL = "stl"
+    PLY = "ply"
+    OFF = "off"
+
+
+_HEAD = 4096
+_SEARCHED = 2**20  # how far the first vertex or face of an OBJ is looked for
+_ARCHIVE_DIRECTORY = 2**20  # bytes of names: some ten thousand files
+
+# (pattern at the start, what it is); 3D formats that are recognised but not read
+_OTHER_MODELS = (
+    (rb"Kaydara FBX Binary|\s*; FBX ", "an FBX scene"),
+    (rb"PXR-USDC|#usda", "a USD scene"),
+    (rb"BLENDER", "a Blender file"),
+    (rb"DRACO", "a bare Draco mesh"),
+    (rb"ISO-10303-21", "a STEP model"),
+    (rb"#VRML|#X3D", "a VRML scene"),
+    (rb"(?s)\s*(?:<\?xml.{0,2000}?)?<COLLADA\b", "a COLLADA (DAE) scene"),
+    (rb'(?s)\s*\{.{0,3900}?"(?:asset|scenes|nodes|meshes|accessors|buffers|bufferViews)"\s*:', "a plain-JSON glTF"),
+)
+_OTHER_CONTENT = (
+    (rb"\x89PNG\r\n", "a PNG image"),
+    (rb"\xff\xd8\xff", "a JPEG image"),
+    (rb"GIF8", "a GIF image"),
+    (rb"RIFF....WEBP", "a WebP image"),
+    (rb"%PDF", "a PDF document"),
+    (rb"\x1f\x8b", "a gzip archive"),
+    (rb"7z\xbc\xaf\x27\x1c", "a 7-Zip archive"),
+    (rb"Rar!", "a RAR archive"),
+    (rb"(?s).{257}ustar", "a tar archive"),
+    (rb"\xff\xfe|\xfe\xff", "UTF-16 text"),
+    (rb"(?i)\s*(?:<!doctype html|<html)", "an HTML page"),
+    (rb"\s*<\?xml", "an XML document"),
+    (rb"\s*[{\[]", "JSON"),
+)
+_OBJ_LINE = re.compile(rb"(?:^|[\r\n])[ \t]*(?:v[ \t]+[-+.\d]|f[ \t]+-?\d)")
+
+
+def sniff(data: bytes) -> Format:
+    """The format of a non-empty file.
+
+    Raises:
+        MeshmarkError: ``unsupported_format`` for other 3D formats, ``unknown_format`` for anything else; both say what
+            the file looks like.
+    """
+    head = data[:_HEAD].removeprefix(b"\xef\xbb\xbf")
+    if head.startswith(b"glTF"):
+        return Format.GLB
+    if re.match(rb"ply[ \t]*[\r\n]", head):
+        return Format.PLY
+    if re.match(rb"(?:\s|#[^\n]*\n)*(?:ST)?C?N?4?n?OFF\b", head):
+        return Format.OFF
+    if head.startswith((b"PK\x03\x04", b"PK\x05\x06")):
+        raise _unsupported(_archive_kind(data))
+    for pattern, kind in _OTHER_MODELS:
+        if re.match(pattern, head):
+            raise _unsupported(kind)
+    for pattern, kind in _OTHER_CONTENT:
+        if re.match(pattern, head, re.DOTALL):
+            raise _unknown(f"it looks like {kind}")
+    is_text = _is_printable(head)
+    if stl.is_ascii(data) and b"facet" in head.lower():
+        return Format.STL
+    if is_text and _OBJ_LINE.search(data, 0, _SEARCHED):
+        return Format.OBJ
+    if _is_binary_stl(data):
+        return Format.STL
+    raise _unknown("it looks like plain text" if is_text else "it is binary data of no known kind")
+
+
+def _is_binary_stl(data: bytes) -> bool:
+    """Binary STL has no signature: either the size fits the count exactly, or 80 bytes of padded text precede it."""
+    if len(data) < stl.HEADER_BYTES:
+        return False
+    if len(data) == stl.HEADER_BYTES + stl.TRIANGLE_BYTES * stl.triangle_count(data):
+        return True
+    return _is_printable(data[:80].replace(b"\0", b" ")) and not _is_printable(data[:_HEAD])
+
+
+def _is_printable(data: bytes) -> bool:
+    return re.search(rb"[\x00-\x08\x0e-\x1f\x7f]", data) is None
+
+
+def _archive_kind(data: bytes) -> str:
+    """What a ZIP holds, by the names in its directory; nothing is unpacked."""
+    try:
+        end = data.rindex(b"PK\x05\x06")
+        if (
+            int.from_bytes(data[end + 12 : end + 16], "little") > _ARCHIVE_DIRECTORY
+            or b"PK\x06\x07" in data[end - 20 : end]
+        ):
+            return "a ZIP archive of very many files"
+        names = [name.lower() for name in zipfile.ZipFile(io.BytesIO(data)).namelist()]
+    except (ValueError, OSError, RuntimeError, zipfile.BadZipFile):
+        return "a damaged ZIP archive"
+    for suffixes, kind in (
+        ((".usdc", ".usda", ".usd"), "a USDZ package"),
+        ((".model",), "a 3MF package"),
+        ((".gltf", ".glb"), "a ZIP archive with a glTF in it"),
+        ((".obj",), "a ZIP archive with an OBJ in it"),
+    ):
+        if any(name.endswith(suffixes) for name in names):
+            return kind
+    return "a ZIP archive"
+
+
+def _unsupported(kind: str) -> MeshmarkError:
+    return MeshmarkError(
+        ErrorCode.UNSUPPORTED_FORMAT,
+        f"The file is {kind}, which this release does not read.",
+        "Convert it to a single GLB, OBJ, STL, PLY or OFF file and send that.",
+    )
+
+
+def _unknown(what: str) -> MeshmarkError:
+    return MeshmarkError(
+        ErrorCode.UNKNOWN_FORMAT,
+        f"The content of the file is not a GLB, OBJ, STL, PLY or OFF: {what}.",
+        "Send the 3D model itself, best as a GLB.",
+    )

@@ -1,0 +1,98 @@
+"""Numbers out of the lines of a text file, without a Python object per line."""
+
+import re
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.asset.refusals import malformed
+
+Scalar = TypeVar("Scalar", np.float64, np.int64)
+
+_NEWLINE, _BLANK = 10, 32
+
+
+class Lines:
+    """The lines of a text as offsets into its bytes.
+
+    Args:
+        data: the text; a byte order mark, line endings of any kind and indentation are taken off.
+    """
+
+    def __init__(self, data: bytes) -> None:
+        text = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n") + b"\n"
+        self.text = re.sub(rb"\n[ \t]+", b"\n", text).lstrip(b" \t")
+        self.buffer = np.frombuffer(self.text, np.uint8)
+        self.end = np.flatnonzero(self.buffer == _NEWLINE)
+        self.start = np.concatenate([[0], self.end[:-1] + 1])
+
+    def __len__(self) -> int:
+        return len(self.end)
+
+    def __getitem__(self, index: int) -> bytes:
+        return self.text[self.start[index] : self.end[index]]
+
+    def keyword(self, word: bytes) -> NDArray[np.bool_]:
+        """(N,) which lines start with ``word`` followed by a blank."""
+        mask = np.asarray(self.end - self.start > len(word))
+        start = self.start[mask]
+        found = np.isin(self.buffer[start + len(word)], (_BLANK, 9))
+        for offset, letter in enumerate(word):
+            found &= self.buffer[start + offset] == letter
+        mask[mask] = found
+        return mask
+
+    def select(self, mask: NDArray[np.bool_], skip: int) -> bytes:
+        """The text of some lines without their first ``skip`` bytes and without trailing comments."""
+        length = self.end - self.start + 1
+        block = self.buffer[np.repeat(mask, length)]
+        start = np.cumsum(length[mask]) - length[mask]
+        for offset in range(skip):
+            block[start + offset] = _BLANK
+        text = block.tobytes()
+        return re.sub(rb"#[^\n]*", b"", text) if b"#" in text else text
+
+
+def tokens_per_line(text: bytes) -> NDArray[np.int64]:
+    """(N,) how many blank-separated tokens each line has; every line ends with a newline."""
+    if not text:
+        return np.empty(0, np.int64)
+    buffer = np.frombuffer(text, np.uint8)
+    end = np.flatnonzero(buffer == _NEWLINE)
+    return np.asarray(np.add.reduceat(token_starts(buffer), np.concatenate([[0], end[:-1] + 1]), dtype=np.int64))
+
+
+def token_starts(buffer: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """(N,) where a token starts in a byte array."""
+    starts = buffer > _BLANK
+    starts[1:] &= buffer[:-1] <= _BLANK
+    return starts
+
+
+def parse_numbers(text: bytes, dtype: type[Scalar], what: str) -> NDArray[Scalar]:
+    """(N,) the blank-separated numbers of a text.
+
+    Args:
+        text: the numbers.
+        dtype: ``np.float64`` or ``np.int64``.
+        what: what the numbers are, for the error: "vertex", "face".
+
+    Raises:
+        MeshmarkError: ``malformed_file``, quoting the first token that is not a number.
+    """
+    if not text.strip():
+        return np.empty(0, dtype)  # numpy would read one number here
+    try:
+        return np.fromstring(text, dtype, sep=" ")
+    except ValueError:
+        raise malformed(f"A {what} line holds {_first_bad_token(text, dtype)!r} where a number belongs.") from None
+
+
+def _first_bad_token(text: bytes, dtype: Any) -> str:
+    for match in re.finditer(rb"\S+", text):
+        try:
+            int(match[0]) if dtype is np.int64 else float(match[0])
+        except ValueError:
+            return match[0][:40].decode("ascii", "replace")
+    return "a malformed number"
