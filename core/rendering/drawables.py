@@ -1,0 +1,107 @@
+"""A GLB as what a renderer needs: triangles, normals, colours and materials."""
+
+from dataclasses import dataclass
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.asset.flatten import DrawnPrimitive, flatten
+from core.asset.gltf import Document, dequantize, malformed, read_accessor
+from core.rendering.materials import Material, read_material
+from core.rendering.textures import read_texture
+
+Float32 = NDArray[np.float32]
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Drawable:
+    """One drawn primitive, only its vertices in use.
+
+    Attributes:
+        positions: (N, 3) float32, size-30 frame.
+        faces: (T, 3) int64, counter-clockwise from outside.
+        normals: (N, 3) float32, or ``None``: flat shading.
+        uv: (N, 2) float32 as in glTF (v points down), its transform applied, or ``None``.
+        colors: (N, 4) float32 linear RGBA, or ``None``.
+        material: how it looks; its texture is drawn only where there is ``uv``.
+    """
+
+    positions: Float32
+    faces: Int
+    normals: Float32 | None
+    uv: Float32 | None
+    colors: Float32 | None
+    material: Material
+
+
+def drawables(glb: bytes, texture_limit: int) -> list[Drawable]:
+    """What the default scene of ``glb`` shows at its default pose, see-through primitives last.
+
+    Positions and normals follow node transforms and skins; morph targets move positions only. Textures are reduced
+    to ``texture_limit`` pixels a side.
+
+    Raises:
+        MeshmarkError: as :func:`core.asset.flatten.flatten`, and ``malformed_file`` for attributes and materials
+            that contradict themselves.
+    """
+    document = Document.from_glb(glb)
+    scene = flatten(document)
+    texture = cache(partial(read_texture, document, limit=texture_limit))
+    material = cache(partial(read_material, document, read_texture=texture))
+    ends = np.cumsum([len(drawn.triangles) for drawn in scene.primitives])
+    drawn_faces = np.split(scene.surface.faces, ends[:-1])
+    found = [
+        _drawable(document, drawn, faces, scene.surface.positions, material(_entry(document, drawn).get("material")))
+        for drawn, faces in zip(scene.primitives, drawn_faces, strict=True)
+    ]
+    return sorted(found, key=lambda drawable: drawable.material.alpha_mode == "BLEND")
+
+
+def _entry(document: Document, drawn: DrawnPrimitive) -> dict[str, Any]:
+    entry: dict[str, Any] = document.json["meshes"][drawn.mesh]["primitives"][drawn.primitive]
+    return entry
+
+
+def _drawable(document: Document, drawn: DrawnPrimitive, faces: Int, positions: Float, material: Material) -> Drawable:
+    used, corners = np.unique(faces, return_inverse=True)
+    rows = used - drawn.first_vertex
+    attributes = _entry(document, drawn)["attributes"]
+    normals = _attribute(document, attributes, "NORMAL", rows)
+    uv = _attribute(document, attributes, f"TEXCOORD_{material.uv_set}", rows) if material.texture else None
+    colors = _attribute(document, attributes, "COLOR_0", rows)
+    return Drawable(
+        positions=positions[used].astype(np.float32),
+        faces=corners.reshape(-1, 3),
+        normals=None if normals is None else _to_world(normals, drawn, rows).astype(np.float32),
+        uv=None
+        if uv is None
+        else (uv[:, :2] @ material.uv_transform[:, :2].T + material.uv_transform[:, 2]).astype("f4"),
+        colors=None if colors is None else np.column_stack([colors, np.ones(len(colors))])[:, :4].astype(np.float32),
+        material=material,
+    )
+
+
+def _attribute(document: Document, attributes: dict[str, Any], name: str, rows: Int) -> Float | None:
+    """The accessor rows of a vertex attribute, numbers that are not finite as 0; ``None`` where there is none."""
+    if name not in attributes:
+        return None
+    accessor = document.entry("accessors", attributes[name])
+    values = dequantize(read_accessor(document, attributes[name]), accessor)
+    if values.ndim != 2 or not 2 <= values.shape[1] <= 4 or rows.max() >= len(values):
+        raise malformed(f"accessors[{attributes[name]}] does not fit the vertices it is the {name} of.")
+    return np.nan_to_num(values[rows], nan=0.0, posinf=0.0, neginf=0.0)
+
+
+def _to_world(normals: Float, drawn: DrawnPrimitive, rows: Int) -> Float:
+    """Normals under the cofactor matrix of their transform, which unlike its inverse transpose always exists."""
+    matrices = drawn.matrices if len(drawn.matrices) == 1 else drawn.matrices[rows]
+    x, y, z = (matrices[:, :, axis] for axis in range(3))
+    world = np.cross(y, z) * normals[:, :1] + np.cross(z, x) * normals[:, 1:2] + np.cross(x, y) * normals[:, 2:3]
+    length = np.linalg.norm(world, axis=1, keepdims=True)
+    # The cofactor matrix is the inverse transpose times the determinant, whose sign is taken back here.
+    unit = np.divide(world, length, out=np.zeros_like(world), where=length > 0)
+    return np.asarray(-unit if drawn.mirrored else unit)

@@ -1,0 +1,38 @@
+"""The contact sheet: eight views of an asset in one picture."""
+
+from io import BytesIO
+
+import numpy as np
+from PIL import Image
+
+from core.rendering.renderer import Renderer
+
+COLUMNS = 4
+GAP = 4  # pixels
+GAP_COLOR = (255, 255, 255)
+
+# Azimuth from +Z (the front in glTF) towards +X, and elevation, in degrees, row by row.
+VIEWS = ((0, 15), (90, 15), (180, 15), (270, 15), (45, 35), (225, 35), (0, 89.9), (0, -89.9))
+
+
+def contact_sheet(glb: bytes, tile: int = 512) -> bytes:
+    """PNG of eight views in two rows of four, each ``tile`` pixels wide and high.
+
+    Front, right, back and left from slightly above; two corners from higher up; top and bottom.
+
+    Raises:
+        MeshmarkError: ``rendering_unavailable``, or as :func:`core.rendering.drawables.drawables`.
+    """
+    rows = -(-len(VIEWS) // COLUMNS)
+    sheet = Image.new("RGB", (COLUMNS * (tile + GAP) - GAP, rows * (tile + GAP) - GAP), GAP_COLOR)
+    with Renderer(tile) as renderer:
+        renderer.load(glb)
+        for index, (azimuth, elevation) in enumerate(np.radians(VIEWS)):
+            level = np.cos(elevation)
+            direction = (level * np.sin(azimuth), np.sin(elevation), level * np.cos(azimuth))
+            row, column = divmod(index, COLUMNS)
+            picture = Image.fromarray(renderer.render(direction, up=(0, 1, 0)))
+            sheet.paste(picture, (column * (tile + GAP), row * (tile + GAP)))
+    stream = BytesIO()
+    sheet.save(stream, format="PNG")
+    return stream.getvalue()

@@ -1,0 +1,138 @@
+"""Pictures of a GLB: pyrender behind one small interface, headless through EGL."""
+
+import os
+from pathlib import Path
+from types import ModuleType, TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from core.errors import ErrorCode, MeshmarkError
+from core.rendering.drawables import Drawable, drawables
+from core.rendering.textures import Texture
+
+Float = NDArray[np.float64]
+
+BACKGROUND = 0.92  # sRGB grey
+FIELD_OF_VIEW = np.radians(20)  # a long lens: letters keep their shape away from the middle
+MARGIN = 1.03
+
+_SHADERS = Path(__file__).parent / "shaders"
+
+
+def _pyrender() -> ModuleType:
+    """pyrender, imported only when something is drawn: ``import core`` must work where there is no OpenGL."""
+    os.environ["PYOPENGL_PLATFORM"] = "egl"
+    np.infty = np.inf  # type: ignore[attr-defined]  # pyrender 0.1.45 still uses the name that NumPy 2 dropped
+    import pyrender
+
+    return pyrender  # type: ignore[no-any-return]
+
+
+class Renderer:
+    """One OpenGL context and one asset at a time; use it as a context manager.
+
+    A process holds at most one renderer at a time: closing it ends the EGL display they would share.
+
+    Args:
+        size: width and height of the pictures in pixels.
+
+    Raises:
+        MeshmarkError: ``rendering_unavailable`` where no OpenGL context can be had.
+    """
+
+    def __init__(self, size: int) -> None:
+        self.size = size
+        try:
+            self._gl = _pyrender()
+            self._context = self._gl.OffscreenRenderer(size, size)
+        except Exception as error:  # each layer between here and the driver fails in its own way
+            raise MeshmarkError(
+                ErrorCode.RENDERING_UNAVAILABLE,
+                f"This machine offers no OpenGL context to draw pictures with ({type(error).__name__}).",
+                "Install libegl1 and libgl1-mesa-dri.",
+            ) from error
+        from pyrender.shader_program import ShaderProgramCache
+
+        # pyrender's own shader leaves back faces and surfaces without normals dark and ignores alpha cutoffs.
+        self._context._renderer._program_cache = ShaderProgramCache(shader_dir=str(_SHADERS))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._context.delete()
+
+    def load(self, glb: bytes) -> None:
+        """Take a GLB as it is: its normals (flat shading where there are none), base colours and vertex colours.
+
+        Raises:
+            MeshmarkError: as :func:`core.rendering.drawables.drawables`.
+        """
+        shown = drawables(glb, texture_limit=2 * self.size)  # finer texels could not be told apart
+        points = np.concatenate([drawable.positions for drawable in shown])
+        self._center = (points.min(axis=0) + points.max(axis=0)).astype(np.float64) / 2
+        self._radius = float(np.linalg.norm(points - self._center, axis=1).max())
+        self._distance = MARGIN * self._radius / np.sin(FIELD_OF_VIEW / 2)
+        scene = self._gl.Scene(bg_color=[BACKGROUND] * 3)
+        textures: dict[Texture, Any] = {}
+        # One mesh: within it pyrender keeps the order of primitives, between meshes it does not.
+        scene.add(self._gl.Mesh([self._primitive(drawable, textures) for drawable in shown]))
+        camera = self._gl.PerspectiveCamera(
+            yfov=FIELD_OF_VIEW,
+            aspectRatio=1.0,
+            znear=self._distance - MARGIN * self._radius,
+            zfar=self._distance + MARGIN * self._radius,
+        )
+        self._camera = scene.add(camera)
+        self._scene = scene
+
+    def render(self, direction: ArrayLike, up: ArrayLike) -> NDArray[np.uint8]:
+        """The asset seen from ``direction`` (3,), its bounding sphere wholly in the frame: (size, size, 3) sRGB.
+
+        Args:
+            direction: from the object to the camera.
+            up: (3,), what points upwards in the picture; not parallel to ``direction``.
+        """
+        backward = _unit(np.asarray(direction, dtype=np.float64))
+        right = _unit(np.cross(np.asarray(up, dtype=np.float64), backward))
+        pose = np.eye(4)
+        pose[:3, :3] = np.column_stack([right, np.cross(backward, right), backward])
+        pose[:3, 3] = self._center + self._distance * backward
+        self._scene.set_pose(self._camera, pose)
+        picture, _ = self._context.render(self._scene)
+        return np.array(picture)
+
+    def _primitive(self, drawable: Drawable, textures: dict[Texture, Any]) -> Any:
+        material = drawable.material
+        texture, uv = None, None
+        if material.texture is not None and drawable.uv is not None:
+            texture = textures.setdefault(material.texture, self._texture(material.texture))
+            uv = drawable.uv * [1, -1] + [0, 1]  # pyrender stores images upside down: v points up
+        return self._gl.Primitive(
+            positions=drawable.positions,
+            normals=drawable.normals,
+            texcoord_0=uv,
+            color_0=drawable.colors,
+            indices=drawable.faces,
+            material=self._gl.MetallicRoughnessMaterial(
+                baseColorFactor=material.color,
+                baseColorTexture=texture,
+                metallicFactor=material.alpha_cutoff,  # a slot of the shader's own use, see mesh.frag
+                alphaMode=material.alpha_mode,
+                doubleSided=material.double_sided,
+            ),
+        )
+
+    def _texture(self, texture: Texture) -> Any:
+        sampler = self._gl.Sampler(wrapS=texture.wrap[0], wrapT=texture.wrap[1])
+        if texture.nearest:
+            sampler.magFilter = self._gl.GLTF.NEAREST
+        return self._gl.Texture(source=texture.pixels, source_channels="RGBA", sampler=sampler)
+
+
+def _unit(vector: Float) -> Float:
+    return np.asarray(vector / np.linalg.norm(vector))

@@ -1,0 +1,91 @@
+"""Base colour images of a GLB, decoded for drawing."""
+
+import base64
+import binascii
+import warnings
+from dataclasses import dataclass
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from core.asset.gltf import Document
+
+MAX_PIXELS = 2**26  # what is larger is not decoded; the primitive is drawn in its plain base colour
+
+_FORMATS = ("PNG", "JPEG", "WEBP")
+_REPEAT = 10497
+_NEAREST = 9728
+
+
+@dataclass(frozen=True, eq=False)
+class Texture:
+    """An image and how it is sampled.
+
+    Attributes:
+        pixels: (H, W, 4) uint8 sRGB with straight alpha, first row on top.
+        wrap: GL wrap modes along u and v.
+        nearest: magnified texels keep hard edges.
+    """
+
+    pixels: NDArray[np.uint8]
+    wrap: tuple[int, int]
+    nearest: bool
+
+
+def read_texture(document: Document, index: int, limit: int) -> Texture | None:
+    """``textures[index]``, reduced to at most ``limit`` pixels a side.
+
+    Returns:
+        ``None`` for an image that cannot be shown here: KTX2, damaged, in another file, or beyond ``MAX_PIXELS``.
+
+    Raises:
+        MeshmarkError: ``malformed_file`` for references to objects that do not exist.
+    """
+    texture = document.entry("textures", index)
+    source = texture.get("extensions", {}).get("EXT_texture_webp", {}).get("source", texture.get("source"))
+    if source is None:
+        return None
+    pixels = _decode(_image_bytes(document, source), limit)
+    if pixels is None:
+        return None
+    sampler: dict[str, Any] = document.entry("samplers", texture["sampler"]) if "sampler" in texture else {}
+    return Texture(
+        pixels=pixels,
+        wrap=(sampler.get("wrapS", _REPEAT), sampler.get("wrapT", _REPEAT)),
+        nearest=sampler.get("magFilter") == _NEAREST,
+    )
+
+
+def _image_bytes(document: Document, index: Any) -> bytes | None:
+    image = document.entry("images", index)
+    if "bufferView" in image:
+        view = document.entry("bufferViews", image["bufferView"])
+        start = view.get("byteOffset", 0)
+        return document.buffer(view.get("buffer", -1))[start : start + view.get("byteLength", 0)]
+    header, _, payload = str(image.get("uri", "")).partition(",")
+    if not (header.startswith("data:") and header.endswith(";base64")):
+        return None
+    try:
+        return base64.b64decode(payload, validate=True)
+    except binascii.Error:
+        return None
+
+
+def _decode(data: bytes | None, limit: int) -> NDArray[np.uint8] | None:
+    if data is None:
+        return None
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the size is checked just below
+            image = Image.open(BytesIO(data), formats=_FORMATS)
+        if image.width * image.height > MAX_PIXELS:
+            return None
+        image.draft("RGB", (limit, limit))  # lets a JPEG be decoded at a fraction of its size
+        rgba = image.convert("RGBA")
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):  # what Pillow raises on damaged files
+        return None
+    factor = -(-max(rgba.size) // limit)
+    return np.asarray(rgba.reduce(factor) if factor > 1 else rgba)

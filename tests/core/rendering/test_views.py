@@ -1,0 +1,43 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from core.rendering.views import fibonacci_directions, view_directions
+
+
+def test_the_views_are_24_unit_directions_with_upright_cameras() -> None:
+    direction, up = view_directions()
+    assert direction.shape == up.shape == (24, 3)
+    np.testing.assert_allclose(np.linalg.norm(direction, axis=1), 1)
+    np.testing.assert_allclose(np.linalg.norm(up, axis=1), 1)
+    np.testing.assert_allclose((direction * up).sum(axis=1), 0, atol=1e-12)
+
+
+def test_both_turns_start_at_the_front_and_step_by_30_degrees() -> None:
+    direction, up = view_directions()
+    for first in (0, 12):
+        np.testing.assert_allclose(direction[first], [0, 0, 1])
+        np.testing.assert_allclose(up[first], [0, 1, 0])
+        turn = direction[first : first + 12]
+        np.testing.assert_allclose((turn * np.roll(turn, 1, axis=0)).sum(axis=1), np.cos(np.radians(30)))
+    np.testing.assert_allclose(direction[:12, 0], 0, atol=1e-12)
+    np.testing.assert_allclose(direction[12:, 1], 0, atol=1e-12)
+    assert len(np.unique(direction.round(9) + 0.0, axis=0)) == 22
+
+
+@given(st.integers(1, 500))
+def test_fibonacci_directions_are_unit_vectors_without_repetition(count: int) -> None:
+    directions = fibonacci_directions(count)
+    assert directions.shape == (count, 3)
+    np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1)
+    assert len(np.unique(directions.round(9), axis=0)) == count
+
+
+@pytest.mark.parametrize("count", [200, 501])
+def test_fibonacci_directions_cover_the_sphere_evenly(count: int) -> None:
+    directions = fibonacci_directions(count)
+    assert np.abs(directions.mean(axis=0)).max() < 0.01
+    nearest = np.sort(directions @ directions.T, axis=1)[:, -2]
+    spacing = np.degrees(np.arccos(nearest))
+    assert spacing.max() < 1.5 * spacing.min() + 1
