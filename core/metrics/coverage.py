@@ -1,0 +1,23 @@
+"""Watermark visibility over the whole sphere (the paper's Definition 2 with 200 even views)."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.placement.boxes import Boxes
+from core.placement.selection import visibility
+from core.rendering.views import fibonacci_directions
+from core.spatial import SpatialIndex
+
+Float = NDArray[np.float64]
+
+DIRECTIONS = 200
+
+
+def coverage(boxes: Boxes, points: Float, watermarked_index: SpatialIndex) -> float:
+    """Share of 200 Fibonacci directions from which at least one mark is unobstructed; higher is better.
+
+    A mark counts from a direction that it faces within 45 degrees when the rays from all its ``points``
+    (B, N, 3), see ``sight.above_letters``, get out past the watermarked asset.
+    """
+    seen = visibility(boxes, points, watermarked_index, fibonacci_directions(DIRECTIONS))
+    return float(seen.any(axis=0).mean())

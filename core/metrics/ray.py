@@ -1,0 +1,30 @@
+"""Ray Casting Visibility (paper, supplement "Watermark Quality")."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.placement.boxes import Boxes
+from core.placement.selection import facing, visibility
+from core.rendering.views import view_directions
+from core.spatial import SpatialIndex
+
+Float = NDArray[np.float64]
+
+
+def ray(boxes: Boxes, points: Float, watermarked_index: SpatialIndex) -> float:
+    """How well the marks are seen from the paper's 24 views, 0 to 1; higher is better.
+
+    In each view the marks that face the camera within 45 degrees score 1 if the rays from all their points get
+    to the camera past the watermarked asset, else 0; the view scores their mean, 0 where no mark faces it. The
+    result is the mean over views.
+
+    Args:
+        boxes: the marks.
+        points: (B, N, 3) where the rays of each mark start: ``sight.above_letters`` for ``ray``,
+            ``sight.top_face`` for the supplement's ``ray_box``.
+        watermarked_index: over the watermarked surface.
+    """
+    directions, _ = view_directions()
+    candidates = facing(boxes, directions).sum(axis=0)
+    seen = visibility(boxes, points, watermarked_index, directions).sum(axis=0)
+    return float(np.mean(seen / np.maximum(candidates, 1)))

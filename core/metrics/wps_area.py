@@ -1,0 +1,60 @@
+"""Watermark Placement Score by exact area: Definition 1 of the paper without its shortcut."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.asset.surface import Surface
+from core.placement.boxes import Boxes
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+
+def wps_area(original: Surface, boxes: Boxes) -> Float:
+    """(B,) projected area of the original's surface inside each box over the box's front area, at most 1.
+
+    Higher is better; 1 where the surface passes through the whole box. Triangles are clipped to the box, so the
+    score does not depend on tessellation. Only faces that look at the box count.
+    """
+    triangles = original.positions[original.faces]
+    low, high = triangles.min(axis=1), triangles.max(axis=1)
+    corners = boxes.corners()
+    score = np.zeros(len(boxes))
+    for number in range(len(boxes)):
+        near = (low <= corners[number].max(axis=0)).all(axis=1) & (high >= corners[number].min(axis=0)).all(axis=1)
+        near &= original.normals @ boxes.axes[number, 2] > 0
+        local = boxes.to_local(number, triangles[near].reshape(-1, 3))
+        area = _clipped_area(local, boxes.size[number] / 2)
+        score[number] = min(area / boxes.size[number, :2].prod(), 1.0)
+    return score
+
+
+def _clipped_area(points: Float, half: Float) -> float:
+    """Area on the xy plane of triangles, three rows of ``points`` each, inside the box of half sizes ``half``.
+
+    Sutherland-Hodgman on all triangles at once: polygons lie one after another in one array, ``owner`` tells
+    them apart, and each point is followed by where its edge to the next one crosses the plane.
+    """
+    owner: Int = np.repeat(np.arange(len(points) // 3), 3)
+    for axis in (0, 1, 2):
+        for side in (-1.0, 1.0):
+            following: Int = _next(owner)
+            depth = half[axis] - side * points[:, axis]
+            inside = depth >= 0
+            crosses = inside != inside[following]
+            share = np.divide(depth, depth - depth[following], out=np.zeros_like(depth), where=crosses)
+            crossing = points + share[:, None] * (points[following] - points)
+            kept = np.stack([inside, crosses], axis=1).ravel()
+            points = np.stack([points, crossing], axis=1).reshape(-1, 3)[kept]
+            owner = np.repeat(owner, 2)[kept]
+    ahead = points[_next(owner)]
+    return float((points[:, 0] * ahead[:, 1] - points[:, 1] * ahead[:, 0]).sum() / 2)
+
+
+def _next(owner: Int) -> Int:
+    """Row of the point after each one round its polygon."""
+    following = np.arange(1, len(owner) + 1)
+    first = np.flatnonzero(np.diff(owner, prepend=-1))
+    last = np.concatenate([first[1:], [len(owner)]]) - 1 if len(owner) else first
+    following[last] = first
+    return following
