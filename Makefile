@@ -1,0 +1,52 @@
+# Everything starts from a fresh clone with Python 3.11+, pip, make and (on Debian or Ubuntu) apt.
+# TORCH_INDEX: where to take torch from. PyPI's Linux build brings several GB of CUDA libraries; for the CPU build say
+#   make demo TORCH_INDEX=https://download.pytorch.org/whl/cpu
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+TORCH := torch==2.13.0
+
+.DEFAULT_GOAL := help
+
+help: ## Show this list
+	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-8s %s\n", $$1, $$2}'
+
+install: $(VENV)/.service ## Install what the service needs into .venv
+	@sh docker/system-packages.sh service
+
+demo: install ## Watermark a real asset through the service, end to end
+	$(BIN)/python -m tests.demo
+
+run: install ## Start the API and its worker on http://127.0.0.1:8080
+	$(BIN)/python -m service
+
+test: $(VENV)/.tests ## Run the checks and the whole test suite
+	@sh docker/system-packages.sh service tests
+	@npm ci --prefix tests --silent --no-audit --no-fund
+	$(MAKE) check
+	$(BIN)/python -m pytest -n auto --dist worksteal
+
+check: $(VENV)/.tests ## Lint, check the format and the types
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+
+openapi: $(VENV)/.service ## Write openapi.yaml from the application
+	$(BIN)/python -m service openapi > openapi.yaml
+
+clean: ## Remove everything that was installed or written here
+	rm -rf $(VENV) tests/node_modules demo-output data *.egg-info
+
+$(VENV)/.service: pyproject.toml docker/constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --upgrade pip
+	$(BIN)/pip install --quiet $(TORCH) $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX))
+	$(BIN)/pip install --quiet --constraint docker/constraints.txt --editable .
+	touch $@
+
+$(VENV)/.tests: $(VENV)/.service
+	$(BIN)/pip install --quiet --constraint docker/constraints.txt --editable '.[test]'
+	touch $@
+
+.PHONY: help install demo run test check openapi clean

@@ -1,0 +1,29 @@
+#!/bin/sh
+# Installs the Debian packages that a group of parts needs, when one is missing and we may.
+# Usage: system-packages.sh service|tests ...
+set -eu
+
+missing=""
+need() { # need PACKAGE... : remember packages
+    missing="$missing $*"
+}
+
+for group in "$@"; do
+    case "$group" in
+        service) ldconfig -p | grep -q libEGL.so.1 && ldconfig -p | grep -q libGL.so.1 &&
+            ls /usr/share/glvnd/egl_vendor.d/*.json >/dev/null 2>&1 || need libegl1 libgl1 libgl1-mesa-dri ;;
+        tests)
+            command -v redis-server >/dev/null || need redis-server
+            command -v node >/dev/null && command -v npm >/dev/null || need nodejs npm ;;
+        *) echo "unknown group: $group" >&2; exit 2 ;;
+    esac
+done
+
+[ -n "$missing" ] || exit 0
+if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
+    apt-get update -qq
+    DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $missing >/dev/null
+else
+    echo "Missing system packages. Install them and try again: sudo apt-get install$missing" >&2
+    exit 1
+fi
