@@ -5,6 +5,7 @@ from io import BytesIO
 import numpy as np
 from PIL import Image
 
+from core.rendering.cavity import cavity
 from core.rendering.renderer import Renderer
 
 COLUMNS = 4
@@ -19,6 +20,7 @@ def contact_sheet(glb: bytes, tile: int = 512) -> bytes:
     """PNG of eight views in two rows of four, each ``tile`` pixels wide and high.
 
     Front, right, back and left from slightly above; two corners from higher up; top and bottom.
+    Folds and ridges are accentuated, so that letters without a colour of their own can be read.
 
     Raises:
         MeshmarkError: ``rendering_unavailable``, or as :func:`core.rendering.drawables.drawables`.
@@ -31,8 +33,8 @@ def contact_sheet(glb: bytes, tile: int = 512) -> bytes:
             level = np.cos(elevation)
             direction = (level * np.sin(azimuth), np.sin(elevation), level * np.cos(azimuth))
             row, column = divmod(index, COLUMNS)
-            picture = Image.fromarray(renderer.render(direction, up=(0, 1, 0)))
-            sheet.paste(picture, (column * (tile + GAP), row * (tile + GAP)))
+            picture = cavity(*renderer.render_with_depth(direction, up=(0, 1, 0)))
+            sheet.paste(Image.fromarray(picture), (column * (tile + GAP), row * (tile + GAP)))
     stream = BytesIO()
     sheet.save(stream, format="PNG")
     return stream.getvalue()

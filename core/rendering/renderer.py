@@ -97,14 +97,18 @@ class Renderer:
             direction: from the object to the camera.
             up: (3,), what points upwards in the picture; not parallel to ``direction``.
         """
+        return self.render_with_depth(direction, up)[0]
+
+    def render_with_depth(self, direction: ArrayLike, up: ArrayLike) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """As :meth:`render`, and the (size, size) distance along the view axis in size-30 units, 0 where nothing is."""
         backward = _unit(np.asarray(direction, dtype=np.float64))
         right = _unit(np.cross(np.asarray(up, dtype=np.float64), backward))
         pose = np.eye(4)
         pose[:3, :3] = np.column_stack([right, np.cross(backward, right), backward])
         pose[:3, 3] = self._center + self._distance * backward
         self._scene.set_pose(self._camera, pose)
-        picture, _ = self._context.render(self._scene)
-        return np.array(picture)
+        picture, depth = self._context.render(self._scene)
+        return np.array(picture), np.array(depth)
 
     def _primitive(self, drawable: Drawable, textures: dict[Texture, Any]) -> Any:
         material = drawable.material

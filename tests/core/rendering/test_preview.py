@@ -4,11 +4,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from manifold3d import CrossSection, Manifold
 from PIL import Image
 
 from core.errors import ErrorCode, MeshmarkError
+from core.lettering.outline import lettering
+from core.rendering.cavity import cavity
 from core.rendering.preview import COLUMNS, GAP, VIEWS, contact_sheet
-from tests.core.rendering.glb import cube
+from core.rendering.renderer import Renderer
+from tests.core.rendering.glb import CORNERS, CUBE_FACES, GlbWriter, cube, plain
 
 MESHES = Path(os.environ.get("MESHMARK_TEST_MESHES", Path(__file__).parents[4] / "shared" / "meshes"))
 REAL = [MESHES / name for name in ("fox.glb", "egyptian-cat.glb", "mage-kaykit.glb", "truck-yellow-kenney.glb")]
@@ -26,9 +30,28 @@ def test_the_sheet_is_a_png_of_eight_tiles_that_all_show_the_asset() -> None:
         assert tiles[-1][32, 32, 0] > 2 * tiles[-1][32, 32, 1]
 
 
-def test_the_first_tile_shows_the_front() -> None:
-    pixels = np.asarray(Image.open(BytesIO(contact_sheet(cube(), tile=64))).convert("RGB"))
-    np.testing.assert_array_equal(pixels[32, 64 : 64 + GAP], 255)
+def test_each_tile_shows_its_side() -> None:
+    """Six coloured faces, each a primitive of its own: the tiles show front, right, back, left; top and bottom."""
+    colors = {5: (1, 0, 0), 1: (0, 1, 0), 4: (0, 0, 1), 0: (1, 1, 0), 3: (0, 1, 1), 2: (1, 0, 1)}
+    writer = GlbWriter()
+    for side, color in colors.items():
+        writer.mesh(CORNERS, CUBE_FACES[2 * side : 2 * side + 2], material=plain((*color, 1.0)))
+    pixels = np.asarray(Image.open(BytesIO(contact_sheet(writer.bytes(), tile=64))).convert("RGB"))
+    middles = [pixels[row * (64 + GAP) + 32, column * (64 + GAP) + 32] for row in (0, 1) for column in range(COLUMNS)]
+    seen = [tuple(int(channel > 60) for channel in middle) for middle in middles]
+    assert [seen[tile] for tile in (0, 1, 2, 3, 6, 7)] == list(colors.values())
+
+
+def test_letters_without_a_colour_of_their_own_can_be_seen_from_straight_ahead() -> None:
+    word = CrossSection([ring * 10 for ring in lettering("watermark").polygons])
+    solid = Manifold.cube((12, 12, 2), True) + word.extrude(0.6).translate((0, 0, 0.622))  # 0.22 above the front
+    mesh = solid.to_mesh()
+    glb = GlbWriter().mesh(mesh.vert_properties[:, :3], mesh.tri_verts, material=plain((0.6, 0.6, 0.6, 1))).bytes()
+    with Renderer(256) as renderer:
+        renderer.load(glb)
+        picture, depth = renderer.render_with_depth((0, 0, 1), (0, 1, 0))
+    letters = np.s_[112:144, 60:196]
+    assert cavity(picture, depth)[letters].std() > 2 * picture[letters].std()
 
 
 def test_the_sheet_is_the_same_each_time() -> None:
