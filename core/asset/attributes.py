@@ -58,7 +58,7 @@ def interpolate_attribute(document: Document, name: str, accessor: int, points: 
     rows = rows.reshape(len(rows), -1)
     entry = document.entry("accessors", accessor)
     is_name = rows.dtype.kind in "iu" and not entry.get("normalized", False)
-    if name.startswith("_FEATURE_ID") or (name.startswith("_") and is_name):
+    if name.startswith(("_FEATURE_ID", "JOINTS_")) or (name.startswith("_") and is_name):
         return points.nearest(rows).astype(np.float64)
     return points.interpolate(dequantize(rows, entry))
 
@@ -72,16 +72,14 @@ def encode(values: Float, dtype: np.dtype[Any], normalized: bool) -> NDArray[Any
     return np.asarray(np.clip(scaled, limits.min, limits.max), dtype)
 
 
-def interpolate_influences(
-    document: Document, attributes: dict[str, Any], joint_count: int, points: Points
-) -> tuple[Int, Float]:
+def interpolate_influences(document: Document, attributes: dict[str, Any], points: Points) -> tuple[Int, Float]:
     """Joints (C, K) and weights (C, K), K = 4 per set, exactly as the file will hold them.
 
     The influences of the three corners are merged, weighted by the barycentric coordinates, and the strongest K
     are kept. The weights are rounded to the coarsest component type of the primitive's sets, in which they sum to
     exactly 1, so that every set can hold its share without further rounding.
     """
-    joints, weights = read_influences(document, attributes, joint_count)
+    joints, weights = read_influences(document, attributes)
     shares = points.barycentric[:, :, None] * weights[points.rows]
     spread = joints[points.rows].reshape(len(points.rows), -1)
     merged, strongest = merge(spread, shares.reshape(len(points.rows), -1), keep=joints.shape[1])

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.asset.gltf import Document, dequantize, malformed, read_accessor, unsupported_extension
+from core.asset.gltf import Document, dequantize, malformed, read_accessor, typed, unsupported_extension
 from core.asset.grouping import float_words, group_rows
 from core.asset.hierarchy import scene_nodes, world_matrices
 from core.asset.skin import blend, influence_sets, joint_matrices, read_influences
@@ -91,19 +91,21 @@ def flatten(document: Document) -> Scene:
     rows = 0
     for node in scene_nodes(document):
         entry = document.entry("nodes", node)
-        if "mesh" not in entry or INSTANCING in entry.get("extensions", {}):
+        if "mesh" not in entry or INSTANCING in typed(entry, "extensions", dict):
             continue
         mesh = document.entry("meshes", entry["mesh"])
-        for index, primitive in enumerate(mesh.get("primitives", [])):
+        for index, primitive in enumerate(typed(mesh, "primitives", list)):
+            if not isinstance(primitive, dict):
+                raise malformed(f"meshes[{entry['mesh']}].primitives[{index}] is not a JSON object.")
             if primitive.get("mode", TRIANGLES) not in (TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN):
                 continue
-            if DRACO in primitive.get("extensions", {}):
+            if DRACO in typed(primitive, "extensions", dict):
                 raise unsupported_extension(DRACO, "A mesh")
-            if "POSITION" not in primitive.get("attributes", {}):
+            if "POSITION" not in typed(primitive, "attributes", dict):
                 continue
             key = json.dumps([node, primitive["attributes"], primitive.get("targets")], sort_keys=True)
             if key not in blocks:
-                weights = entry.get("weights", mesh.get("weights", []))
+                weights = typed(entry if "weights" in entry else mesh, "weights", list)
                 blocks[key] = _place_vertices(document, node, primitive, weights, worlds, rows)
                 rows += len(blocks[key].local)
             triangles = _triangles(document, primitive, len(blocks[key].local))
@@ -114,33 +116,30 @@ def flatten(document: Document) -> Scene:
     return Scene(document, _surface(list(blocks.values()), primitives), tuple(primitives))
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what overflows is refused at the end
 def _place_vertices(
-    document: Document, node: int, primitive: dict[str, Any], weights: list[float], worlds: Float, first: int
+    document: Document, node: int, primitive: dict[str, Any], weights: list[Any], worlds: Float, first: int
 ) -> _Vertices:
     """Read the vertices of a primitive and take them to the world."""
-    attributes = primitive["attributes"]
+    attributes, targets = primitive["attributes"], typed(primitive, "targets", list)
+    if not all(isinstance(target, dict) for target in targets) or not all(_is_number(weight) for weight in weights):
+        raise malformed(f"The morph targets that nodes[{node}] draws, or their weights, are not well-formed.")
+    _check_attributes(document, [attributes, *targets])
     local = _read_positions(document, attributes["POSITION"])
-    targets = primitive.get("targets", [])
     morph_weights = np.zeros(len(targets))
     morph_weights[: len(weights)] = weights[: len(targets)]
     morphed = local
     for target, weight in zip(targets, morph_weights, strict=True):
         if weight and "POSITION" in target:
-            delta = _read_positions(document, target["POSITION"])
-            if len(delta) != len(local):
-                raise malformed(f"A morph target of nodes[{node}] has {len(delta)} rows for {len(local)} vertices.")
-            morphed = morphed + weight * delta
+            morphed = morphed + weight * _read_positions(document, target["POSITION"])
     skin = document.entry("nodes", node).get("skin")
     if skin is not None and influence_sets(attributes):
         joints = joint_matrices(document, skin, worlds)  # the transform of a skinned node itself is ignored
-        matrices = blend(*read_influences(document, attributes, len(joints)), joints)
-        if len(matrices) != len(local):
-            raise malformed(f"A skinned primitive of nodes[{node}] has {len(matrices)} weights for {len(local)} rows.")
+        matrices = blend(*read_influences(document, attributes), joints)
     else:
         joints, matrices = None, worlds[node, None, :3]
-    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused just below
-        # Not a matrix product: it must round the same for equal rows.
-        world = matrices[:, :, 3] + sum(matrices[:, :, axis] * morphed[:, axis, None] for axis in range(3))
+    # Not a matrix product: it must round the same for equal rows.
+    world = matrices[:, :, 3] + sum(matrices[:, :, axis] * morphed[:, axis, None] for axis in range(3))
     if not np.isfinite(world).all():
         raise MeshmarkError(
             ErrorCode.NON_FINITE_POSITIONS,
@@ -151,11 +150,26 @@ def _place_vertices(
     return _Vertices(node, first, local.astype(np.float32), world, matrices, joints, morph_weights, deformed)
 
 
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _check_attributes(document: Document, maps: list[dict[str, Any]]) -> None:
+    """Refuse attributes, of the base mesh or its morph targets, that the vertices of one primitive cannot have."""
+    count = document.entry("accessors", maps[0]["POSITION"]).get("count")
+    for number, attributes in enumerate(maps):
+        expected = {"POSITION": "VEC3", "NORMAL": "VEC3", "TANGENT": "VEC3" if number else "VEC4"}
+        for name, index in attributes.items():
+            accessor = document.entry("accessors", index)
+            if accessor.get("count") != count:
+                raise malformed(f"accessors[{index}] ({name}) does not have a row for each of {count} positions.")
+            kind = "VEC4" if name.startswith(("JOINTS_", "WEIGHTS_")) else expected.get(name, accessor.get("type"))
+            if accessor.get("type") != kind:
+                raise malformed(f"accessors[{index}] ({name}) is not of type {kind}.")
+
+
 def _read_positions(document: Document, accessor: int) -> Float:
-    values = read_accessor(document, accessor)
-    if values.ndim != 2 or values.shape[1] != 3:
-        raise malformed(f"accessors[{accessor}] should hold positions, three numbers a vertex.")
-    return dequantize(values, document.entry("accessors", accessor))
+    return dequantize(read_accessor(document, accessor), document.entry("accessors", accessor))
 
 
 def _triangles(document: Document, primitive: dict[str, Any], vertex_count: int) -> Int:
@@ -184,6 +198,7 @@ def _triangles(document: Document, primitive: dict[str, Any], vertex_count: int)
     return indices[np.stack([first + 1, first + 2, np.zeros_like(first)], axis=1)]
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a matrix this large is not invertible in any useful sense
 def _draw(vertices: _Vertices, mesh: int, index: int, triangles: Int) -> DrawnPrimitive:
     matrices = vertices.matrices if len(vertices.matrices) == 1 else vertices.matrices[np.unique(triangles)]
     columns = [matrices[:, :, axis] for axis in range(3)]

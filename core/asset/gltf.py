@@ -6,7 +6,7 @@ import json
 import math
 import struct
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 from urllib.parse import unquote_to_bytes
 
 import numpy as np
@@ -33,6 +33,8 @@ ELEMENT_TYPES = {
     "MAT4": (4, 4),
 }
 COMPRESSED_VIEWS = ("EXT_meshopt_compression", "KHR_meshopt_compression")
+
+T = TypeVar("T", list[Any], dict[str, Any])
 
 _HEADER = struct.Struct("<4sII")
 _CHUNK = struct.Struct("<I4s")
@@ -122,8 +124,8 @@ class Document:
         Raises:
             MeshmarkError: ``malformed_file`` where there is no such object.
         """
-        entries = self.json.get(kind, [])
-        if not isinstance(entries, list) or type(index) is not int or not 0 <= index < len(entries):
+        entries = typed(self.json, kind, list)
+        if type(index) is not int or not 0 <= index < len(entries):
             raise malformed(f"The file refers to {kind}[{index}], which does not exist.")
         entry = entries[index]
         if not isinstance(entry, dict):
@@ -145,6 +147,18 @@ class Document:
         return self.binary
 
 
+def typed(parent: dict[str, Any], key: str, kind: type[T]) -> T:
+    """``parent[key]``, or an empty ``kind`` (list or dict) where there is none.
+
+    Raises:
+        MeshmarkError: ``malformed_file`` where it is something else.
+    """
+    value = parent.get(key, kind())
+    if not isinstance(value, kind):
+        raise malformed(f"A property {key} is not a JSON {'array' if kind is list else 'object'}.")
+    return value
+
+
 def read_accessor(document: Document, index: int) -> NDArray[Any]:
     """The values of an accessor in its native dtype, possibly read-only.
 
@@ -161,9 +175,9 @@ def read_accessor(document: Document, index: int) -> NDArray[Any]:
             ``unsupported_feature`` for compressed buffer views.
     """
     accessor = document.entry("accessors", index)
-    dtype = COMPONENT_TYPES.get(accessor.get("componentType", 0))
-    shape = ELEMENT_TYPES.get(accessor.get("type", ""))
-    count = accessor.get("count")
+    code, kind, count = (accessor.get(key) for key in ("componentType", "type", "count"))
+    dtype = COMPONENT_TYPES.get(code) if isinstance(code, int) else None
+    shape = ELEMENT_TYPES.get(kind) if isinstance(kind, str) else None
     if dtype is None or shape is None or type(count) is not int or count < 1:
         raise malformed(f"accessors[{index}] does not declare a valid type, component type and count.")
     if "bufferView" in accessor:
@@ -172,7 +186,7 @@ def read_accessor(document: Document, index: int) -> NDArray[Any]:
         values = np.zeros((count, shape[0] * shape[1]), dtype)
     if "sparse" in accessor:
         values = _substitute(document, index, values, dtype, shape)
-    return values[:, 0] if accessor["type"] == "SCALAR" else values
+    return values[:, 0] if kind == "SCALAR" else values
 
 
 def dequantize(array: NDArray[Any], accessor: dict[str, Any]) -> NDArray[np.float64]:
@@ -232,7 +246,7 @@ def _read_view(
     """(count, columns * rows) values that start ``byte_offset`` bytes into a buffer view."""
     view = document.entry("bufferViews", view_index)
     for extension in COMPRESSED_VIEWS:
-        if extension in view.get("extensions", {}):
+        if extension in typed(view, "extensions", dict):
             raise unsupported_extension(extension, "A buffer view")
     data = document.buffer(view.get("buffer", -1))
     columns, rows = shape

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.asset.gltf import Document, malformed
+from core.asset.gltf import Document, malformed, typed
 
 Float = NDArray[np.float64]
 
@@ -16,7 +16,7 @@ def world_matrices(document: Document) -> Float:
     Raises:
         MeshmarkError: ``malformed_file`` for a node with two parents, a cycle, or a malformed transform.
     """
-    nodes = document.json.get("nodes", [])
+    nodes = typed(document.json, "nodes", list)
     worlds = np.zeros((len(nodes), 4, 4))
     parent = np.full(len(nodes), -1)
     for index in range(len(nodes)):
@@ -29,12 +29,14 @@ def world_matrices(document: Document) -> Float:
     while pending:
         index = pending.pop()
         local = _local_matrix(document.entry("nodes", index), index)
-        with np.errstate(over="ignore", invalid="ignore"):  # an overflow shows as positions that are not finite
+        with np.errstate(over="ignore", invalid="ignore"):  # refused just below
             worlds[index] = local if parent[index] < 0 else worlds[parent[index]] @ local
         pending += _children(document, index)
         placed += 1
     if placed < len(nodes):
         raise malformed("The node hierarchy contains a cycle.")
+    if not np.isfinite(worlds).all():
+        raise malformed("The transforms of the node hierarchy overflow.")
     return worlds
 
 
@@ -45,9 +47,10 @@ def scene_nodes(document: Document) -> list[int]:
         MeshmarkError: ``malformed_file`` for a scene or node that does not exist, or is listed twice.
     """
     if "scenes" in document.json:
-        pending = list(document.entry("scenes", document.json.get("scene", 0)).get("nodes", []))[::-1]
+        scene = document.entry("scenes", document.json.get("scene", 0))
+        pending = typed(scene, "nodes", list)[::-1]
     else:
-        count = len(document.json.get("nodes", []))
+        count = len(typed(document.json, "nodes", list))
         children = {child for index in range(count) for child in _children(document, index)}
         pending = [index for index in range(count) if index not in children][::-1]
     found: list[int] = []
@@ -64,10 +67,10 @@ def scene_nodes(document: Document) -> list[int]:
 
 
 def _children(document: Document, index: int) -> list[int]:
-    children = document.entry("nodes", index).get("children", [])
+    children = typed(document.entry("nodes", index), "children", list)
     for child in children:
         document.entry("nodes", child)  # raises where there is none
-    return list(children)
+    return children
 
 
 def _local_matrix(node: dict[str, Any], index: int) -> Float:

@@ -19,7 +19,7 @@ from core.asset.edit import Kind, SurfaceEdit
 from core.asset.flatten import SINGULAR, DrawnPrimitive, Scene
 from core.asset.gltf import Document, dequantize, read_accessor
 from core.asset.grouping import group_rows
-from core.asset.skin import blend
+from core.asset.skin import blend, influence_sets
 from core.errors import ErrorCode, MeshmarkError
 
 Float = NDArray[np.float64]
@@ -119,6 +119,7 @@ def row_labels(patch: Patch, corners: Int) -> Int:
         for name, value in values.items():
             if name == "POSITION" or name.startswith(("JOINTS_", "WEIGHTS_")):
                 continue
+            value = np.nan_to_num(value)
             largest = max(float(np.abs(value).max(initial=0.0)), np.finfo(np.float32).tiny)
             coarse = name in ("NORMAL", "TANGENT")
             step = np.where(wall & coarse, SAME_WALL, SAME_ATTRIBUTE)[:, None] * largest
@@ -134,9 +135,10 @@ def _place(scene: Scene, world: Float, patch: Patch) -> None:
     document, drawn = scene.document, scene.primitives[patch.drawn[0]]
     first = _first_of_each(patch.vertex, patch.original)
     points, matrices = patch.points[first], drawn.matrices
-    if drawn.joint_matrices is not None:
-        joints, weights = interpolate_influences(document, patch.maps[0], len(drawn.joint_matrices), points)
-        matrices = blend(joints, weights, drawn.joint_matrices)
+    if influence_sets(patch.maps[0]):
+        joints, weights = interpolate_influences(document, patch.maps[0], points)
+        if drawn.joint_matrices is not None:
+            matrices = blend(joints, weights, drawn.joint_matrices)
         for number in range(joints.shape[1] // 4):
             columns = slice(4 * number, 4 * number + 4)
             patch.values[0][f"JOINTS_{number}"] = joints[:, columns].astype(np.float64)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.asset.gltf import Document, dequantize, malformed, read_accessor
+from core.asset.gltf import Document, dequantize, malformed, read_accessor, typed
 from core.errors import ErrorCode, MeshmarkError
 
 Float = NDArray[np.float64]
@@ -20,35 +20,18 @@ def influence_sets(attributes: dict[str, Any]) -> int:
     return sets
 
 
-def read_influences(document: Document, attributes: dict[str, Any], joint_count: int) -> tuple[Int, Float]:
+def read_influences(document: Document, attributes: dict[str, Any]) -> tuple[Int, Float]:
     """Joints (V, K) and weights (V, K) of a primitive, K = 4 per set, ordered by joint, each row summing to 1.
 
     The order makes rows that list the same influences differently equal. Weights are normalised, and a row without
     any follows its first joint, as viewers do.
-
-    Raises:
-        MeshmarkError: ``index_out_of_range`` for a joint that the skin lacks, ``malformed_file``.
     """
     sets = range(influence_sets(attributes))
-    joints = np.hstack([_read_vec4(document, attributes[f"JOINTS_{n}"]) for n in sets]).astype(np.int64)
-    weights = np.hstack(
-        [
-            dequantize(
-                _read_vec4(document, attributes[f"WEIGHTS_{n}"]),
-                {"normalized": True},  # integer weights always are
-            )
-            for n in sets
-        ]
-    )
-    if len(joints) != len(weights) or not np.isfinite(weights).all():
-        raise malformed("The joints and weights of a skinned primitive do not match or are not finite.")
-    if joints.max() >= joint_count:
-        raise MeshmarkError(
-            ErrorCode.INDEX_OUT_OF_RANGE,
-            f"A vertex follows joint {joints.max()}, but its skin has {joint_count} joints.",
-            "Export the asset again; its skin is damaged.",
-        )
-    weights[weights.sum(axis=1) <= 0, 0] = 1.0
+    joints = np.hstack([read_accessor(document, attributes[f"JOINTS_{n}"]) for n in sets]).astype(np.int64)
+    stored = [read_accessor(document, attributes[f"WEIGHTS_{n}"]) for n in sets]
+    weights = np.hstack([dequantize(values, {"normalized": True}) for values in stored])  # integer weights always are
+    weights = np.clip(weights, 0.0, None)
+    weights[~weights.any(axis=1), 0] = 1.0
     order = np.argsort(joints, axis=1, kind="stable")
     joints, weights = np.take_along_axis(joints, order, 1), np.take_along_axis(weights, order, 1)
     total = np.zeros((len(weights), 1))
@@ -60,20 +43,30 @@ def read_influences(document: Document, attributes: dict[str, Any], joint_count:
 def joint_matrices(document: Document, skin_index: int, worlds: Float) -> Float:
     """(J, 3, 4) bind pose -> world matrices of a skin's joints; ``worlds`` is (N, 4, 4), one matrix per node."""
     skin = document.entry("skins", skin_index)
-    joints = skin.get("joints", [])
+    joints = typed(skin, "joints", list)
     if not joints or any(type(joint) is not int or not 0 <= joint < len(worlds) for joint in joints):
         raise malformed(f"skins[{skin_index}] does not list existing joints.")
     world = worlds[np.array(joints)]
     if "inverseBindMatrices" in skin:
         columns = read_accessor(document, skin["inverseBindMatrices"]).astype(np.float64)
-        if columns.shape[1:] != (16,) or len(columns) < len(joints):
-            raise malformed(f"skins[{skin_index}] has too few inverse bind matrices.")
+        if columns.shape[1:] != (16,) or len(columns) < len(joints) or not np.isfinite(columns).all():
+            raise malformed(f"skins[{skin_index}] has too few or broken inverse bind matrices.")
         world = world @ columns[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1)
     return np.ascontiguousarray(world[:, :3])
 
 
 def blend(joints: Int, weights: Float, matrices: Float) -> Float:
-    """(V, 3, 4) weighted sums of joint ``matrices`` (J, 3, 4); the same influences always round the same."""
+    """(V, 3, 4) weighted sums of joint ``matrices`` (J, 3, 4); the same influences always round the same.
+
+    Raises:
+        MeshmarkError: ``index_out_of_range`` for a joint that the skin lacks.
+    """
+    if joints.max(initial=0) >= len(matrices):
+        raise MeshmarkError(
+            ErrorCode.INDEX_OUT_OF_RANGE,
+            f"A vertex follows joint {joints.max()}, but its skin has {len(matrices)} joints.",
+            "Export the asset again; its skin is damaged.",
+        )
     blended = np.zeros((len(joints), 3, 4))
     for joint, weight in zip(joints.T, weights.T, strict=True):
         blended += weight[:, None, None] * matrices[joint]
@@ -119,10 +112,3 @@ def quantize_weights(weights: Float, dtype: np.dtype[Any]) -> NDArray[Any]:
     # The largest remainders get what is missing.
     rank = np.argsort(np.argsort(floor - scaled, axis=1, kind="stable"), axis=1, kind="stable")
     return np.asarray(floor + (rank < missing[:, None]), dtype)
-
-
-def _read_vec4(document: Document, accessor: int) -> NDArray[Any]:
-    values = read_accessor(document, accessor)
-    if values.ndim != 2 or values.shape[1] != 4:
-        raise malformed(f"accessors[{accessor}] should hold joints or weights, four a vertex.")
-    return values
