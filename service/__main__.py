@@ -72,10 +72,10 @@ def serve(settings: Settings, worker: Sequence[str] | None) -> None:
     supervisor = Supervisor(worker) if worker else None
     if supervisor:
         supervisor.start()
+    for number in (signal.SIGINT, signal.SIGTERM):  # uvicorn raises the signal again once it has shut down
+        signal.signal(number, lambda *_: sys.exit(0))
     try:
         uvicorn.Server(config).run()
-    except KeyboardInterrupt:  # uvicorn raises the signal again once it has shut down
-        pass
     finally:
         if supervisor:
             supervisor.stop()

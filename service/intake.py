@@ -4,7 +4,6 @@ from pathlib import Path
 from threading import BoundedSemaphore
 
 from core.asset.gate import admit
-
 from core.lettering.fonts import default_font, load_font
 from core.lettering.shaping import shape
 from core.parameters import Parameters

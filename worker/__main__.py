@@ -10,7 +10,7 @@ from worker.child import die_with_parent
 def main(app: Celery, parent: int) -> None:
     """Run the worker until a signal ends it or its parent is gone."""
     die_with_parent(parent)
-    app.worker_main(["worker", "--without-gossip", "--without-mingle", "--without-heartbeat"])
+    app.worker_main(["--quiet", "worker", "--without-gossip", "--without-mingle", "--without-heartbeat"])
 
 
 if __name__ == "__main__":

@@ -38,13 +38,16 @@ def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
     def worker() -> Worker:
         return Worker(settings, app, engine)
 
+    def watermark(job_id: str) -> None:
+        worker().run(job_id)
+
     def start(**_: Any) -> None:
         start_sweeper(worker())
 
     def stop(**_: Any) -> None:
         worker().stopping.set()
 
-    app.task(lambda job_id: worker().run(job_id), name=TASK)
+    app.task(watermark, name=TASK)
     setup_logging.connect(lambda **_: configure_logs(settings.log_level), weak=False)
     worker_ready.connect(start, weak=False)
     worker_shutting_down.connect(stop, weak=False)

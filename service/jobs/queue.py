@@ -3,15 +3,15 @@
 A message is a job's id and nothing else; it may be lost or arrive twice, because the ledger alone decides.
 """
 
+import json
 import os
 import time
 import uuid
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from celery import Celery
 from kombu.transport import filesystem
-from kombu.utils import json
 
 from service.config import Settings
 
@@ -25,17 +25,18 @@ class AtomicChannel(filesystem.Channel):
     kombu writes in place and reads without the lock, so a worker can meet half a message and stop on it.
     """
 
-    def _put(self, queue: str, message: Any, **_: Any) -> None:
+    def _put(self, queue: str, payload: Any, **_: Any) -> None:  # type: ignore[override]
         folder = Path(self.data_folder_out)
         draft = folder / f".{uuid.uuid4()}.draft"
-        draft.write_text(json.dumps(message))
-        draft.rename(folder / f"{time.monotonic_ns()}_{uuid.uuid4()}.{queue}.msg")
+        draft.write_text(json.dumps(payload))
+        draft.rename(folder / f"{time.time_ns()}_{uuid.uuid4()}.{queue}.msg")
 
 
 class FileTransport(filesystem.Transport):
     """The transport behind `filesystem://`."""
 
     Channel = AtomicChannel
+    default_connection_params: ClassVar[dict[str, Any]] = {}  # there is no host to connect to
 
 
 def create_queue(settings: Settings) -> Celery:

@@ -5,7 +5,8 @@ from pathlib import PurePath
 from typing import Annotated, Any
 
 import structlog
-from fastapi import APIRouter, File, Form, Request, Response, UploadFile, status
+from celery import Celery
+from fastapi import APIRouter, BackgroundTasks, File, Form, Request, Response, UploadFile, status
 from fastapi.responses import FileResponse
 from kombu.exceptions import KombuError
 
@@ -59,6 +60,7 @@ NOT_THERE = problem_responses(
 def create_watermark(
     request: Request,
     response: Response,
+    background: BackgroundTasks,
     state: State,
     file: Annotated[UploadFile, File(description="The asset: GLB, OBJ, STL, PLY or OFF.")],
     params: Annotated[
@@ -97,10 +99,7 @@ def create_watermark(
                 parameters.model_dump(mode="json"),
                 {kind: Content(item.sha256, item.size) for kind, item in staged.items()},
             )
-    try:
-        queue.send(state.queue, job.id)
-    except (KombuError, OSError):
-        log.exception("the broker does not answer; the job waits for the sweeper", job=job.id)
+    background.add_task(_announce, state.queue, job.id)  # a broker that does not answer delays no client
     view = _view(request, job)
     response.headers["Location"] = view.links.self
     return view
@@ -146,6 +145,13 @@ def read_report(request: Request, state: State, job_id: str) -> Response:
 def read_preview(request: Request, state: State, job_id: str) -> Response:
     """Pictures of the watermarked asset from eight sides, as one PNG."""
     return _deliver(request, state, job_id, ArtifactKind.PREVIEW)
+
+
+def _announce(broker: Celery, job_id: str) -> None:
+    try:
+        queue.send(broker, job_id)
+    except (KombuError, OSError) as error:
+        log.error("the broker does not answer; a worker's sweeper will find the job", job=job_id, error=str(error))
 
 
 def _job(state: AppState, job_id: str) -> Job:

@@ -1,0 +1,121 @@
+"""Real processes for the tests of the service: API, worker, Redis, each on a free port and in a folder of its own."""
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from tests.worker.engines import asset
+
+EMBEDDED = (
+    "import os, sys\n"
+    "from service.__main__ import serve\n"
+    "from service.config import Settings\n"
+    "serve(Settings(), [sys.executable, '-m', 'tests.worker.apps', str(os.getpid())])"
+)
+EMBEDDED_COMMAND = [sys.executable, "-c", EMBEDDED]
+API_COMMAND = [sys.executable, "-m", "service", "api"]
+WORKER_COMMAND = [sys.executable, "-m", "celery", "-A", "tests.worker.apps", "worker"]
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def wait_until(condition: Callable[[], object], seconds: float = 20) -> None:
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, "it did not happen in time"
+        time.sleep(0.05)
+
+
+@contextmanager
+def running(command: list[str], environment: dict[str, str]) -> Iterator["subprocess.Popen[bytes]"]:
+    """A process that is asked to end afterwards, and must."""
+    process = subprocess.Popen(command, env=os.environ | environment, start_new_session=True)
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGTERM)
+        try:
+            process.wait(15)
+        finally:
+            process.kill()
+
+
+@contextmanager
+def redis_server(folder: Path, port: int | None = None) -> Iterator[str]:
+    """The URL of a Redis of its own."""
+    program = shutil.which("redis-server")
+    if program is None:
+        pytest.fail("redis-server is not installed: apt-get install redis-server", pytrace=False)
+    port = port or free_port()
+    command = [program, "--port", str(port), "--bind", "127.0.0.1", "--dir", os.fspath(folder), "--save", ""]
+    with running([*command, "--loglevel", "warning"], {}):
+
+        def listens() -> bool:
+            with socket.socket() as probe:
+                return probe.connect_ex(("127.0.0.1", port)) == 0
+
+        wait_until(listens)
+        yield f"redis://127.0.0.1:{port}/0"
+
+
+class Service:
+    """A client of a running service, and the environment its processes share."""
+
+    def __init__(self, folder: Path, **settings: str) -> None:
+        port = free_port()
+        values = {"port": str(port), "data_dir": os.fspath(folder / "data"), "lease_seconds": "1.5", **settings}
+        self.environment = {f"MESHMARK_{name.upper()}": value for name, value in values.items()}
+        self.url = f"http://127.0.0.1:{port}"
+
+    @contextmanager
+    def running(self, *commands: list[str]) -> Iterator["list[subprocess.Popen[bytes]]"]:
+        """Start the processes and wait until the API answers."""
+        with ExitStack() as stack:
+            processes = [stack.enter_context(running(command, self.environment)) for command in commands]
+            self.client = stack.enter_context(httpx.Client(base_url=self.url, timeout=20))
+            wait_until(self.is_up)
+            yield processes
+
+    def is_up(self) -> bool:
+        try:
+            return self.client.get("/healthz").status_code == 200
+        except httpx.TransportError:
+            return False
+
+    def submit(self, content: bytes | None = None, params: str = '{"text": "HI"}', **files: Any) -> httpx.Response:
+        parts = {"file": ("asset.obj", asset() if content is None else content), **files}
+        return self.client.post("/v1/watermarks", files=parts, data={"params": params})
+
+    def start_job(self, do: str = "work", **details: Any) -> str:
+        """The URL of a job whose engine does what it is told."""
+        response = self.submit(asset(do, **details))
+        assert response.status_code == 202, response.text
+        return response.headers["Location"]
+
+    def job(self, url: str) -> dict[str, Any]:
+        response = self.client.get(url)
+        assert response.status_code == 200, response.text
+        return dict(response.json())
+
+    def wait_for(self, url: str, state: str, seconds: float = 30) -> dict[str, Any]:
+        ended = {"succeeded", "failed", "canceled", "expired"}
+        wait_until(lambda: self.job(url)["state"] in ended | {state}, seconds)
+        job = self.job(url)
+        assert job["state"] == state, job
+        return job

@@ -1,0 +1,110 @@
+"""`python -m service`: API and worker together, with nothing beside them."""
+
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+
+from tests.service.harness import EMBEDDED_COMMAND, Service, wait_until
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    service = Service(tmp_path_factory.mktemp("embedded"), worker_concurrency="2", job_time_limit="20")
+    with service.running(EMBEDDED_COMMAND):
+        yield service
+
+
+def test_an_asset_goes_in_and_model_report_and_preview_come_out(service: Service) -> None:
+    url = service.start_job()
+    job = service.wait_for(url, "succeeded")
+    assert (job["progress"], job["stage"], job["attempts"], job["error"]) == (1, None, 1, None)
+    assert service.client.get(job["links"]["model"]).content == b"glTF of HI"
+    assert service.client.get(job["links"]["report"]).json() == {"text": "HI", "font": False}
+    assert service.client.get(job["links"]["preview"]).content == b"\x89PNG"
+
+
+def test_the_model_can_be_fetched_while_the_metrics_are_still_computed(service: Service, tmp_path: Path) -> None:
+    go = tmp_path / "go"
+    url = service.start_job(wait_for_before_the_report=os.fspath(go))
+    wait_until(lambda: service.job(url)["stage"] == "evaluating")
+    job = service.job(url)
+    assert job["state"] == "running"
+    assert job["links"]["model"]
+    assert job["links"]["report"] is None
+    assert service.client.get(f"{url}/model").content == b"glTF of HI"
+    assert service.client.get(f"{url}/report").json()["code"] == "not_ready"
+    go.touch()
+    service.wait_for(url, "succeeded")
+
+
+def test_a_crash_of_the_engine_ends_that_job_and_nothing_else(service: Service) -> None:
+    broken, sound = service.start_job("segfault"), service.start_job()
+    error = service.wait_for(broken, "failed")["error"]
+    assert error["code"] == "engine_crashed"
+    assert error["remedy"]
+    assert service.client.get(f"{broken}/model").json()["code"] == "job_failed"
+    service.wait_for(sound, "succeeded")
+
+
+def test_a_running_job_that_is_deleted_is_stopped_and_leaves_no_file(service: Service, tmp_path: Path) -> None:
+    pid_file = tmp_path / "pid"
+    url = service.start_job("hang", pid_file=os.fspath(pid_file))
+    wait_until(lambda: pid_file.exists() and pid_file.read_text())
+    digest = service.job(url)["input"]["sha256"]
+    stored = Path(service.environment["MESHMARK_DATA_DIR"]) / "artifacts" / digest[:2] / digest
+    assert stored.exists()
+    assert service.client.delete(url).status_code == 204
+    assert service.job(url)["state"] == "canceled"
+    assert service.client.get(f"{url}/model").json()["code"] == "job_canceled"
+    assert not stored.exists()
+    wait_until(lambda: not psutil.pid_exists(int(pid_file.read_text())))
+    assert service.client.delete(url).status_code == 204
+
+
+def test_a_job_survives_the_death_of_its_worker(service: Service, tmp_path: Path) -> None:
+    url = service.start_job("kill_parent", once=os.fspath(tmp_path / "killed"))
+    assert service.wait_for(url, "succeeded")["attempts"] == 2
+
+
+def test_a_job_whose_workers_keep_dying_fails_as_worker_lost(service: Service) -> None:
+    job = service.wait_for(service.start_job("kill_parent"), "failed")
+    assert (job["error"]["code"], job["attempts"]) == ("worker_lost", 2)
+
+
+def test_stopping_ends_api_worker_and_engine_and_the_job_goes_on_at_the_next_start(tmp_path: Path) -> None:
+    service, go = Service(tmp_path), tmp_path / "go"
+    with service.running(EMBEDDED_COMMAND) as [process]:
+        url = service.start_job(wait_for=os.fspath(go))
+        wait_until(lambda: service.job(url)["stage"] == "placing")
+        family = psutil.Process(process.pid).children(recursive=True)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(10) == 0
+    assert len(family) == 2  # the worker and the engine's process
+    assert not [member for member in family if member.is_running()]
+    go.touch()
+    with service.running(EMBEDDED_COMMAND):
+        assert service.wait_for(url, "succeeded")["attempts"] == 1
+
+
+def test_the_worker_ends_with_a_service_that_is_killed(tmp_path: Path) -> None:
+    service = Service(tmp_path)
+    with service.running(EMBEDDED_COMMAND) as [process]:
+        url = service.start_job("hang")
+        wait_until(lambda: service.job(url)["stage"] == "placing")
+        family = psutil.Process(process.pid).children(recursive=True)
+        process.kill()
+        process.wait()
+        wait_until(lambda: not [member for member in family if member.is_running()])
+
+
+def test_one_command_starts_the_real_thing(tmp_path: Path) -> None:
+    service = Service(tmp_path)
+    with service.running([sys.executable, "-m", "service"]) as [process]:
+        wait_until(lambda: psutil.Process(process.pid).children())
+        process.send_signal(signal.SIGINT)
+        assert process.wait(10) == 0

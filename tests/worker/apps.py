@@ -1,0 +1,12 @@
+"""A worker with the engine of these tests: `celery -A tests.worker.apps worker` or `python -m tests.worker.apps PID`."""
+
+import sys
+
+from service.config import Settings
+from worker.__main__ import main
+from worker.factory import create_worker
+
+app = create_worker(Settings(), engine="tests.worker.engines:directed")
+
+if __name__ == "__main__":
+    main(app, int(sys.argv[1]))

@@ -1,0 +1,151 @@
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+from core.errors import ErrorCode, MeshmarkError
+from service.jobs.models import ArtifactKind
+from tests.worker.engines import asset
+from worker.runner import Limits, Progress, Published, Work, run_engine
+
+GENEROUS = Limits(seconds=60, memory=2**32)
+
+
+def order(folder: Path, do: str = "work", **details: Any) -> Work:
+    source = folder / "asset.obj"
+    source.write_bytes(asset(do, **details))
+    scratch = folder / "scratch"
+    scratch.mkdir()
+    return Work("tests.worker.engines:directed", source, None, {"text": "HI"}, scratch)
+
+
+def failure(work: Work, limits: Limits = GENEROUS) -> MeshmarkError:
+    with pytest.raises(MeshmarkError) as caught:
+        for _ in run_engine(work, limits):
+            pass
+    return caught.value
+
+
+def wait_until(condition: Callable[[], object], seconds: float = 10) -> None:
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, "it did not happen in time"
+        time.sleep(0.02)
+
+
+def gone(pid: int) -> bool:
+    try:
+        return bool(psutil.Process(pid).status() == psutil.STATUS_ZOMBIE)
+    except psutil.NoSuchProcess:
+        return True
+
+
+def pid_in(path: Path) -> int:
+    wait_until(lambda: path.exists() and path.read_text())
+    return int(path.read_text())
+
+
+def test_stages_and_artifacts_arrive_in_order(tmp_path: Path) -> None:
+    events = [event for event in run_engine(order(tmp_path), GENEROUS) if event]
+    assert [event.stage if isinstance(event, Progress) else event.kind for event in events] == [
+        "reading",
+        "placing",
+        ArtifactKind.MODEL,
+        "evaluating",
+        ArtifactKind.PREVIEW,
+        ArtifactKind.REPORT,
+    ]
+    files = {event.kind: event.path.read_bytes() for event in events if isinstance(event, Published)}
+    assert files[ArtifactKind.MODEL] == b"glTF of HI"
+    assert json.loads(files[ArtifactKind.REPORT]) == {"text": "HI", "font": False}
+
+
+def test_what_native_code_prints_is_not_taken_for_an_answer(tmp_path: Path) -> None:
+    events = list(run_engine(order(tmp_path, "chatter"), GENEROUS))
+    assert any(isinstance(event, Published) and event.kind == ArtifactKind.REPORT for event in events)
+
+
+def test_a_segfault_is_an_engine_crash_that_names_the_signal(tmp_path: Path) -> None:
+    error = failure(order(tmp_path, "segfault"))
+    assert error.code == ErrorCode.ENGINE_CRASHED
+    assert "SIGSEGV" in error.message
+
+
+def test_an_engine_that_leaves_without_an_answer_is_an_engine_crash(tmp_path: Path) -> None:
+    error = failure(order(tmp_path, "leave"))
+    assert error.code == ErrorCode.ENGINE_CRASHED
+    assert "exit code 3" in error.message
+
+
+def test_a_hang_in_native_code_ends_at_the_time_limit(tmp_path: Path) -> None:
+    began = time.monotonic()
+    assert failure(order(tmp_path, "hang"), Limits(seconds=1.5, memory=2**32)).code == ErrorCode.TIME_LIMIT
+    assert time.monotonic() - began < 4
+
+
+def test_eating_memory_ends_at_the_memory_limit(tmp_path: Path) -> None:
+    error = failure(order(tmp_path, "eat_memory"), Limits(seconds=60, memory=400 * 2**20))
+    assert error.code == ErrorCode.MEMORY_LIMIT
+    assert "400 MiB" in error.message
+
+
+def test_running_out_of_memory_inside_python_is_the_memory_limit_too(tmp_path: Path) -> None:
+    assert failure(order(tmp_path, "run_out_of_memory")).code == ErrorCode.MEMORY_LIMIT
+
+
+def test_a_refusal_of_the_engine_arrives_word_for_word(tmp_path: Path) -> None:
+    error = failure(order(tmp_path, "refuse"))
+    assert (error.code, error.message, error.remedy) == (
+        ErrorCode.NO_PLACEMENT,
+        "No place on this asset.",
+        "Ask for smaller letters.",
+    )
+
+
+def test_a_bug_in_the_engine_is_an_internal_error_without_its_details(tmp_path: Path) -> None:
+    error = failure(order(tmp_path, "stumble"))
+    assert error.code == ErrorCode.INTERNAL_ERROR
+    assert "secret" not in str(error)
+
+
+def test_the_engine_does_not_see_the_workers_secrets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MESHMARK_DATABASE_URL", "postgresql://user:password@host/db")
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret")
+    work = order(tmp_path, "tell_environment")
+    environment = json.loads(failure(work).message)
+    assert not [name for name in environment if name.startswith(("MESHMARK_", "AWS_"))]
+    assert environment["TMPDIR"] == os.fspath(work.folder)
+
+
+def test_closing_the_run_kills_the_child_and_what_it_started(tmp_path: Path) -> None:
+    pid_file = tmp_path / "pid"
+    run = run_engine(order(tmp_path, "spawn", pid_file=os.fspath(pid_file)), GENEROUS)
+    for _ in run:
+        if pid_file.exists() and pid_file.read_text():
+            break
+    run.close()
+    wait_until(lambda: gone(pid_in(pid_file)))
+
+
+def test_the_child_dies_with_a_worker_that_is_killed(tmp_path: Path) -> None:
+    pid_file = tmp_path / "pid"
+    work = order(tmp_path, "hang", pid_file=os.fspath(pid_file))
+    script = (
+        "import sys; from pathlib import Path; from worker.runner import *\n"
+        "source, folder = map(Path, sys.argv[1:])\n"
+        "work = Work('tests.worker.engines:directed', source, None, {'text': 'HI'}, folder)\n"
+        "list(run_engine(work, Limits(60, 2**32)))"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", script, work.input, work.folder])
+    child = pid_in(pid_file)
+    parent.send_signal(signal.SIGKILL)
+    parent.wait()
+    wait_until(lambda: gone(child))
