@@ -4,3 +4,5 @@ Knows no HTTP, no queue and no database. Every length is in the size-30 frame (t
 largest bounding-box side is 30 and centred at the origin, paper supplement "Implementation Details") unless a
 name says otherwise.
 """
+
+__version__ = "0.1.0"

@@ -1,6 +1,6 @@
 """The working surface: every triangle of an asset in one pair of arrays, in the size-30 frame."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -55,3 +55,8 @@ class Surface:
     def to_world(self, points: Float) -> Float:
         """(N, 3) size-30 points as world points."""
         return np.asarray(points / self.scale + self.offset)
+
+    def in_frame_of(self, other: "Surface") -> "Surface":
+        """This surface in the size-30 frame of ``other``: a watermarked asset is measured in its original's frame."""
+        positions = (self.to_world(self.positions) - other.offset) * other.scale
+        return replace(self, positions=positions, scale=other.scale, offset=other.offset)

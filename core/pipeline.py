@@ -1,0 +1,221 @@
+"""The one way of an asset through the engine, readable from top to bottom."""
+
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.asset.flatten import Scene, flatten
+from core.asset.formats import to_document
+from core.asset.gate import admit
+from core.asset.gltf import Document
+from core.asset.sniff import Format
+from core.asset.write import write
+from core.embossing.emboss import Mark, emboss
+from core.embossing.mesh import WorkingMesh
+from core.embossing.stamp import stamp
+from core.errors import ErrorCode, MeshmarkError
+from core.lettering.outline import Lettering, lettering
+from core.parameters import Evaluate, Mode, Parameters
+from core.placement.place import place
+from core.placement.selection import Placement, select
+from core.rendering.preview import contact_sheet
+from core.report import Warnings, build_report
+from core.spatial import SpatialIndex
+
+Progress = Callable[[str, float], None]
+Publish = Callable[[str, bytes], None]
+
+
+@dataclass
+class Job:
+    """What the stages hand on; each field is set by the one stage named after it."""
+
+    data: bytes
+    parameters: Parameters
+    font: bytes | None
+    preview_wanted: bool
+    report_progress: Callable[[float], None]
+    publish: Publish
+    timings: dict[str, float] = field(default_factory=dict)
+    warnings: Warnings = field(default_factory=list)
+    # read
+    format: Format = field(init=False)
+    scene: Scene = field(init=False)
+    index: SpatialIndex = field(init=False)
+    # letter
+    lettering: Lettering = field(init=False)
+    # place
+    placement: Placement = field(init=False)
+    # emboss
+    mesh: WorkingMesh = field(init=False)
+    marks: dict[int, Mark] = field(init=False)  # by the number of the box in `placement`
+    refusals: Counter[str] = field(init=False)
+    # write
+    model: bytes = field(init=False)
+    # evaluate
+    report: dict[str, Any] = field(init=False)
+    # preview
+    preview: bytes | None = None
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a watermarking run gives back.
+
+    Attributes:
+        model: the watermarked GLB.
+        report: ``meshmark.report/1`` (README, "The report").
+        preview: a PNG contact sheet; None where none was asked for, or where none could be rendered (then the
+            report's ``warnings`` say why).
+    """
+
+    model: bytes
+    report: dict[str, Any]
+    preview: bytes | None
+
+
+def _read(job: Job) -> None:
+    job.format = admit(job.data)
+    job.scene = flatten(to_document(job.data, job.format))
+    job.index = SpatialIndex(job.scene.surface.positions, job.scene.surface.faces)
+
+
+def _letter(job: Job) -> None:
+    job.lettering = lettering(job.parameters.text, job.font)
+
+
+def _place(job: Job) -> None:
+    rng = np.random.default_rng(job.parameters.seed)
+    job.placement = place(job.scene.surface, job.index, job.lettering.aspect, job.parameters, rng, job.report_progress)
+
+
+def _emboss(job: Job) -> None:
+    """Embosses the selected boxes; where one is refused, selects again among those not tried yet."""
+    assert job.parameters.relief is not None
+    assert job.parameters.count is not None
+    relief = job.parameters.relief * (1 if job.parameters.mode is Mode.EMBOSS else -1)
+    job.mesh = WorkingMesh(job.scene.surface, _editable(job.scene))
+    job.marks, job.refusals = {}, Counter()
+    letters = stamp(job.lettering)
+    dead: set[int] = set()
+    while True:
+        chosen = select(job.placement, job.parameters.count, fixed=list(job.marks), dead=dead)
+        fresh = [box for box in chosen if box not in job.marks]
+        if not fresh:
+            break
+        for box in fresh:
+            outcome = emboss(job.mesh, job.placement.boxes[np.array([box])], letters, relief, job.index)
+            if isinstance(outcome, Mark):
+                job.marks[box] = outcome
+            else:
+                job.refusals[outcome.value] += 1
+                dead.add(box)
+            job.report_progress(len(job.marks) / job.parameters.count)
+    if not job.marks:
+        reasons = ", ".join(f"{count} {reason}" for reason, count in job.refusals.most_common())
+        raise MeshmarkError(
+            ErrorCode.NO_PLACEMENT,
+            f"The text could not be cut whole into any of the {sum(job.refusals.values())} places found ({reasons}).",
+            "Ask for a smaller `size` or `relief`, or use a shorter text.",
+        )
+
+
+def _editable(scene: Scene) -> NDArray[np.bool_]:
+    invertible = np.array([primitive.invertible for primitive in scene.primitives])
+    return np.asarray(invertible[scene.surface.face_primitive])
+
+
+def _write(job: Job) -> None:
+    job.model = write(job.scene, job.mesh.edit(), job.parameters.color)
+    job.publish("model", job.model)
+
+
+def _evaluate(job: Job) -> None:
+    written = None
+    if job.parameters.evaluate is not Evaluate.NONE:
+        # Measured on the file as it was written, rounding included.
+        written = flatten(Document.from_glb(job.model)).surface.in_frame_of(job.scene.surface)
+    job.report = build_report(
+        data=job.data,
+        file_format=job.format,
+        parameters=job.parameters,
+        surface=job.scene.surface,
+        index=job.index,
+        model=job.model,
+        written=written,
+        placement=job.placement,
+        marks=job.marks,
+        refusals=job.refusals,
+        timings=job.timings,
+        warnings=job.warnings,
+    )
+
+
+def _preview(job: Job) -> None:
+    if not job.preview_wanted:
+        return
+    try:
+        job.preview = contact_sheet(job.model)
+    except MeshmarkError as error:
+        # The asset is marked and measured; a machine that cannot render still delivers it, and says so.
+        job.warnings.append({"code": error.code, "message": error.message, "remedy": error.remedy})
+        return
+    job.publish("preview", job.preview)
+
+
+# Name, the stage, and its share of the progress bar.
+STAGES: list[tuple[str, Callable[[Job], None], float]] = [
+    ("reading", _read, 0.1),
+    ("lettering", _letter, 0.02),
+    ("placing", _place, 0.38),
+    ("embossing", _emboss, 0.25),
+    ("writing", _write, 0.05),
+    ("evaluating", _evaluate, 0.1),
+    ("previewing", _preview, 0.1),
+]
+
+
+def watermark(
+    data: bytes,
+    parameters: Parameters,
+    *,
+    font: bytes | None = None,
+    preview: bool = True,
+    progress: Progress | None = None,
+    publish: Publish | None = None,
+) -> Result:
+    """Embosses a watermark into a mesh file.
+
+    Args:
+        data: a GLB, OBJ, STL, PLY or OFF file; the content decides, not a name.
+        parameters: what is asked for.
+        font: a TrueType or OpenType file; None for the bundled one.
+        preview: whether to render a contact sheet.
+        progress: called with the stage's name and the share done of the whole run, 0 to 1.
+        publish: called with "model" and "preview" and their bytes as soon as each exists, before the run ends.
+
+    Returns:
+        The GLB, the report and the preview. The same arguments on the same device give the same GLB bytes.
+
+    Raises:
+        MeshmarkError: for everything that keeps the asset from being watermarked; nothing was published then.
+    """
+    done = 0.0
+
+    def report_progress(share: float) -> None:
+        if progress is not None:
+            progress(name, done + weight * min(share, 1.0))
+
+    job = Job(data, parameters.resolved(), font, preview, report_progress, publish or (lambda _name, _bytes: None))
+    for name, stage, weight in STAGES:
+        report_progress(0.0)
+        start = time.perf_counter()
+        stage(job)
+        job.timings[name] = round(time.perf_counter() - start, 4)
+        done += weight
+    return Result(job.model, job.report, job.preview)

@@ -1,0 +1,252 @@
+"""What a customer may count on after a watermark went in, and what happens where it cannot."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from core.asset.edit import Kind
+from core.asset.surface import Surface
+from core.embossing import emboss as module
+from core.embossing.arrange import arrange
+from core.embossing.emboss import Mark
+from core.embossing.refusal import Refusal
+from core.embossing.split import split
+from core.embossing.stamp import stamp
+from core.lettering.outline import lettering
+from tests.core.embossing.bench import LETTERS, TEXT, Bench, box_at
+from tests.core.shapes import box, edge_counts, grid, moved, sphere, surface, together
+
+ON_SPHERE = box_at(center=(0.0, 0.0, 10.0), thickness=0.6)
+
+
+def test_a_closed_asset_stays_closed() -> None:
+    bench = Bench(sphere(10.0))
+    assert isinstance(bench.emboss(ON_SPHERE), Mark)
+    assert edge_counts(bench.faces()) == (0, 0)
+
+
+def test_an_open_sheet_keeps_its_open_edges_and_gains_none() -> None:
+    bench = Bench(grid(10.0, 4.0, 20, 8))
+    assert isinstance(bench.emboss(box_at()), Mark)
+    assert edge_counts(bench.faces()) == edge_counts(bench.surface.weld[bench.surface.faces])
+
+
+def test_twelve_triangles_are_enough() -> None:
+    bench = Bench(box(10.0, 10.0, 10.0))
+    assert isinstance(bench.emboss(box_at(center=(0.0, 0.0, 5.0))), Mark)
+    assert edge_counts(bench.faces()) == (0, 0)
+
+
+def test_all_letters_stand_at_exactly_the_relief() -> None:
+    bench = Bench(sphere(10.0))
+    bench.emboss(ON_SPHERE, relief=0.2)
+    edit = bench.edit()
+    tops = edit.position[edit.kind == Kind.CAP].reshape(-1, 3)
+    distance, _, _ = bench.index.closest(tops)
+    assert np.allclose(distance, 0.2, atol=1e-9)
+    assert np.all(np.linalg.norm(tops, axis=1) > 10.0)
+
+
+def test_sunken_letters_lie_exactly_the_relief_below() -> None:
+    bench = Bench(sphere(10.0))
+    assert isinstance(bench.emboss(ON_SPHERE, relief=-0.2), Mark)
+    edit = bench.edit()
+    tops = edit.position[edit.kind == Kind.CAP].reshape(-1, 3)
+    distance, _, _ = bench.index.closest(tops)
+    assert np.allclose(distance, 0.2, atol=1e-9)
+    assert np.all(np.linalg.norm(tops, axis=1) < 10.0)
+    assert edge_counts(bench.faces()) == (0, 0)
+
+
+def test_no_letter_is_lost() -> None:
+    bench = Bench(grid(10.0, 4.0, 50, 20))
+    bench.emboss(box_at())
+    edit = bench.edit()
+    caps = edit.position[edit.kind == Kind.CAP]
+    area = np.linalg.norm(np.cross(caps[:, 1] - caps[:, 0], caps[:, 2] - caps[:, 0]), axis=1).sum() / 2
+    wanted = 4.0**2 * sum(island.area() for island in LETTERS.islands)
+    assert area == pytest.approx(wanted, rel=1e-6)
+
+
+def test_untouched_faces_are_kept_and_only_faces_under_the_text_go() -> None:
+    bench = Bench(grid(30.0, 30.0, 60, 60))
+    bench.emboss(box_at())
+    gone = bench.surface.positions[bench.surface.faces[~bench.edit().keep]]
+    assert len(gone) > 0
+    assert np.all(np.abs(gone[..., 0]) <= 2.0 + 0.6)
+    assert np.all(np.abs(gone[..., 1]) <= 2.0 * TEXT.aspect + 0.6)
+
+
+def test_the_sheet_around_the_letters_still_covers_the_same_area() -> None:
+    bench = Bench(grid(10.0, 4.0, 20, 8))
+    bench.emboss(box_at())
+    edit = bench.edit()
+    flat = edit.position[edit.kind != Kind.WALL][..., :2]
+    u, v = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
+    kept = bench.surface.areas[edit.keep].sum()
+    assert kept + np.sum(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / 2 == pytest.approx(40.0, rel=1e-9)
+
+
+def test_walls_of_raised_letters_face_away_from_the_letters() -> None:
+    bench = Bench(grid(10.0, 4.0, 20, 8))
+    bench.emboss(box_at(), relief=0.2)
+    edit = bench.edit()
+    # A closed-off volume: letters on their foot print. The divergence theorem gives its size.
+    parts = edit.position[edit.kind != Kind.SURFACE]
+    volume = np.einsum("fi,fi->f", parts[:, 0], np.cross(parts[:, 1], parts[:, 2])).sum() / 6
+    letters = 4.0**2 * sum(island.area() for island in LETTERS.islands)
+    assert volume == pytest.approx(0.2 * letters, rel=1e-6)
+
+
+def test_a_text_over_the_edge_of_the_sheet_is_refused_and_changes_nothing() -> None:
+    bench = Bench(grid(10.0, 4.0, 20, 8))
+    assert bench.emboss(box_at(center=(4.0, 0.0, 0.0))) is Refusal.NOT_WHOLE
+    assert bench.edit().keep.all()
+    assert len(bench.edit().vertex) == 0
+
+
+def test_a_text_across_a_hole_is_refused() -> None:
+    sheet = grid(10.0, 4.0, 40, 16)
+    center = sheet.positions[sheet.faces].mean(axis=1)
+    in_w = np.linalg.norm(center[:, :2] - [-1.8, 0.0], axis=1) < 0.2
+    bench = Bench(surface(sheet.positions, sheet.faces[~in_w]))
+    assert bench.emboss(box_at()) is Refusal.NOT_WHOLE
+
+
+def test_a_text_over_the_edge_of_a_box_is_refused() -> None:
+    assert Bench(box(10.0, 10.0, 10.0)).emboss(box_at(center=(4.0, 0.0, 5.0))) is Refusal.NOT_WHOLE
+
+
+def test_an_edge_with_three_faces_under_the_text_is_refused_and_beside_it_is_fine() -> None:
+    sheet = grid(10.0, 4.0, 20, 8)
+    fin = np.array([[0.0, -2.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, -3.0]])
+    middle = np.flatnonzero(np.abs(sheet.positions[:, 0]) < 1e-9)
+    along = middle[np.argsort(sheet.positions[middle, 1])]
+    faces = np.array([[a, b, len(sheet.positions) + 2] for a, b in pairwise(along.tolist())])
+    bench = Bench(surface(np.concatenate([sheet.positions, fin]), np.concatenate([sheet.faces, faces])))
+    before = edge_counts(bench.surface.weld[bench.surface.faces])
+    assert before[1] == 8
+    assert bench.emboss(box_at()) is Refusal.NOT_WHOLE
+    assert isinstance(bench.emboss(box_at(center=(2.6, 0.0, 0.0), width=3.0)), Mark)
+    assert edge_counts(bench.faces()) == before
+
+
+def test_letters_may_stand_on_several_parts_when_none_is_cut() -> None:
+    text = lettering("i i")
+    letters = stamp(text)
+    left, right = moved(grid(2.0, 4.0, 4, 8), -1.005, 0.0, 0.0), moved(grid(2.0, 4.0, 4, 8), 1.005, 0.0, 0.0)
+    bench = Bench(together(left, right))
+    place = box_at(width=1.0, aspect=text.aspect)
+    assert isinstance(bench.emboss(place, letters=letters), Mark)
+    assert edge_counts(bench.faces()) == edge_counts(bench.surface.weld[bench.surface.faces])
+
+
+def test_another_surface_right_above_the_letters_is_refused() -> None:
+    lid = moved(grid(10.0, 4.0, 20, 8), 0.0, 0.0, 0.1)
+    bench = Bench(together(grid(10.0, 4.0, 20, 8), lid))
+    below = box_at(thickness=0.1)
+    assert bench.emboss(below) is Refusal.SECOND_LAYER
+    assert isinstance(bench.emboss(box_at(center=(0.0, 0.0, 0.1))), Mark)
+
+
+def test_of_two_layers_in_the_box_the_upper_one_gets_the_text() -> None:
+    lid = moved(grid(10.0, 4.0, 20, 8), 0.0, 0.0, 0.2)
+    bench = Bench(together(grid(10.0, 4.0, 20, 8), lid))
+    assert isinstance(bench.emboss(box_at(thickness=0.6)), Mark)
+    edit = bench.edit()
+    assert np.all(edit.source_face >= len(bench.surface.faces) // 2)
+
+
+def test_sunken_letters_do_not_come_through_a_thin_plate() -> None:
+    plate = Bench(box(10.0, 4.0, 0.2))
+    top = box_at(center=(0.0, 0.0, 0.1), thickness=0.1)
+    assert plate.emboss(top, relief=-0.25) is Refusal.THIN_WALL
+    assert isinstance(plate.emboss(top, relief=-0.1), Mark)
+
+
+def test_two_watermarks_on_one_face_both_stand() -> None:
+    bench = Bench(box(10.0, 10.0, 10.0))
+    assert isinstance(bench.emboss(box_at(center=(0.0, 2.0, 5.0))), Mark)
+    assert isinstance(bench.emboss(box_at(center=(0.0, -2.0, 5.0))), Mark)
+    assert edge_counts(bench.faces()) == (0, 0)
+
+
+def test_a_watermark_never_goes_on_top_of_another() -> None:
+    bench = Bench(box(10.0, 10.0, 10.0))
+    assert isinstance(bench.emboss(box_at(center=(0.0, 0.0, 5.0))), Mark)
+    assert bench.emboss(box_at(center=(0.0, 0.0, 5.0))) is Refusal.NOT_WHOLE
+
+
+def test_outlines_that_coincide_with_edges_of_the_mesh_are_cut_all_the_same() -> None:
+    # The foot of the letters lies exactly on a row of edges.
+    text = lettering("HILT")
+    sheet = grid(8.0, 8.0, 8, 8)
+    bench = Bench(sheet)
+    place = box_at(center=(0.0, 2.0 * text.aspect, 0.0), width=4.0, aspect=text.aspect)
+    assert isinstance(bench.emboss(place, letters=stamp(text)), Mark)
+    assert edge_counts(bench.faces()) == edge_counts(sheet.weld[sheet.faces])
+
+
+@pytest.mark.parametrize("cut", [split, arrange])
+def test_either_way_of_cutting_gives_the_same_letters(cut: module.Cut, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "CUTS", (("only", cut),))
+    bench = Bench(sphere(10.0))
+    assert isinstance(bench.emboss(ON_SPHERE), Mark)
+    edit = bench.edit()
+    caps = edit.position[edit.kind == Kind.CAP]
+    area = np.linalg.norm(np.cross(caps[:, 1] - caps[:, 0], caps[:, 2] - caps[:, 0]), axis=1).sum() / 2
+    flat = 16.0 * sum(island.area() for island in LETTERS.islands)
+    assert area == pytest.approx(flat * (10.2 / 10) ** 2, rel=0.02)
+    assert edge_counts(bench.faces()) == (0, 0)
+
+
+def test_the_arrangement_steps_in_where_the_split_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "CUTS", (("split", lambda *_: None), module.CUTS[1]))
+    bench = Bench(sphere(10.0))
+    outcome = bench.emboss(ON_SPHERE)
+    assert isinstance(outcome, Mark)
+    assert outcome.cut == "arrangement"
+
+
+def test_where_no_cut_succeeds_the_mesh_is_untouched(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "CUTS", (("split", lambda *_: None),))
+    bench = Bench(sphere(10.0))
+    assert bench.emboss(ON_SPHERE) is Refusal.CUT_FAILED
+    assert bench.edit().keep.all()
+
+
+def _bumpy(seed: int, columns: int, rows: int, height: float) -> Surface:
+    sheet = grid(10.0, 4.0, columns, rows)
+    noise = np.random.default_rng(seed).uniform(-1, 1, len(sheet.positions)) * height
+    inner = (np.abs(sheet.positions[:, 0]) < 4.99) & (np.abs(sheet.positions[:, 1]) < 1.99)
+    return surface(sheet.positions + np.column_stack([0 * noise, 0 * noise, noise * inner]), sheet.faces)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 10**6),
+    columns=st.integers(1, 60),
+    rows=st.integers(1, 30),
+    height=st.sampled_from([0.0, 0.005, 0.02]),
+    x=st.floats(-2.5, 2.5),
+    y=st.floats(-1.5, 1.5),
+    turn=st.sampled_from([0.0, np.pi / 2, np.pi / 4, 1.0]),
+    relief=st.sampled_from([0.05, 0.2, -0.2]),
+)
+def test_whatever_the_ground_a_watermark_is_whole_and_the_surface_stays_shut_or_nothing_happens(
+    seed: int, columns: int, rows: int, height: float, x: float, y: float, turn: float, relief: float
+) -> None:
+    bench = Bench(_bumpy(seed, columns, rows, height))
+    before = edge_counts(bench.surface.weld[bench.surface.faces])
+    place = box_at(center=(x, y, 0.0), right=(float(np.cos(turn)), float(np.sin(turn)), 0.0), width=2.5)
+    outcome = bench.emboss(place, relief=relief)
+    assert edge_counts(bench.faces()) == before
+    if isinstance(outcome, Mark):
+        edit = bench.edit()
+        caps = edit.position[edit.kind == Kind.CAP].reshape(-1, 3)
+        assert np.allclose(bench.index.closest(caps)[0], abs(relief), rtol=0.02)
+    else:
+        assert bench.edit().keep.all()

@@ -1,0 +1,47 @@
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from core.embossing.mesh import FaceGrid, barycentric
+from tests.core.embossing.bench import Bench, box_at
+from tests.core.shapes import grid
+
+
+@settings(deadline=None)
+@given(st.integers(0, 10**6), st.integers(1, 200), st.sampled_from([0.1, 0.9, 5.0]))
+def test_the_grid_finds_exactly_the_faces_that_meet_a_box(seed: int, count: int, size: float) -> None:
+    rng = np.random.default_rng(seed)
+    low = rng.uniform(-15, 15, (count, 3))
+    high = low + rng.uniform(0, size, (count, 3))
+    query_low = rng.uniform(-16, 16, 3)
+    query_high = query_low + rng.uniform(0, 8, 3)
+    wanted = np.flatnonzero(np.all((high >= query_low) & (low <= query_high), axis=1))
+    assert FaceGrid(low, high).overlapping(query_low, query_high).tolist() == wanted.tolist()
+
+
+def test_new_corners_remember_where_in_their_source_face_they_stand() -> None:
+    bench = Bench(grid(10.0, 4.0, 20, 8))
+    bench.emboss(box_at())
+    edit = bench.edit()
+    corners = bench.surface.positions[bench.surface.faces[edit.source_face]]
+    foot = np.einsum("mkc,mcj->mkj", edit.barycentric, corners)
+    assert np.allclose(foot[..., :2], edit.position[..., :2], atol=1e-9)
+    is_original = edit.original >= 0
+    assert is_original.any()
+    assert np.array_equal(bench.surface.positions[edit.original[is_original]], edit.position[is_original])
+
+
+def test_equal_ids_are_equal_points() -> None:
+    bench = Bench(grid(10.0, 4.0, 20, 8))
+    bench.emboss(box_at())
+    edit = bench.edit()
+    flat, positions = edit.vertex.ravel(), edit.position.reshape(-1, 3)
+    _, first, inverse = np.unique(flat, return_index=True, return_inverse=True)
+    assert np.array_equal(positions[first][inverse], positions)
+
+
+def test_barycentric_coordinates_stay_inside_the_triangle() -> None:
+    triangle = np.array([[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]])
+    outside = np.array([[[-1e-12, 0.5, 0.0], [2.0, 0.0, 0.0], [0.25, 0.25, 0.3]]])
+    result = barycentric(outside, triangle)[0]
+    assert np.allclose(result, np.array([[0.5, 0, 0.5], [0, 1, 0], [0.5, 0.25, 0.25]]))
