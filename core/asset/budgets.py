@@ -16,6 +16,7 @@ class Budgets:
         image_pixels: pixels of all textures together (the default is sixteen of 4096 x 4096).
         json_bytes: of the JSON chunk of a GLB.
         json_values: JSON arrays and objects in that chunk; an empty one costs 20 times its text in memory.
+        polygon_corners: corners of one polygon; cutting a concave one into triangles takes time with their square.
         materials: material groups of an OBJ, each of which becomes a primitive.
     """
 
@@ -25,6 +26,7 @@ class Budgets:
     image_pixels: int = 2**28
     json_bytes: int = 32 * 2**20
     json_values: int = 1_000_000
+    polygon_corners: int = 10_000
     materials: int = 4096
 
 

@@ -2,14 +2,15 @@
 
 import base64
 import binascii
-import math
 import re
+import sys
 from typing import Any
 
 import numpy as np
 
 from core.asset.budgets import Budgets, within
 from core.asset.gltf import COMPONENT_TYPES, COMPRESSED_VIEWS, ELEMENT_TYPES, Document, malformed, unsupported_extension
+from core.asset.hierarchy import scene_nodes
 from core.asset.images import image_size
 from core.asset.refusals import no_faces, truncated
 from core.errors import ErrorCode, MeshmarkError
@@ -17,12 +18,17 @@ from core.errors import ErrorCode, MeshmarkError
 Json = dict[str, Any]
 
 MAX_JSON_DEPTH = 64
-TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN = 4, 5, 6
+TRIANGLES, TRIANGLE_FAN = 4, 6
 
 # Extensions that change nothing about where the surface is, or that are read or carried as they are.
 UNDERSTOOD = re.compile(
     r"KHR_mesh_quantization|KHR_texture_(transform|basisu)|KHR_materials_\w+|KHR_lights_\w+|KHR_animation_pointer"
     r"|KHR_xmp\w*|KHR_node_\w+|EXT_texture_webp|EXT_mesh_gpu_instancing|EXT_lights_\w+|EXT_materials_\w+|MSFT_lod"
+)
+_LARGEST = sys.float_info.max
+_ARRAYS = (
+    *("accessors", "animations", "bufferViews", "buffers", "cameras", "images", "materials", "meshes", "nodes"),
+    *("samplers", "scenes", "skins", "textures"),
 )
 _NODE_NUMBERS = {"matrix": 16, "translation": 3, "rotation": 4, "scale": 3}
 
@@ -44,18 +50,20 @@ def check_glb(data: bytes, budgets: Budgets) -> None:
     if length < len(data):
         raise malformed(f"The GLB header declares {length:,} bytes, but the file has {len(data):,}.")
     json = document.json
-    for kind in ("scenes", "nodes", "meshes", "skins", "materials", "textures", "animations"):
-        entries(json, kind)
+    for kind in _ARRAYS:
+        values = json.get(kind, [])
+        if not isinstance(values, list) or not all(isinstance(value, dict) for value in values):
+            raise malformed(f"{kind} of the GLB is not an array of objects.")
     _check_version(json)
     _check_extensions(json)
-    sizes = _buffer_sizes(document)
-    _check_views(json, sizes)
+    buffers = _buffers(document)
+    _check_views(json)
     _check_accessors(json, budgets)
-    _check_images(document, budgets)
+    _check_images(json, buffers, budgets)
     _check_skins(json)
-    drawn = [_mesh_counts(json, number) for number in range(len(entries(json, "meshes")))]
+    drawn = [_mesh_counts(json, number) for number in range(len(_entries(json, "meshes")))]
     faces = vertices = 0
-    for mesh, draws in _draws(json):
+    for mesh, draws in _draws(document):
         faces += drawn[mesh][0] * draws
         vertices += drawn[mesh][1] * draws
     if faces == 0:
@@ -64,11 +72,9 @@ def check_glb(data: bytes, budgets: Budgets) -> None:
     within(vertices, budgets.vertices, "vertices")
 
 
-def entries(json: Json, kind: str) -> list[Json]:
-    """The objects of a top-level array, empty where it is missing."""
-    values = json.get(kind, [])
-    if not isinstance(values, list) or not all(isinstance(value, dict) for value in values):
-        raise malformed(f"{kind} of the GLB is not an array of objects.")
+def _entries(json: Json, kind: str) -> list[Json]:
+    """The objects of a top-level array, empty where it is missing; :func:`check_glb` has looked at each."""
+    values: list[Json] = json.get(kind, [])
     return values
 
 
@@ -80,16 +86,10 @@ def _integer(owner: Json, key: str, where: str, default: int | None = None, leas
 
 
 def _reference(value: Any, json: Json, kind: str, where: str) -> int:
-    count = len(entries_unchecked(json, kind))
+    count = len(_entries(json, kind))
     if type(value) is not int or not 0 <= value < count:
         raise malformed(f"{where} refers to {kind}[{_quote(value)}], but there are {count:,} {kind}.")
     return value
-
-
-def entries_unchecked(json: Json, kind: str) -> list[Json]:
-    """The same, once :func:`entries` has looked through it."""
-    values: list[Json] = json.get(kind, [])
-    return values
 
 
 def _mapping(owner: Json, key: str, where: str) -> Json:
@@ -106,6 +106,19 @@ def _references(owner: Json, key: str, json: Json, kind: str, where: str) -> lis
     return [_reference(value, json, kind, f"{where}.{key}") for value in values]
 
 
+def _numbers(owner: Json, key: str, where: str, count: int | None = None) -> None:
+    """Check that a property, where present, is an array of ``count`` (any number if ``None``) finite numbers."""
+    values = owner.get(key)
+    if key not in owner:
+        return
+    if not isinstance(values, list) or count not in (None, len(values)) or not all(map(_is_finite, values)):
+        raise malformed(f"{where}.{key} is {_quote(values)}, not an array of finite numbers of the right length.")
+
+
+def _is_finite(value: Any) -> bool:
+    return type(value) in (int, float) and abs(value) <= _LARGEST
+
+
 def _quote(value: Any) -> str:
     text = "missing" if value is None else str(value)
     return text if len(text) <= 40 else text[:40] + "..."
@@ -114,7 +127,7 @@ def _quote(value: Any) -> str:
 def _check_json_text(text: bytes, budgets: Budgets) -> None:
     """Bound what the JSON costs before it is parsed."""
     within(len(text), budgets.json_bytes, "bytes of JSON")
-    brackets = re.sub(rb'"(?:[^"\\]|\\.)*+"', b"", text, flags=re.DOTALL)
+    brackets = re.sub(rb'"[^"\\]*+(?:\\.[^"\\]*+)*+"', b"", text, flags=re.DOTALL)
     brackets = brackets.translate(None, bytes(set(range(256)) - set(b"[]{}")))
     steps = np.where(np.isin(np.frombuffer(brackets, np.uint8), tuple(b"[{")), 1, -1)
     within(int(np.count_nonzero(steps == 1)), budgets.json_values, "JSON arrays and objects")
@@ -150,23 +163,22 @@ def _check_extensions(json: Json) -> None:
         )
 
 
-def _buffer_sizes(document: Document) -> list[int]:
-    """Bytes of each buffer."""
-    sizes = []
-    for number, buffer in enumerate(entries(document.json, "buffers")):
+def _buffers(document: Document) -> list[bytes]:
+    """The bytes of each buffer, data URIs decoded once."""
+    buffers = []
+    for number, buffer in enumerate(_entries(document.json, "buffers")):
         where = f"buffers[{number}]"
         if "EXT_meshopt_compression" in _mapping(buffer, "extensions", where):
             raise unsupported_extension("EXT_meshopt_compression", where)
         declared = _integer(buffer, "byteLength", where, least=1)
-        present = len(document.buffer(number))
-        if declared > present:
-            raise truncated(f"{where} declares {declared:,} bytes, but the file holds {present:,} of them.")
-        sizes.append(declared)
-    return sizes
+        buffers.append(document.buffer(number))
+        if declared > len(buffers[-1]):
+            raise truncated(f"{where} declares {declared:,} bytes, but the file holds {len(buffers[-1]):,} of them.")
+    return buffers
 
 
-def _check_views(json: Json, buffer_sizes: list[int]) -> None:
-    for number, view in enumerate(entries(json, "bufferViews")):
+def _check_views(json: Json) -> None:
+    for number, view in enumerate(_entries(json, "bufferViews")):
         where = f"bufferViews[{number}]"
         extensions = _mapping(view, "extensions", where)
         for name in COMPRESSED_VIEWS:
@@ -174,15 +186,16 @@ def _check_views(json: Json, buffer_sizes: list[int]) -> None:
                 raise unsupported_extension(name, where)
         buffer = _reference(view.get("buffer"), json, "buffers", where)
         end = _integer(view, "byteOffset", where, 0) + _integer(view, "byteLength", where, least=1)
-        if end > buffer_sizes[buffer]:
-            raise malformed(f"{where} ends at byte {end:,} of buffers[{buffer}], which has {buffer_sizes[buffer]:,}.")
+        length = _entries(json, "buffers")[buffer]["byteLength"]
+        if end > length:
+            raise malformed(f"{where} ends at byte {end:,} of buffers[{buffer}], which has {length:,}.")
         if "byteStride" in view and not 4 <= _integer(view, "byteStride", where) <= 252:
             raise malformed(f"{where}.byteStride is {view['byteStride']}, not between 4 and 252.")
 
 
 def _check_accessors(json: Json, budgets: Budgets) -> None:
     total = 0
-    for number, accessor in enumerate(entries(json, "accessors")):
+    for number, accessor in enumerate(_entries(json, "accessors")):
         where = f"accessors[{number}]"
         component, element = accessor.get("componentType"), accessor.get("type")
         if type(component) is not int or component not in COMPONENT_TYPES:
@@ -211,7 +224,7 @@ def _element_bytes(component: int, element: str) -> int:
 
 
 def _check_fit(json: Json, part: Json, count: int, component: int, element: str, where: str) -> None:
-    view = entries_unchecked(json, "bufferViews")[_reference(part.get("bufferView"), json, "bufferViews", where)]
+    view = _entries(json, "bufferViews")[_reference(part.get("bufferView"), json, "bufferViews", where)]
     size = _element_bytes(component, element)
     stride = view.get("byteStride", size)
     needed = _integer(part, "byteOffset", where, 0) + (count - 1) * stride + size
@@ -238,11 +251,11 @@ def _check_sparse(json: Json, accessor: Json, count: int, component: int, elemen
     return replaced * (_element_bytes(component, element) + COMPONENT_TYPES[index_type].itemsize)
 
 
-def _check_images(document: Document, budgets: Budgets) -> None:
+def _check_images(json: Json, buffers: list[bytes], budgets: Budgets) -> None:
     pixels = 0
-    for number, image in enumerate(entries(document.json, "images")):
+    for number, image in enumerate(_entries(json, "images")):
         where = f"images[{number}]"
-        size = image_size(_image_bytes(document, image, where))
+        size = image_size(_image_bytes(json, buffers, image, where))
         if size is None:
             raise MeshmarkError(
                 ErrorCode.UNSUPPORTED_FEATURE,
@@ -253,12 +266,11 @@ def _check_images(document: Document, budgets: Budgets) -> None:
         within(pixels, budgets.image_pixels, f"texture pixels up to {where}, which has {size[0]:,} x {size[1]:,},")
 
 
-def _image_bytes(document: Document, image: Json, where: str) -> bytes:
+def _image_bytes(json: Json, buffers: list[bytes], image: Json, where: str) -> memoryview:
     if "bufferView" in image:
-        json = document.json
-        view = entries(json, "bufferViews")[_reference(image["bufferView"], json, "bufferViews", where)]
+        view = _entries(json, "bufferViews")[_reference(image["bufferView"], json, "bufferViews", where)]
         start = view.get("byteOffset", 0)
-        return document.buffer(view["buffer"])[start : start + view["byteLength"]]
+        return memoryview(buffers[view["buffer"]])[start : start + view["byteLength"]]
     uri = image.get("uri")
     if not isinstance(uri, str):
         raise malformed(f"{where} has neither a buffer view nor a URI.")
@@ -269,13 +281,13 @@ def _image_bytes(document: Document, image: Json, where: str) -> bytes:
             "Export the asset as one self-contained GLB with its textures embedded.",
         )
     try:
-        return base64.b64decode(uri.partition(",")[2])
+        return memoryview(base64.b64decode(uri.partition(",")[2]))
     except (ValueError, binascii.Error):
         raise malformed(f"The data URI of {where} cannot be decoded.") from None
 
 
 def _check_skins(json: Json) -> None:
-    for number, skin in enumerate(entries(json, "skins")):
+    for number, skin in enumerate(_entries(json, "skins")):
         where = f"skins[{number}]"
         _references(skin, "joints", json, "nodes", where)
         if "inverseBindMatrices" in skin:
@@ -283,108 +295,94 @@ def _check_skins(json: Json) -> None:
 
 
 def _mesh_counts(json: Json, number: int) -> tuple[int, int]:
-    """Triangles and vertices that drawing a mesh once takes."""
-    primitives = entries(json, "meshes")[number].get("primitives")
+    """Triangles and vertices that drawing a mesh once takes; primitives may share vertices."""
+    mesh, where = _entries(json, "meshes")[number], f"meshes[{number}]"
+    _numbers(mesh, "weights", where)
+    primitives = mesh.get("primitives")
     if not isinstance(primitives, list) or not all(isinstance(primitive, dict) for primitive in primitives):
-        raise malformed(f"meshes[{number}].primitives is not an array of objects.")
-    counts = [
-        _primitive_counts(json, primitive, f"meshes[{number}].primitives[{index}]")
-        for index, primitive in enumerate(primitives)
-    ]
-    return sum(triangles for triangles, _ in counts), sum(vertices for _, vertices in counts)
+        raise malformed(f"{where}.primitives is not an array of objects.")
+    triangles, vertices = 0, {}
+    for index, primitive in enumerate(primitives):
+        corners = _corner_count(json, primitive, f"{where}.primitives[{index}]")
+        mode, attributes = primitive.get("mode", TRIANGLES), primitive["attributes"]
+        if mode >= TRIANGLES and "POSITION" in attributes:
+            triangles += corners // 3 if mode == TRIANGLES else max(corners - 2, 0)
+            vertices[str(attributes)] = _entries(json, "accessors")[attributes["POSITION"]]["count"]
+    return triangles, sum(vertices.values())
 
 
-def _primitive_counts(json: Json, primitive: Json, where: str) -> tuple[int, int]:
-    accessors = entries_unchecked(json, "accessors")
-    mode = _integer(primitive, "mode", where, TRIANGLES)
-    if mode > TRIANGLE_FAN:
-        raise malformed(f"{where}.mode is {mode}, which glTF does not know.")
+def _corner_count(json: Json, primitive: Json, where: str) -> int:
+    """How many vertices a primitive draws, one after another; its references and types are checked."""
+    accessors = _entries(json, "accessors")
+    if _integer(primitive, "mode", where, TRIANGLES) > TRIANGLE_FAN:
+        raise malformed(f"{where}.mode is {primitive['mode']}, which glTF does not know.")
     if "material" in primitive:
         _reference(primitive["material"], json, "materials", where)
+    _mapping(primitive, "extensions", where)
     targets = primitive.get("targets", [])
     if not isinstance(targets, list) or not all(isinstance(target, dict) for target in targets):
         raise malformed(f"{where}.targets is not an array of objects.")
-    counts = {
-        name: accessors[_reference(accessor, json, "accessors", f"{where}, attribute {_quote(name)}")]["count"]
-        for attributes in (*targets, _mapping(primitive, "attributes", where))
-        for name, accessor in attributes.items()
-    }
-    if len(set(counts.values())) > 1:
-        raise malformed(
-            f"{where} has attributes of different lengths: {min(counts.values())} and {max(counts.values())}."
-        )
-    vertices = counts.get("POSITION", 0)
-    if vertices and accessors[primitive["attributes"].get("POSITION", 0)]["type"] != "VEC3":
-        raise malformed(f"The positions of {where} are not three-dimensional.")
-    corners = vertices
-    if "indices" in primitive:
-        indices = accessors[_reference(primitive["indices"], json, "accessors", f"{where}.indices")]
-        if indices["type"] != "SCALAR" or COMPONENT_TYPES[indices["componentType"]].kind != "u":
-            raise malformed(f"The indices of {where} are not unsigned integers.")
-        corners = indices["count"]
-    if mode < TRIANGLES or not vertices:
-        return 0, 0
-    return corners // 3 if mode == TRIANGLES else max(corners - 2, 0), vertices
+    if not isinstance(primitive.get("attributes"), dict):
+        raise malformed(f"{where} has no attributes.")
+    counts = set()
+    for attributes in (primitive["attributes"], *targets):
+        for name, number in attributes.items():
+            accessor = accessors[_reference(number, json, "accessors", f"{where}, attribute {_quote(name)}")]
+            counts.add(accessor["count"])
+            if name == "POSITION" and accessor["type"] != "VEC3":
+                raise malformed(f"The positions of {where} are not three-dimensional.")
+    if len(counts) > 1:
+        raise malformed(f"The attributes of {where} differ in length: from {min(counts):,} to {max(counts):,}.")
+    if "indices" not in primitive:
+        return max(counts, default=0)
+    indices = accessors[_reference(primitive["indices"], json, "accessors", f"{where}.indices")]
+    if indices["type"] != "SCALAR" or COMPONENT_TYPES[indices["componentType"]].kind != "u":
+        raise malformed(f"The indices of {where} are not unsigned integers.")
+    return int(indices["count"])
 
 
-def _draws(json: Json) -> list[tuple[int, int]]:
+def _draws(document: Document) -> list[tuple[int, int]]:
     """(mesh, how often) for each node that the scene draws.
 
     Raises:
         MeshmarkError: ``malformed_file`` where the nodes are not a forest.
     """
-    nodes = entries(json, "nodes")
+    json = document.json
+    nodes = _entries(json, "nodes")
     children = [_checked_node(json, number) for number in range(len(nodes))]
     parents = [0] * len(nodes)
     for child in (child for family in children for child in family):
         parents[child] += 1
         if parents[child] > 1:
             raise malformed(f"nodes[{child}] has two parents; the nodes of a glTF are trees.")
-    roots = [number for number, count in enumerate(parents) if count == 0]
-    if len(_reachable(roots, children)) < len(nodes):
+    reached = [number for number, count in enumerate(parents) if count == 0]
+    for number in reached:  # grows while it is walked
+        reached.extend(children[number])
+    if len(reached) < len(nodes):
         raise malformed("The nodes of the GLB form a circle.")
-    drawn = roots
-    for number, scene in enumerate(entries(json, "scenes")):
-        listed = _references(scene, "nodes", json, "nodes", f"scenes[{number}]")
-        if len(set(listed)) < len(listed) or any(parents[node] for node in listed):
-            raise malformed(f"scenes[{number}] lists a node twice, or one that is a child of another.")
-        if number == json.get("scene", 0):
-            drawn = listed
-    if "scene" in json:
-        _reference(json["scene"], json, "scenes", "scene")
-    reached = [nodes[number] for number in _reachable(drawn, children)]
-    return [(node["mesh"], _instances(json, node)) for node in reached if "mesh" in node]
-
-
-def _reachable(start: list[int], children: list[list[int]]) -> list[int]:
-    """Nodes in and below ``start``; no node has two parents, so none is met twice."""
-    found = list(start)
-    for node in found:  # grows while it is walked
-        found.extend(children[node])
-    return found
+    for number, scene in enumerate(_entries(json, "scenes")):
+        _references(scene, "nodes", json, "nodes", f"scenes[{number}]")
+    drawn = [nodes[number] for number in scene_nodes(document)]
+    return [(node["mesh"], _instances(json, node)) for node in drawn if "mesh" in node]
 
 
 def _checked_node(json: Json, number: int) -> list[int]:
     """The children of a node whose other properties are of the right type."""
-    node, where = entries_unchecked(json, "nodes")[number], f"nodes[{number}]"
+    node, where = _entries(json, "nodes")[number], f"nodes[{number}]"
     if "mesh" in node:
         _reference(node["mesh"], json, "meshes", where)
     if "skin" in node:
         _reference(node["skin"], json, "skins", where)
     for key, count in _NODE_NUMBERS.items():
-        values = node.get(key, [0] * count)
-        if not isinstance(values, list) or len(values) != count or not all(map(_is_finite, values)):
-            raise malformed(f"{where}.{key} is not {count} finite numbers.")
+        _numbers(node, key, where, count)
+    _numbers(node, "weights", where)
+    _mapping(node, "extensions", where)
     return _references(node, "children", json, "nodes", where)
-
-
-def _is_finite(value: Any) -> bool:
-    return type(value) in (int, float) and math.isfinite(value)
 
 
 def _instances(json: Json, node: Json) -> int:
     """How often a node draws its mesh (EXT_mesh_gpu_instancing)."""
-    extension = _mapping(_mapping(node, "extensions", "node"), "EXT_mesh_gpu_instancing", "node")
+    extension = _mapping(node.get("extensions", {}), "EXT_mesh_gpu_instancing", "node")
     attributes = _mapping(extension, "attributes", "EXT_mesh_gpu_instancing")
     numbers = [_reference(value, json, "accessors", "EXT_mesh_gpu_instancing") for value in attributes.values()]
-    return max((entries_unchecked(json, "accessors")[number]["count"] for number in numbers), default=1)
+    return max((_entries(json, "accessors")[number]["count"] for number in numbers), default=1)

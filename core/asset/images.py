@@ -3,19 +3,21 @@
 import struct
 
 _PNG = b"\x89PNG\r\n\x1a\n"
+_JPEG_SEGMENTS = 1000  # before the frame; a colour profile or a thumbnail takes a few dozen at most
 _KTX2 = b"\xabKTX 20\xbb\r\n\x1a\n"
 
 
-def image_size(data: bytes) -> tuple[int, int] | None:
+def image_size(data: memoryview) -> tuple[int, int] | None:
     """(width, height) of a PNG, JPEG, WebP or KTX2 image; ``None`` for anything else."""
+    head = bytes(data[:16])
     try:
-        if data.startswith(_PNG) and data[12:16] == b"IHDR":
+        if head[:8] == _PNG and head[12:] == b"IHDR":
             return _pair(struct.unpack_from(">II", data, 16))
-        if data.startswith(_KTX2):
+        if head[:12] == _KTX2:
             return _pair(struct.unpack_from("<II", data, 20))
-        if data.startswith(b"RIFF") and data[8:12] == b"WEBP":
+        if head[:4] == b"RIFF" and head[8:12] == b"WEBP":
             return _webp_size(data)
-        if data.startswith(b"\xff\xd8"):
+        if head[:2] == b"\xff\xd8":
             return _jpeg_size(data)
     except struct.error:
         pass  # the header is cut off
@@ -26,9 +28,9 @@ def _pair(size: tuple[int, ...]) -> tuple[int, int]:
     return size[0], size[1]
 
 
-def _webp_size(data: bytes) -> tuple[int, int] | None:
+def _webp_size(data: memoryview) -> tuple[int, int] | None:
     """RFC 9649, sections 2.5 to 2.7."""
-    match data[12:16]:
+    match bytes(data[12:16]):
         case b"VP8X":
             low_width, high_width, low_height, high_height = struct.unpack_from("<HBHB", data, 24)
             return 1 + low_width + (high_width << 16), 1 + low_height + (high_height << 16)
@@ -41,10 +43,10 @@ def _webp_size(data: bytes) -> tuple[int, int] | None:
     return None
 
 
-def _jpeg_size(data: bytes) -> tuple[int, int] | None:
+def _jpeg_size(data: memoryview) -> tuple[int, int] | None:
     """Walk the marker segments up to the start of frame (ITU-T T.81, annex B)."""
     offset = 2
-    while offset < len(data):
+    for _ in range(_JPEG_SEGMENTS):
         marker, code, length = struct.unpack_from(">BBH", data, offset)
         if marker != 0xFF:
             return None

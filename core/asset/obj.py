@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.asset.budgets import Budgets, within
-from core.asset.polygons import Attribute, Float, Int, PolygonMesh
+from core.asset.polygons import Attribute, Float, Int, PolygonMesh, check_sizes
 from core.asset.refusals import malformed
 from core.asset.text import Lines, parse_numbers, token_starts, tokens_per_line
 
@@ -73,7 +73,7 @@ def _column(values: Float, counts: Int, column: int) -> Float:
 def _corners(text: bytes, budgets: Budgets) -> tuple[Int, Int]:
     """(C, 3) the numbers v/vt/vn of each corner as written, 0 where left out, and (P,) corners of each face."""
     sizes = tokens_per_line(text)
-    within(int(np.maximum(sizes - 2, 0).sum()), budgets.faces, "triangles")
+    check_sizes(sizes, budgets)
     if b"/" not in text:
         corner = np.zeros((int(sizes.sum()), 3), np.int64)
         corner[:, 0] = parse_numbers(text, np.int64, "face")

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from core.asset.budgets import Budgets, within
-from core.asset.polygons import Attribute, Float, Int, PolygonMesh
+from core.asset.budgets import Budgets
+from core.asset.polygons import Attribute, Float, Int, PolygonMesh, check_sizes
 from core.asset.refusals import malformed, truncated
 from core.asset.text import parse_numbers, tokens_per_line
 from core.errors import ErrorCode, MeshmarkError
@@ -109,7 +109,7 @@ def _polygons(values: Float, start: Int, counts: Int, budgets: Budgets) -> tuple
     if not np.all((declared >= 0) & (declared == np.floor(declared)) & (declared < counts)):
         raise malformed("A face line of the OFF has fewer vertex numbers than it declares.")
     sizes = declared.astype(np.int64)
-    within(int(np.maximum(sizes - 2, 0).sum()), budgets.faces, "triangles")
+    check_sizes(sizes, budgets)
     corner_rank = np.arange(int(sizes.sum())) - np.repeat(np.cumsum(sizes) - sizes, sizes)
     numbers = values[np.repeat(start + 1, sizes) + corner_rank]
     if not np.all(numbers == np.floor(numbers)):

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.asset.budgets import Budgets, within
-from core.asset.polygons import Attribute, Float, Int, PolygonMesh, weld
+from core.asset.budgets import Budgets
+from core.asset.polygons import Attribute, Float, Int, PolygonMesh, check_sizes, weld
 from core.asset.refusals import malformed, truncated
 from core.asset.text import parse_numbers
 from core.errors import MeshmarkError
@@ -121,7 +121,7 @@ def read_ply(data: bytes, budgets: Budgets) -> PolygonMesh:
         tables[element.name], offset = _read_element(element, body, offset, _BYTE_ORDERS[header.format])
     vertex, face = tables["vertex"], tables["face"]
     sizes, corners = next(face[name] for name in FACE_LISTS if name in face)
-    within(int(np.maximum(sizes - 2, 0).sum()), budgets.faces, "triangles")
+    check_sizes(sizes, budgets)
     if corners.dtype.kind == "f" and not np.all(np.isfinite(corners) & (corners == np.floor(corners))):
         raise malformed("A face of the PLY has a vertex number that is not an integer.")
     corners = np.clip(corners, -1, 2**53).astype(np.int64)

@@ -7,6 +7,9 @@ import numpy as np
 from manifold3d import triangulate as triangulate_outlines
 from numpy.typing import NDArray
 
+from core.asset.budgets import Budgets, within
+from core.asset.grouping import float_words, group_rows
+
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 
@@ -47,6 +50,16 @@ class PolygonMesh:
     materials: tuple[str, ...] = ("",)
 
 
+def check_sizes(sizes: Int, budgets: Budgets) -> None:
+    """Refuse polygons, given the corners (P,) of each, that are too large or make too many triangles.
+
+    Raises:
+        MeshmarkError: ``budget_exceeded``.
+    """
+    within(int(sizes.max(initial=0)), budgets.polygon_corners, "corners in one polygon")
+    within(int(np.maximum(sizes - 2, 0).sum()), budgets.faces, "triangles")
+
+
 def triangulate(positions: Float, corners: Int, sizes: Int) -> tuple[Int, Int]:
     """Split polygons into triangles, in polygon order.
 
@@ -74,15 +87,9 @@ def triangulate(positions: Float, corners: Int, sizes: Int) -> tuple[Int, Int]:
 
 
 def weld(values: Float) -> Int:
-    """(N,) for each row of (N, n) finite values, the first row that is exactly equal to it."""
-    if len(values) == 0:
-        return np.empty(0, np.int64)
-    order = np.lexsort(values.T)  # stable, so each run of equal rows starts with its first one
-    new = np.ones(len(values), bool)
-    new[1:] = np.any(values[order[1:]] != values[order[:-1]], axis=1)
-    representative = np.empty(len(values), np.int64)
-    representative[order] = order[new][np.cumsum(new) - 1]
-    return representative
+    """(N,) for each row of (N, n) values, the first row that is exactly equal to it."""
+    label = group_rows(float_words(values))
+    return np.asarray(np.unique(label, return_index=True)[1][label])
 
 
 def _blocks(sizes: Int) -> Iterator[tuple[int, Int]]:

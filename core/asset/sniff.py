@@ -75,7 +75,7 @@ def sniff(data: bytes) -> Format:
         if re.match(pattern, head, re.DOTALL):
             raise _unknown(f"it looks like {kind}")
     is_text = _is_printable(head)
-    if stl.is_ascii(data) and b"facet" in head.lower():
+    if stl.is_ascii(data) and re.search(rb"(?i)facet|endsolid", head):
         return Format.STL
     if is_text and _OBJ_LINE.search(data, 0, _SEARCHED):
         return Format.OBJ
