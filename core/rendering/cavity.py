@@ -4,7 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 STEP = 0.3  # size-30 units; a fold this deep between neighbouring pixels gets the full effect
-DARKEN, BRIGHTEN = 0.55, 0.25
+DARKEN = 0.55  # share of the colour that the deepest fold loses
+BRIGHTEN = 70  # added to the colour of the sharpest ridge, so that letters show on dark surfaces too
 
 _NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))  # each with its opposite
 
@@ -27,5 +28,5 @@ def cavity(picture: NDArray[np.uint8], depth: NDArray[np.float32]) -> NDArray[np
         before, after = (np.roll(distance, sign * np.array(shift), axis=(0, 1)) for sign in (1, -1))
         fold += np.nan_to_num(np.clip((2 * distance - before - after) / STEP, -1, 1))
     fold /= len(_NEIGHBOURS)
-    factor = 1 - np.where(fold > 0, DARKEN, BRIGHTEN) * fold
-    return np.asarray(np.rint(np.clip(picture * factor[..., None], 0, 255)), dtype=np.uint8)
+    shaded = picture * (1 - DARKEN * np.maximum(fold, 0))[..., None] + BRIGHTEN * np.maximum(-fold, 0)[..., None]
+    return np.asarray(np.rint(np.clip(shaded, 0, 255)), dtype=np.uint8)

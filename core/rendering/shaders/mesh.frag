@@ -53,8 +53,8 @@ void main() {
     if (color.a < material.metallic_factor) discard;
 
     float light = mix(0.10, 0.30, 0.5 + 0.5 * n.y)
-        + 0.85 * max(dot(n, KEY), 0.0)
-        + 0.25 * max(dot(n, FILL), 0.0)
+        + 0.72 * max(dot(n, KEY), 0.0)
+        + 0.22 * max(dot(n, FILL), 0.0)
         + 0.10 * max(dot(n, RIM), 0.0);
     fragment = vec4(pow(clamp(color.rgb * light, 0.0, 1.0), vec3(1.0 / 2.2)), color.a);
 }
