@@ -9,10 +9,10 @@ from core.asset.gltf import COMPONENT_TYPES, Document
 
 _TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 
-QUAD = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+QUAD: list[list[float]] = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
 QUAD_FACES = [0, 1, 2, 0, 2, 3]
 # A cube about the origin, side 2, outward counter-clockwise.
-CUBE = [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
+CUBE: list[list[float]] = [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
 CUBE_FACES = [
     *(0, 1, 3, 0, 3, 2, 4, 6, 7, 4, 7, 5, 0, 4, 5, 0, 5, 1),
     *(2, 3, 7, 2, 7, 6, 0, 2, 6, 0, 6, 4, 1, 5, 7, 1, 7, 3),

