@@ -88,4 +88,5 @@ def _decode(data: bytes | None, limit: int) -> NDArray[np.uint8] | None:
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):  # what Pillow raises on damaged files
         return None
     factor = -(-max(rgba.size) // limit)
-    return np.asarray(rgba.reduce(factor) if factor > 1 else rgba)
+    # Band by band: Pillow would blacken texels of alpha 0, whose colour opaque materials show.
+    return np.dstack([np.asarray(band.reduce(factor)) for band in rgba.split()])

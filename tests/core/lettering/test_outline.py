@@ -178,6 +178,12 @@ def test_a_font_sent_with_the_request_is_used() -> None:
     assert lettering("a", make_font({"a": [SQUARE]})).aspect == pytest.approx(1.0)
 
 
+def test_a_variable_font_is_used_at_its_default_instance() -> None:
+    plain, variable = (lettering("ab", make_font({"a": [SQUARE], "b": [SQUARE]}, widened=on)) for on in (False, True))
+    for a, b in zip(plain.polygons, variable.polygons, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
 def test_joiners_alone_are_no_text() -> None:
     with pytest.raises(MeshmarkError) as caught:
         lettering("\u200d\u200c")

@@ -57,8 +57,8 @@ class GlbWriter:
             },
         )
 
-    def image_texture(self, data: bytes, mime: str = "image/png", **sampler: int) -> int:
-        image = self.add("images", {"bufferView": self.view(data), "mimeType": mime})
+    def image_texture(self, data: bytes, **sampler: int) -> int:
+        image = self.add("images", {"bufferView": self.view(data), "mimeType": "image/png"})
         return self.add("textures", {"source": image, "sampler": self.add("samplers", dict(sampler))})
 
     def mesh(
