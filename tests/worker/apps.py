@@ -1,4 +1,4 @@
-"""A worker with the engine of these tests: `celery -A tests.worker.apps worker` or `python -m tests.worker.apps PID`."""
+"""A worker with the tests' engine: `celery -A tests.worker.apps worker`, or `python -m tests.worker.apps PID`."""
 
 import sys
 

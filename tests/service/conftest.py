@@ -1,0 +1,39 @@
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from fastapi.testclient import TestClient
+
+from service.app import create_app
+from service.config import Settings
+from service.jobs import queue
+from tests.worker.engines import asset
+from worker.tasks import Worker
+
+
+class Client:
+    """The application in this process, and a worker that runs jobs when it is told to."""
+
+    def __init__(self, http: TestClient, settings: Settings) -> None:
+        self.http = http
+        self.worker = Worker(settings, queue.create_queue(settings), "tests.worker.engines:directed")
+        self.artifacts = self.worker.artifacts
+
+    def submit(self, content: bytes | None = None, params: str = '{"text": "HI"}', name: str = "asset.obj") -> str:
+        """The URL of a new job."""
+        parts = {"file": (name, asset() if content is None else content)}
+        response = self.http.post("/v1/watermarks", files=parts, data={"params": params})
+        assert response.status_code == 202, response.text
+        return response.headers["Location"]
+
+    def run(self, url: str) -> None:
+        self.worker.run(url.rsplit("/", 1)[1])
+
+
+@pytest.fixture
+def client(tmp_path: Path) -> Iterator[Client]:
+    settings = Settings(data_dir=tmp_path, max_upload_bytes=100_000, max_font_bytes=50_000)
+    with TestClient(create_app(settings), raise_server_exceptions=False) as http:
+        client = Client(http, settings)
+        yield client
+        client.worker.ledger.close()

@@ -1,0 +1,207 @@
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from core.errors import ErrorCode, MeshmarkError
+from service.jobs.ledger import WORKER_LOST, Content, Ledger
+from service.jobs.models import ArtifactKind, Job, JobState, Lease
+
+CONTENT = Content("ab" * 32, 3)
+BROKEN = MeshmarkError(ErrorCode.NO_FACES, "It has no faces.", "Add some.")
+
+
+@pytest.fixture
+def ledger(tmp_path: Path) -> Iterator[Ledger]:
+    ledger = Ledger(f"sqlite:///{tmp_path / 'folder' / 'ledger.sqlite3'}")
+    yield ledger
+    ledger.close()
+
+
+def create(ledger: Ledger) -> Job:
+    return ledger.create("asset.glb", {"text": "HI"}, {ArtifactKind.INPUT: CONTENT})
+
+
+def claim(ledger: Ledger, job_id: str, lease_seconds: float = 60) -> Job:
+    job = ledger.claim(job_id, lease_seconds)
+    assert job is not None
+    return job
+
+
+def read(ledger: Ledger, job_id: str) -> Job:
+    job = ledger.get(job_id)
+    assert job is not None
+    return job
+
+
+def silent(ledger: Ledger) -> Job:
+    """A running job whose lease has just run out."""
+    job = claim(ledger, create(ledger).id, lease_seconds=0.001)
+    time.sleep(0.01)
+    return job
+
+
+def snapshot(job: Job) -> dict[str, Any]:
+    return {column.name: getattr(job, column.name) for column in Job.__table__.columns}
+
+
+def test_a_new_job_waits_and_refers_to_its_input(ledger: Ledger) -> None:
+    job = read(ledger, create(ledger).id)
+    assert (job.state, job.attempts, job.progress) == (JobState.QUEUED, 0, 0)
+    assert job.created_at.utcoffset() is not None
+    source = job.artifact(ArtifactKind.INPUT)
+    assert source is not None
+    assert (source.sha256, source.size) == CONTENT
+
+
+def test_an_unknown_job_is_none(ledger: Ledger) -> None:
+    assert ledger.get("nothing") is None
+    assert ledger.claim("nothing", 60) is None
+
+
+def test_of_many_workers_racing_for_jobs_each_job_goes_to_one(ledger: Ledger, tmp_path: Path) -> None:
+    jobs = [create(ledger).id for _ in range(8)]
+    ledgers = [ledger, Ledger(f"sqlite:///{tmp_path / 'folder' / 'ledger.sqlite3'}")]  # as two processes have them
+    with ThreadPoolExecutor(16) as pool:
+        claims = list(pool.map(lambda race: ledgers[race % 2].claim(jobs[race // 8], 60), range(64)))
+    ledgers[1].close()
+    assert Counter(job.id for job in claims if job) == Counter(jobs)
+    assert {read(ledger, job).attempts for job in jobs} == {1}
+
+
+def test_a_heartbeat_shows_the_stage_and_keeps_the_lease(ledger: Ledger) -> None:
+    job = claim(ledger, create(ledger).id, lease_seconds=0.05)
+    assert ledger.heartbeat(job.lease, 60, "placing", 0.25)
+    time.sleep(0.06)
+    assert ledger.recover(2, WORKER_LOST) == ([], [])
+    now = read(ledger, job.id)
+    assert (now.state, now.stage, now.progress) == (JobState.RUNNING, "placing", 0.25)
+
+
+def test_a_worker_that_lost_its_lease_changes_nothing(ledger: Ledger) -> None:
+    late = silent(ledger).lease
+    assert ledger.recover(2, WORKER_LOST) == ([late.job_id], [])
+    current = claim(ledger, late.job_id).lease
+    before = snapshot(read(ledger, late.job_id))
+    assert not ledger.heartbeat(late, 60, "embossing", 0.5)
+    assert not ledger.publish(late, ArtifactKind.MODEL, CONTENT)
+    assert not ledger.succeed(late)
+    assert not ledger.fail(late, BROKEN)
+    assert not ledger.release(late)
+    assert ledger.drop_outputs(late) == set()
+    now = read(ledger, late.job_id)
+    assert snapshot(now) == before
+    assert now.artifact(ArtifactKind.MODEL) is None
+    assert ledger.succeed(current)
+
+
+END: dict[str, Callable[[Ledger, Lease], object]] = {
+    "succeeded": lambda ledger, lease: ledger.succeed(lease),
+    "failed": lambda ledger, lease: ledger.fail(lease, BROKEN),
+    "canceled": lambda ledger, lease: ledger.cancel(lease.job_id),
+}
+
+
+@pytest.mark.parametrize("state", END)
+def test_a_job_that_has_ended_never_changes_again(ledger: Ledger, state: str) -> None:
+    lease = claim(ledger, create(ledger).id).lease
+    assert END[state](ledger, lease)
+    before = snapshot(read(ledger, lease.job_id))
+    assert before["state"] == state
+    for transition in END.values():
+        assert not transition(ledger, lease)
+    assert ledger.claim(lease.job_id, 60) is None
+    assert not ledger.heartbeat(lease, 60, "reading", 0)
+    assert not ledger.publish(lease, ArtifactKind.MODEL, CONTENT)
+    assert not ledger.release(lease)
+    assert ledger.recover(2, WORKER_LOST) == ([], [])
+    assert ledger.waiting(0) == []
+    assert snapshot(read(ledger, lease.job_id)) == before
+
+
+def test_a_failure_is_kept_with_its_remedy(ledger: Ledger) -> None:
+    lease = claim(ledger, create(ledger).id).lease
+    ledger.fail(lease, BROKEN)
+    job = read(ledger, lease.job_id)
+    assert (job.error_code, job.error_message, job.error_remedy) == ("no_faces", "It has no faces.", "Add some.")
+    assert job.finished_at is not None
+
+
+def test_a_job_whose_workers_vanish_is_tried_as_often_as_allowed_then_fails(ledger: Ledger) -> None:
+    job_id = silent(ledger).id
+    assert ledger.recover(2, WORKER_LOST) == ([job_id], [])
+    claim(ledger, job_id, lease_seconds=0.001)
+    time.sleep(0.01)
+    assert ledger.recover(2, WORKER_LOST) == ([], [job_id])
+    job = read(ledger, job_id)
+    assert (job.state, job.error_code, job.attempts) == (JobState.FAILED, "worker_lost", 2)
+
+
+def test_of_many_sweepers_one_requeues_a_job(ledger: Ledger) -> None:
+    job_id = silent(ledger).id
+    with ThreadPoolExecutor(8) as pool:
+        sweeps = list(pool.map(lambda _: ledger.recover(2, WORKER_LOST), range(8)))
+    assert [requeued for requeued, _ in sweeps if requeued] == [[job_id]]
+
+
+def test_a_job_given_back_does_not_lose_an_attempt(ledger: Ledger) -> None:
+    lease = claim(ledger, create(ledger).id).lease
+    assert ledger.release(lease)
+    again = claim(ledger, lease.job_id)
+    assert again.attempts == 1
+    assert again.lease_token > lease.token
+
+
+def test_a_job_waiting_too_long_is_named_to_one_sweeper_at_a_time(ledger: Ledger) -> None:
+    job_id = create(ledger).id
+    assert ledger.waiting(60) == []
+    time.sleep(0.01)
+    assert ledger.waiting(0.005) == [job_id]
+    assert ledger.waiting(60) == []
+
+
+def test_a_second_attempts_output_takes_the_place_of_the_first(ledger: Ledger) -> None:
+    lease = claim(ledger, create(ledger).id).lease
+    first, second = Content("cd" * 32, 1), Content("ef" * 32, 2)
+    assert ledger.publish(lease, ArtifactKind.MODEL, first)
+    assert ledger.publish(lease, ArtifactKind.MODEL, second)
+    model = read(ledger, lease.job_id).artifact(ArtifactKind.MODEL)
+    assert model is not None
+    assert (model.sha256, model.size) == second
+    assert ledger.drop_outputs(lease) == {second.sha256}
+    assert read(ledger, lease.job_id).artifact(ArtifactKind.INPUT) is not None
+
+
+def test_content_is_free_to_delete_when_the_last_job_lets_go_of_it(ledger: Ledger) -> None:
+    first, second = create(ledger).id, create(ledger).id
+    ledger.cancel(first)
+    ledger.cancel(second)
+    assert ledger.drop_artifacts(first) == set()
+    assert ledger.unreferenced([CONTENT.sha256]) == set()
+    assert ledger.drop_artifacts(second) == {CONTENT.sha256}
+
+
+def test_a_succeeded_job_without_its_files_is_expired(ledger: Ledger) -> None:
+    lease = claim(ledger, create(ledger).id).lease
+    ledger.succeed(lease)
+    ledger.drop_artifacts(lease.job_id)
+    assert read(ledger, lease.job_id).state == JobState.EXPIRED
+
+
+def test_the_files_of_a_job_that_has_not_ended_stay(ledger: Ledger) -> None:
+    job_id = create(ledger).id
+    assert ledger.drop_artifacts(job_id) == set()
+    assert read(ledger, job_id).artifact(ArtifactKind.INPUT) is not None
+
+
+def test_api_and_worker_may_create_the_tables_at_the_same_time(tmp_path: Path) -> None:
+    with ThreadPoolExecutor(8) as pool:
+        ledgers = list(pool.map(lambda _: Ledger(f"sqlite:///{tmp_path / 'ledger.sqlite3'}"), range(8)))
+    job_id = create(ledgers[0]).id
+    assert all(ledger.get(job_id) for ledger in ledgers)
+    for ledger in ledgers:
+        ledger.close()

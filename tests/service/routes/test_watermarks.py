@@ -1,0 +1,247 @@
+import struct
+from datetime import datetime
+from typing import Any
+
+import pytest
+from httpx import Response
+
+from service.jobs import queue
+from service.jobs.models import ArtifactKind
+from tests.service.conftest import Client
+from tests.worker.engines import asset
+
+
+def post(client: Client, **request: Any) -> Response:
+    request.setdefault("data", {"params": '{"text": "HI"}'})
+    request.setdefault("files", {"file": ("asset.obj", asset())})
+    return client.http.post("/v1/watermarks", **request)
+
+
+def stored(client: Client) -> list[str]:
+    return [path.name for path in client.artifacts.root.rglob("*") if path.is_file() and path.name != ".lock"]
+
+
+def refused(client: Client, response: Response, status: int, code: str) -> dict[str, Any]:
+    assert response.status_code == status, response.text
+    assert response.headers["Content-Type"] == "application/problem+json"
+    problem = dict(response.json())
+    assert set(problem) == {"type", "title", "status", "detail", "code", "remedy"}
+    assert (problem["status"], problem["code"]) == (status, code)
+    assert problem["detail"].endswith(".")
+    assert problem["remedy"].endswith(".")
+    assert stored(client) == []
+    assert queue.depth(client.worker.celery) == 0
+    return problem
+
+
+def test_an_accepted_asset_is_a_queued_job_at_its_location(client: Client) -> None:
+    response = post(client)
+    job = response.json()
+    assert response.status_code == 202
+    assert response.headers["Location"] == f"/v1/watermarks/{job['id']}" == job["links"]["self"]
+    assert (job["state"], job["stage"], job["progress"], job["error"]) == ("queued", None, 0, None)
+    assert job["parameters"]["text"] == "HI"
+    assert job["input"]["filename"] == "asset.obj"
+    assert job["created_at"].endswith("Z")
+    assert datetime.fromisoformat(job["created_at"]).tzinfo is not None
+    assert client.http.get(response.headers["Location"]).json() == job
+    assert queue.depth(client.worker.celery) == 1
+
+
+def glb(json: bytes, version: int = 2) -> bytes:
+    json += b" " * (-len(json) % 4)
+    return struct.pack("<4sIIII", b"glTF", version, 20 + len(json), len(json), 0x4E4F534A) + json
+
+
+HUGE_ACCESSOR = (
+    b'{"asset":{"version":"2.0"},"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],"accessors":'
+    b'[{"componentType":5126,"type":"VEC3","count":100000000,"min":[0,0,0],"max":[1,1,1]}]}'
+)
+
+
+@pytest.mark.parametrize(
+    ("content", "code"),
+    [
+        (b"", "empty_file"),
+        (b"Dear sir or madam, this is a letter.", "unknown_format"),
+        (b"v 0 0 0\nv 1 0 0\nv 0 1 0\n", "no_faces"),
+        (b"\0" * 80 + struct.pack("<I", 4_000_000_000) + b"\0" * 50, "truncated_file"),
+        (glb(HUGE_ACCESSOR)[:-30], "truncated_file"),
+        (glb(HUGE_ACCESSOR), "budget_exceeded"),
+    ],
+)
+def test_a_file_that_is_visibly_broken_is_refused_at_once(client: Client, content: bytes, code: str) -> None:
+    response = post(client, files={"file": ("asset.glb", content)})
+    refused(client, response, 415 if code == "unknown_format" else 422, code)
+
+
+@pytest.mark.parametrize(
+    ("params", "code", "named"),
+    [
+        ("{}", "invalid_parameters", "text"),
+        ("not json", "invalid_parameters", "JSON"),
+        ("[]", "invalid_parameters", "object"),
+        ('{"text": ""}', "empty_text", "empty"),
+        ('{"text": "   "}', "empty_text", "spaces"),
+        ('{"text": "HI", "size": -1}', "invalid_parameters", "size"),
+        ('{"text": "HI", "relief": NaN}', "invalid_parameters", "relief"),
+        ('{"text": "HI", "colour": "#ff0000"}', "invalid_parameters", "colour"),
+        ('{"text": "HI", "count": 1000}', "invalid_parameters", "count"),
+        ('{"text": "HI", "seed": 9223372036854775808}', "invalid_parameters", "seed"),
+        ('{"text": "' + "A" * 65 + '"}', "invalid_parameters", "64"),
+        ('{"text": "\U0001f600"}', "missing_glyphs", "U+1F600"),
+    ],
+)
+def test_wrong_parameters_are_refused_and_the_problem_names_them(
+    client: Client, params: str, code: str, named: str
+) -> None:
+    assert named in refused(client, post(client, data={"params": params}), 422, code)["detail"]
+
+
+def test_a_request_without_a_file_is_refused(client: Client) -> None:
+    refused(client, post(client, files={"other": ("a", b"1")}), 422, "missing_file")
+    refused(client, post(client, files=None), 422, "missing_file")
+
+
+def test_a_request_without_parameters_is_refused(client: Client) -> None:
+    assert "params" in refused(client, post(client, data={}), 400, "invalid_request")["detail"]
+
+
+def test_a_text_field_in_place_of_the_file_is_refused(client: Client) -> None:
+    refused(client, post(client, data={"params": '{"text": "HI"}', "file": "abc"}, files=None), 422, "missing_file")
+
+
+def test_a_body_that_is_no_form_is_refused(client: Client) -> None:
+    response = client.http.post("/v1/watermarks", json={"text": "HI"})
+    refused(client, response, 422, "missing_file")
+    broken = {"Content-Type": "multipart/form-data; boundary=x"}
+    refused(client, client.http.post("/v1/watermarks", content=b"--y\r\nno", headers=broken), 400, "invalid_request")
+    unbounded = {"Content-Type": "multipart/form-data"}
+    refused(client, client.http.post("/v1/watermarks", content=b"--y", headers=unbounded), 400, "invalid_request")
+
+
+def test_too_many_or_too_large_parts_are_refused(client: Client) -> None:
+    three = [("file", ("a", b"1")), ("file", ("b", b"1")), ("font", ("c", b"1"))]
+    refused(client, post(client, files=three), 400, "invalid_request")
+    refused(client, post(client, data={"params": "{}", "more": "1"}), 400, "invalid_request")
+    refused(client, post(client, data={"params": " " * 70_000}), 400, "invalid_request")
+
+
+def test_a_file_over_the_limit_is_refused(client: Client) -> None:
+    refused(client, post(client, files={"file": ("a.obj", b"v" * 100_001)}), 413, "upload_too_large")
+
+
+def test_a_request_that_declares_too_much_is_refused_by_its_header(client: Client) -> None:
+    response = client.http.post("/v1/watermarks", content=b"", headers={"Content-Length": str(10**12)})
+    refused(client, response, 413, "upload_too_large")
+    assert response.headers["Connection"] == "close"
+
+
+def test_a_request_that_declares_nothing_is_refused_while_it_streams(client: Client) -> None:
+    sent = 0
+
+    def endless() -> Any:
+        nonlocal sent
+        yield b'--x\r\nContent-Disposition: form-data; name="file"; filename="a.obj"\r\n\r\n'
+        while sent < 50:
+            sent += 1
+            yield b"v" * 100_000
+
+    headers = {"Content-Type": "multipart/form-data; boundary=x"}
+    response = client.http.post("/v1/watermarks", content=endless(), headers=headers)
+    refused(client, response, 413, "upload_too_large")
+
+
+def test_a_broken_font_is_refused(client: Client) -> None:
+    parts = {"file": ("asset.obj", asset()), "font": ("font.ttf", b"\0\1\0\0garbage")}
+    refused(client, post(client, files=parts), 422, "invalid_font")
+    parts = {"file": ("asset.obj", asset()), "font": ("font.ttf", b"\0" * 50_001)}
+    refused(client, post(client, files=parts), 413, "upload_too_large")
+
+
+@pytest.mark.parametrize("part", ["", "/model", "/report", "/preview"])
+def test_an_unknown_job_is_not_found(client: Client, part: str) -> None:
+    refused(client, client.http.get(f"/v1/watermarks/nothing{part}"), 404, "not_found")
+    refused(client, client.http.delete("/v1/watermarks/nothing"), 404, "not_found")
+
+
+def test_results_are_delivered_with_type_name_and_hash(client: Client) -> None:
+    url = client.submit(name="../../My Asset é.obj")
+    client.run(url)
+    model = client.http.get(f"{url}/model")
+    assert model.content == b"glTF of HI"
+    assert model.headers["Content-Type"] == "model/gltf-binary"
+    assert "My%20Asset%20%C3%A9.watermarked.glb" in model.headers["Content-Disposition"]
+    job = client.worker.ledger.get(url.rsplit("/", 1)[1])
+    assert job is not None
+    artifact = job.artifact(ArtifactKind.MODEL)
+    assert artifact is not None
+    assert model.headers["ETag"] == f'"{artifact.sha256}"'
+    assert client.http.get(f"{url}/report").headers["Content-Type"] == "application/json"
+    assert client.http.get(f"{url}/preview").headers["Content-Type"] == "image/png"
+
+
+def test_a_client_that_has_the_model_is_not_sent_it_again(client: Client) -> None:
+    url = client.submit()
+    client.run(url)
+    tag = client.http.get(f"{url}/model").headers["ETag"]
+    again = client.http.get(f"{url}/model", headers={"If-None-Match": tag})
+    assert (again.status_code, again.content, again.headers["ETag"]) == (304, b"", tag)
+    assert client.http.get(f"{url}/model", headers={"If-None-Match": '"other"'}).status_code == 200
+
+
+def test_a_part_of_the_model_can_be_fetched(client: Client) -> None:
+    url = client.submit()
+    client.run(url)
+    part = client.http.get(f"{url}/model", headers={"Range": "bytes=0-3"})
+    assert (part.status_code, part.content) == (206, b"glTF")
+
+
+def test_results_of_a_waiting_job_are_not_ready(client: Client) -> None:
+    response = client.http.get(f"{client.submit()}/model")
+    assert (response.status_code, response.json()["code"], response.headers["Retry-After"]) == (409, "not_ready", "1")
+
+
+def test_a_failed_job_tells_why(client: Client) -> None:
+    url = client.submit(asset("refuse"))
+    client.run(url)
+    assert client.http.get(url).json()["error"] == {
+        "code": "no_placement",
+        "title": "No placement",
+        "detail": "No place on this asset.",
+        "remedy": "Ask for smaller letters.",
+    }
+    problem = client.http.get(f"{url}/model").json()
+    assert problem["code"] == "job_failed"
+    assert "No place on this asset." in problem["detail"]
+
+
+def test_a_deleted_waiting_job_never_runs(client: Client) -> None:
+    url = client.submit()
+    assert client.http.delete(url).status_code == 204
+    client.run(url)
+    job = client.http.get(url).json()
+    assert (job["state"], job["attempts"], job["input"]) == ("canceled", 0, None)
+    assert stored(client) == []
+
+
+def test_a_deleted_result_is_gone_and_the_job_expired(client: Client) -> None:
+    url = client.submit()
+    client.run(url)
+    assert client.http.delete(url).status_code == 204
+    assert stored(client) == []
+    job = client.http.get(url).json()
+    assert (job["state"], job["links"]["model"]) == ("expired", None)
+    response = client.http.get(f"{url}/model")
+    assert (response.status_code, response.json()["code"]) == (410, "job_expired")
+
+
+def test_deleting_one_of_two_jobs_with_the_same_asset_keeps_the_others_files(client: Client) -> None:
+    first, second = client.submit(), client.submit()
+    client.run(first)
+    client.run(second)
+    assert len(stored(client)) == 4  # asset, model, report, preview: each content once
+    client.http.delete(first)
+    assert client.http.get(f"{second}/model").content == b"glTF of HI"
+    client.http.delete(second)
+    assert stored(client) == []

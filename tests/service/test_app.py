@@ -1,0 +1,39 @@
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from service.__main__ import openapi
+
+COMMITTED = Path(__file__).parents[2] / "openapi.yaml"
+
+
+def test_the_committed_openapi_document_is_that_of_the_application() -> None:
+    assert COMMITTED.read_text() == openapi(), "run: python -m service openapi > openapi.yaml"
+
+
+def test_every_error_in_the_openapi_document_is_a_problem() -> None:
+    document = yaml.safe_load(openapi())
+    responses = [
+        (status, response)
+        for path in document["paths"].values()
+        for operation in path.values()
+        for status, response in operation["responses"].items()
+    ]
+    errors = [response for status, response in responses if int(status) >= 400]
+    assert errors
+    for response in errors:
+        assert list(response["content"]) == ["application/problem+json"]
+    assert "HTTPValidationError" not in str(document)
+    for schema in ("Problem", "Parameters", "JobView", "ErrorCode"):
+        assert schema in document["components"]["schemas"]
+
+
+@pytest.mark.parametrize("module", ["service.__main__", "worker.app"])
+def test_neither_api_nor_worker_loads_the_engines_heavy_libraries(module: str) -> None:
+    heavy = ["torch", "igl", "embreex", "manifold3d", "scipy", "trimesh", "onnxruntime", "OpenGL", "pyrender"]
+    script = f"import sys, {module}\nprint(*[name for name in {heavy} if name in sys.modules])"
+    answer = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert answer.stdout.split() == []
