@@ -37,7 +37,7 @@ def test_the_largest_side_becomes_thirty_and_the_box_is_centred() -> None:
 
 
 def test_vertices_that_no_face_uses_do_not_count_for_the_size() -> None:
-    scene = flatten(simple([*QUAD, [1000, 1000, 1000]]))
+    scene = flatten(simple([*QUAD, [1000.0] * 3]))
     assert scene.surface.scale == 30
 
 
@@ -127,7 +127,7 @@ def test_primitives_that_share_their_attributes_share_their_rows() -> None:
 
 
 def test_seams_weld_and_negative_zero_is_zero() -> None:
-    positions = [[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [-0.0, 0, 0], [0, 1, 0], [-1, 0, 0]]
+    positions: list[list[float]] = [[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [-0.0, 0, 0], [0, 1, 0], [-1, 0, 0]]
     weld = flatten(simple(positions, [0, 1, 2, 3, 4, 5])).surface.weld
     assert weld[0] == weld[3]
     assert weld[2] == weld[4]
@@ -214,7 +214,7 @@ def test_an_index_past_the_last_vertex_is_out_of_range() -> None:
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_positions_that_are_not_finite_are_refused(value: float) -> None:
-    assert _failure(simple([[0, 0, 0], [1, 0, 0], [0, value, 0]], [0, 1, 2])).code is ErrorCode.NON_FINITE_POSITIONS
+    assert _failure(simple(np.diag([value, 1, 1]), [0, 1, 2])).code is ErrorCode.NON_FINITE_POSITIONS
 
 
 @pytest.mark.parametrize(
