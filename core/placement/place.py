@@ -187,7 +187,7 @@ def _pool(found: list[Placement], widths: Sequence[float]) -> Placement:
 
 
 REASONS = {
-    "aligned": f"the surface bends away from it (loss above {LOSS_THRESHOLD})",
+    "aligned": f"the surface bends away from it or ends under it (loss above {LOSS_THRESHOLD})",
     "wanted": "others already serve the directions it faces",
     "covered": "it hangs over an edge, a hole or a second layer",
     "smooth": "the surface under it is too rough",

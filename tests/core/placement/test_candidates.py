@@ -1,0 +1,71 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from core.placement.candidates import candidates, upright
+from tests.core.placement.shapes import cuboid, sphere
+
+unit = st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda v: np.linalg.norm(v) > 0.01)
+
+
+@given(normal=unit)
+def test_every_normal_gets_a_right_handed_frame_that_faces_along_it(normal: tuple[float, float, float]) -> None:
+    n = np.array([normal]) / np.linalg.norm(normal)
+    axes = upright(n)[0]
+    assert np.allclose(axes @ axes.T, np.eye(3), atol=1e-9)
+    assert np.linalg.det(axes) == pytest.approx(1)
+    assert np.allclose(axes[2], n[0])
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_exactly_axis_aligned_normals_make_a_frame(axis: int, sign: float) -> None:
+    normal = np.zeros((1, 3))
+    normal[0, axis] = sign
+    axes = upright(normal)[0]
+    assert np.isfinite(axes).all()
+    assert np.array_equal(axes[2], normal[0])
+    assert np.allclose(np.cross(axes[0], axes[1]), axes[2])
+
+
+@given(normal=unit)
+def test_text_stands_upright_away_from_the_poles(normal: tuple[float, float, float]) -> None:
+    n = np.array([normal]) / np.linalg.norm(normal)
+    if abs(n[0, 1]) < 0.9:
+        axes = upright(n)[0]
+        assert axes[1, 1] > 0
+        assert axes[0, 1] == pytest.approx(0, abs=1e-12)
+
+
+def test_on_top_text_reads_as_from_a_camera_tilted_up_from_the_front() -> None:
+    top, below = upright(np.array([[0.0, 1, 0], [0.0, -1, 0]]))
+    assert np.allclose(top[1], (0, 0, -1))
+    assert np.allclose(top[0], (1, 0, 0))
+    assert np.allclose(below[1], (0, 0, 1))
+    assert np.allclose(below[0], (1, 0, 0))
+
+
+def test_a_cube_gets_boxes_on_all_six_sides_each_facing_out() -> None:
+    found = candidates(cuboid(30, 30, 30), (5.5, 1, 0.5), 2000, 2.0, np.random.default_rng(0))
+    assert np.isfinite(found.axes).all()
+    assert np.abs(np.abs(found.center).max(axis=1) - 15).max() < 1e-9
+    side = np.abs(found.center).argmax(axis=1) * 2 + (
+        found.center[np.arange(len(found)), np.abs(found.center).argmax(axis=1)] > 0
+    )
+    assert set(side.tolist()) == set(range(6))
+    assert (np.einsum("bi,bi->b", found.axes[:, 2], found.center) > 0).all()
+
+
+def test_candidates_are_equidistant() -> None:
+    found = candidates(sphere(10), (3, 0.6, 0.3), 3000, 1.5, np.random.default_rng(0))
+    apart = np.linalg.norm(found.center[:, None] - found.center[None], axis=2) + 100 * np.eye(len(found))
+    assert apart.min() >= 1.5
+    assert apart.min(axis=1).max() < 3.0
+
+
+def test_the_far_side_of_a_thin_wall_does_not_turn_a_box() -> None:
+    found = candidates(cuboid(20, 20, 0.05), (4, 1, 0.4), 2000, 1.0, np.random.default_rng(0))
+    inner = found[np.flatnonzero(np.abs(found.center[:, :2]).max(axis=1) < 8)]
+    assert np.allclose(np.abs(inner.axes[:, 2, 2]), 1)
+    assert np.array_equal(np.sign(inner.axes[:, 2, 2]), np.sign(inner.center[:, 2]))

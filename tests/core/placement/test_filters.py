@@ -1,0 +1,206 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from core.asset.surface import Surface
+from core.placement.boxes import Boxes
+from core.placement.filters import (
+    above,
+    covered,
+    footprint,
+    occluded,
+    overlapping,
+    roughness,
+    smooth,
+    thin_walled,
+    well_aligned,
+)
+from core.placement.sampling import sample
+from tests.core.placement.shapes import (
+    box,
+    boxes,
+    cuboid,
+    index_of,
+    inside_out,
+    join,
+    moved,
+    plane,
+    rotation,
+    sphere,
+    surface,
+)
+
+CLEARANCE = 0.2
+
+
+def is_covered(shape: Surface, where: Boxes) -> bool:
+    return bool(covered(footprint(where, index_of(shape), shape.normals, CLEARANCE), where)[0])
+
+
+def surface_points(shape: Surface, where: Boxes, lift: float) -> NDArray[np.float64]:
+    return above(where, footprint(where, index_of(shape), shape.normals, CLEARANCE), lift)
+
+
+def rough(shape: Surface, where: Boxes) -> float:
+    points, face = sample(shape, 4000, np.random.default_rng(0))
+    return float(roughness(where, points, shape.normals[face])[0])
+
+
+def test_only_boxes_below_the_papers_loss_are_well_aligned() -> None:
+    assert well_aligned(np.array([0.0, 0.0049, 0.005, np.inf])).tolist() == [True, True, False, False]
+
+
+def test_a_box_in_the_middle_of_a_plane_is_covered() -> None:
+    assert is_covered(plane(10, 10), box())
+
+
+def test_a_box_that_hangs_over_an_edge_is_not_covered() -> None:
+    assert not is_covered(plane(10, 10), box((3.5, 0, 0)))
+    assert not is_covered(cuboid(10, 10, 10), box((3.5, 0, 5)))
+
+
+def test_letters_keep_clear_of_a_border_that_the_box_just_touches() -> None:
+    assert not is_covered(plane(10, 10), box((3, 0, 0)))
+    assert is_covered(plane(10, 10), box((2.9, 0, 0)))
+
+
+def test_a_box_over_a_hole_is_not_covered() -> None:
+    shape = plane(10, 10, cells=20)
+    middle = np.linalg.norm(shape.positions[shape.faces].mean(axis=1), axis=1)
+    assert not is_covered(surface(shape.positions, shape.faces[middle > 0.7]), box())
+
+
+def test_a_box_on_a_step_higher_than_itself_is_not_covered() -> None:
+    step = join(moved(plane(10, 10), shift=(-5, 0, 0)), moved(plane(10, 10), shift=(5, 0, -0.6)))
+    assert not is_covered(step, box())
+
+
+def test_another_layer_within_the_letters_reach_uncovers_a_box() -> None:
+    def over(height: float) -> Surface:
+        return join(plane(10, 10), moved(inside_out(plane(10, 10)), shift=(0, 0, height)))
+
+    assert not is_covered(over(0.4), box())
+    assert is_covered(over(0.5), box())
+
+
+def test_a_surface_that_looks_away_from_the_box_does_not_cover_it() -> None:
+    assert not is_covered(inside_out(plane(10, 10)), box())
+
+
+def test_the_footprint_reports_the_height_of_the_surface_over_the_middle_plane() -> None:
+    met = footprint(
+        box((0, 0, 1.5)), index_of(moved(plane(10, 10), shift=(0, 0, 1.6))), np.array([[0, 0, 1.0]] * 2), 0.3
+    )
+    assert met.height == pytest.approx(0.1, abs=1e-5)
+    assert met.cosine == pytest.approx(1)
+    missed = footprint(box((50, 0, 0)), index_of(plane(10, 10)), np.array([[0, 0, 1.0]] * 2), 0.3)
+    assert np.all(missed.height == -np.inf)
+    assert np.all(missed.cosine == -1)
+
+
+def test_flat_ground_has_roughness_one_however_coarse() -> None:
+    assert rough(plane(10, 10), box()) == pytest.approx(1)
+    assert rough(plane(10, 10, cells=40), box()) == pytest.approx(1)
+
+
+def test_a_roof_is_as_rough_as_the_angle_between_its_sides() -> None:
+    # Two halves, their normals 60 degrees apart: 1/cos is 1 within a side and 2 between the sides.
+    left = moved(plane(20, 20), rotation((0, 1, 0), -30), (-10 * np.cos(np.pi / 6), 0, -5))
+    right = moved(plane(20, 20), rotation((0, 1, 0), 30), (10 * np.cos(np.pi / 6), 0, -5))
+    found = rough(join(left, right), box(size=(4, 4, 4)))
+    assert found == pytest.approx(1.5, abs=0.1)
+    assert not smooth(np.array([found]))[0]
+
+
+def test_a_coarse_step_without_a_vertex_inside_is_still_rough() -> None:
+    assert rough(cuboid(20, 20, 20), box((10, 0, 10), (4, 4, 4), rotation((0, 1, 0), -45))) > 1.25
+
+
+def test_the_far_side_of_a_thin_wall_is_not_roughness() -> None:
+    assert rough(cuboid(20, 20, 0.1), box((0, 0, 0.05), (6, 3, 0.5))) == pytest.approx(1)
+
+
+def test_a_box_away_from_the_surface_is_infinitely_rough() -> None:
+    assert rough(plane(10, 10), box((0, 0, 9))) == np.inf
+
+
+def test_roughness_of_no_boxes_is_empty() -> None:
+    assert len(roughness(box()[np.array([], dtype=np.int64)], np.zeros((1, 3)), np.ones((1, 3)))) == 0
+
+
+def test_a_box_that_looks_at_a_near_wall_is_occluded() -> None:
+    shape = join(plane(20, 20), moved(inside_out(plane(20, 20)), shift=(0, 0, 3)))
+    points = surface_points(shape, box(), 0.3)
+    assert occluded(box(), points, index_of(shape), reach=4)[0]
+    assert not occluded(box(), points, index_of(shape), reach=2)[0]
+
+
+def test_the_curvature_under_a_box_does_not_occlude_it() -> None:
+    shape = sphere(6)
+    where = box((0, 0, 5.9), (2.4, 0.6, 0.5))
+    assert not occluded(where, surface_points(shape, where, 0.1), index_of(shape), reach=30)[0]
+
+
+def test_sunken_letters_need_a_wall_thicker_than_they_are_deep() -> None:
+    shape = cuboid(20, 20, 0.4)
+    where = box((0, 0, 0.2))
+    below = surface_points(shape, where, -0.01)
+    assert thin_walled(where, below, index_of(shape), depth=0.5)[0]
+    assert not thin_walled(where, below, index_of(shape), depth=0.3)[0]
+
+
+coordinate = st.floats(-4, 4)
+side = st.floats(0.2, 3)
+sides = st.tuples(side, side, side)
+axis = st.tuples(coordinate, coordinate, coordinate).filter(lambda v: np.linalg.norm(v) > 0.1)
+angle = st.floats(-180, 180)
+
+
+@given(offset=st.tuples(coordinate, coordinate, coordinate), one=sides, two=sides)
+def test_aligned_boxes_overlap_exactly_where_all_their_intervals_do(
+    offset: tuple[float, float, float], one: tuple[float, float, float], two: tuple[float, float, float]
+) -> None:
+    gaps = np.abs(offset) - (np.array(one) + two) / 2
+    if np.abs(gaps.max()) > 1e-6:
+        assert overlapping(boxes(box((0, 0, 0), one), box(offset, two)), 0)[1] == (gaps.max() < 0)
+
+
+@settings(max_examples=60)
+@given(offset=st.tuples(coordinate, coordinate, coordinate), one=sides, two=sides, axis=axis, angle=angle, other=angle)
+def test_turned_boxes_overlap_where_a_point_is_in_both(
+    offset: tuple[float, float, float],
+    one: tuple[float, float, float],
+    two: tuple[float, float, float],
+    axis: tuple[float, float, float],
+    angle: float,
+    other: float,
+) -> None:
+    pair = boxes(box((0, 0, 0), one, rotation(axis, angle)), box(offset, two, rotation((1, 2, 3), other)))
+    grid = np.stack(np.meshgrid(*[np.linspace(-0.5, 0.5, 9)] * 3), axis=-1).reshape(-1, 3)
+    points = (grid * two) @ pair.axes[1] + pair.center[1]
+    shared = (np.abs(pair.to_local(0, points)) <= pair.size[0] / 2 - 1e-9).all(axis=1).any()
+    meet = overlapping(pair, 0)
+    assert meet[0]
+    assert meet[1] == overlapping(pair, 1)[0]
+    if shared:
+        assert meet[1]
+    turn = rotation(axis, 77)
+    elsewhere = Boxes(pair.center @ turn.T + 3, pair.axes @ turn.T, pair.size)
+    near_miss = overlapping(pair, 0, 1e-6)[1] != overlapping(pair, 0, -1e-6)[1]
+    assert near_miss or overlapping(elsewhere, 0)[1] == meet[1]
+
+
+def test_crossed_bars_that_only_an_edge_axis_separates_do_not_overlap() -> None:
+    one = box((0, 0, 0), (10, 0.2, 0.2), rotation((1, 0, 0), 45))
+    two = box((0, 0, 0.3), (10, 0.2, 0.2), rotation((0, 0, 1), 90) @ np.eye(3))
+    turned = Boxes(two.center, two.axes @ rotation((0, 1, 0), 45).T, two.size)
+    assert not overlapping(boxes(one, turned), 0)[1]
+    assert overlapping(boxes(one, Boxes(turned.center - [0, 0, 0.05], turned.axes, turned.size)), 0)[1]
+
+
+def test_spacing_keeps_boxes_apart() -> None:
+    pair = boxes(box((0, 0, 0)), box((4.2, 0, 0)))
+    assert not overlapping(pair, 0)[1]
+    assert overlapping(pair, 0, spacing=0.3)[1]

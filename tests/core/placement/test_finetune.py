@@ -1,0 +1,121 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from core.placement.boxes import Boxes
+from core.placement.candidates import candidates
+from core.placement.finetune import LOSS_THRESHOLD, adam, alignment_loss, levenberg_marquardt, perimeter
+from tests.core.placement.shapes import box, boxes, cuboid, index_of, moved, plane, rotation, sphere
+
+TILTED = box((1, 2, 0.4), (5.5, 1, 0.5), rotation((1, 1, 0), 20))
+
+
+def test_the_loss_has_179_points_on_the_outline_with_all_four_midpoints() -> None:
+    points = perimeter(np.array([[5.5, 1.0, 0.5], [2.0, 2.0, 0.3]]))
+    assert points.shape == (2, 179, 3)
+    assert np.all(points[..., 2] == 0)
+    for outline, (width, height) in zip(points, ((5.5, 1.0), (2.0, 2.0)), strict=True):
+        on_side = np.isclose(np.abs(outline[:, 0]), width / 2) | np.isclose(np.abs(outline[:, 1]), height / 2)
+        assert on_side.all()
+        corners = {(x, y) for x, y in np.round(outline[:, :2], 9).tolist()}
+        assert {(sx * width / 2, sy * height / 2) for sx in (-1, 1) for sy in (-1, 1)} <= corners
+        gaps = np.linalg.norm(np.roll(outline, -1, axis=0) - outline, axis=1)
+        assert gaps.max() < 1.1 * gaps.min()
+
+
+def test_the_loss_is_the_mean_squared_distance_of_the_outline() -> None:
+    index = index_of(plane(30, 30))
+    assert alignment_loss(box((0, 0, 0)), index)[0] == pytest.approx(0)
+    assert alignment_loss(box((0, 0, 0.3)), index)[0] == pytest.approx(0.09)
+
+
+@settings(max_examples=15)
+@given(degrees=st.floats(0, 360), axis=st.sampled_from([(1, 0, 0), (0, 1, 0), (1, 2, 3)]), x=st.floats(-5, 5))
+def test_the_loss_does_not_depend_on_where_the_asset_stands(
+    degrees: float, axis: tuple[float, float, float], x: float
+) -> None:
+    shape, turn, shift = sphere(6, rings=8), rotation(axis, degrees), np.array([x, 1, 2])
+    here = box((0, 0, 6.1), (3, 1, 0.3))
+    there = Boxes(here.center @ turn.T + shift, here.axes @ turn.T, here.size)
+    expected = alignment_loss(here, index_of(shape))
+    assert alignment_loss(there, index_of(moved(shape, turn, shift))) == pytest.approx(expected)
+
+
+def test_levenberg_marquardt_lays_a_tilted_box_flat_on_a_plane() -> None:
+    fitted, loss = levenberg_marquardt(TILTED, index_of(plane(30, 30)))
+    assert loss[0] < 1e-8
+    assert abs(fitted.center[0, 2]) < 1e-3
+    assert fitted.axes[0, 2] == pytest.approx([0, 0, 1], abs=1e-3)
+    assert np.allclose(fitted.axes[0] @ fitted.axes[0].T, np.eye(3), atol=1e-9)
+
+
+def test_levenberg_marquardt_lets_a_ball_pass_through_the_middle_of_the_box() -> None:
+    shape = sphere(10, rings=48)
+    fitted, loss = levenberg_marquardt(box((0, 0, 10.5), (3, 0.6, 0.4), rotation((0, 1, 0), 15)), index_of(shape))
+    assert loss[0] < LOSS_THRESHOLD
+    outward = fitted.center[0] / np.linalg.norm(fitted.center[0])
+    assert fitted.axes[0, 2] @ outward == pytest.approx(1, abs=0.01)
+    assert 10 - 1.5**2 / 20 < np.linalg.norm(fitted.center[0]) < 10  # between the sagitta's depth and the top
+
+
+def test_levenberg_marquardt_pulls_a_box_back_from_an_edge() -> None:
+    fitted, loss = levenberg_marquardt(box((14, 0, 0.1), (5.5, 1, 0.5)), index_of(plane(30, 30)))
+    assert loss[0] < LOSS_THRESHOLD
+    assert fitted.center[0, 0] < 12.5
+
+
+def test_a_box_with_nowhere_to_lie_is_given_up_and_the_others_are_not_disturbed() -> None:
+    index = index_of(sphere(1.5))
+    alone, _ = levenberg_marquardt(box((0, 0, 1.5), (0.8, 0.2, 0.2)), index)
+    together, loss = levenberg_marquardt(boxes(box((0, 0, 1.5), (9, 4, 0.5)), box((0, 0, 1.5), (0.8, 0.2, 0.2))), index)
+    assert np.isinf(loss[0])
+    assert loss[1] < LOSS_THRESHOLD
+    assert np.allclose(together.center[1], alone.center[0], atol=1e-9)
+
+
+def test_fitted_text_on_a_ball_stays_nearly_upright() -> None:
+    shape = sphere(12)
+    start = candidates(shape, (4, 0.8, 0.4), 400, 3.0, np.random.default_rng(0))
+    fitted, loss = levenberg_marquardt(start, index_of(shape))
+    good = loss < LOSS_THRESHOLD
+    away_from_poles = np.abs(fitted.axes[:, 2, 1]) < 0.8
+    roll = np.degrees(np.arcsin(np.abs(fitted.axes[good & away_from_poles, 0, 1])))
+    assert good.mean() > 0.95
+    assert np.median(roll) < 3
+
+
+def test_adam_brings_a_tilted_box_below_the_papers_threshold() -> None:
+    fitted, loss = adam(TILTED, index_of(plane(30, 30)))
+    assert loss[0] < LOSS_THRESHOLD
+    assert loss == pytest.approx(alignment_loss(fitted, index_of(plane(30, 30))))
+    assert np.allclose(fitted.axes[0] @ fitted.axes[0].T, np.eye(3), atol=1e-9)
+
+
+def test_adam_stops_each_box_by_its_own_loss() -> None:
+    index = index_of(plane(30, 30))
+    aligned = box((3, 3, 0.01))
+    fitted, loss = adam(boxes(aligned, TILTED), index)
+    assert np.array_equal(fitted.center[0], aligned.center[0])
+    assert np.array_equal(fitted.axes[0], aligned.axes[0])
+    alone, _ = adam(TILTED, index)
+    assert np.allclose(fitted.center[1], alone.center[0])
+    assert (loss < LOSS_THRESHOLD).all()
+
+
+def test_adam_gives_up_after_200_steps_where_no_place_fits() -> None:
+    steps: list[float] = []
+    _, loss = adam(box((0, 0, 1), (9, 4, 0.5)), index_of(sphere(1.0, rings=6)), steps.append)
+    assert loss[0] > LOSS_THRESHOLD
+    assert len(steps) == 201
+    assert steps[-1] == 1.0
+
+
+def test_both_solvers_serve_faces_exactly_along_every_axis() -> None:
+    shape = cuboid(20, 20, 20)
+    start = candidates(shape, (4, 0.8, 0.4), 60, 4.0, np.random.default_rng(0))
+    for solver in (levenberg_marquardt, adam):
+        fitted, loss = solver(start, index_of(shape))
+        assert np.isfinite(fitted.center).all()
+        assert np.isfinite(fitted.axes).all()
+        assert (loss < LOSS_THRESHOLD).mean() > 0.9

@@ -1,0 +1,111 @@
+import numpy as np
+import pytest
+
+from core.asset.surface import Surface
+from core.errors import ErrorCode, MeshmarkError
+from core.parameters import Mode, Parameters, Preset
+from core.placement.place import place
+from core.placement.selection import Placement, select
+from tests.core.placement.shapes import cuboid, index_of, inside_out, join, moved, plane, sphere
+
+ASPECT = 0.18
+
+
+def placed(shape: Surface, aspect: float = ASPECT, **asked: object) -> Placement:
+    parameters = Parameters.model_validate({"text": "watermark"} | asked).resolved()
+    return place(shape, index_of(shape), aspect, parameters, np.random.default_rng(parameters.seed))
+
+
+def test_a_cube_of_twelve_faces_is_marked_on_every_side() -> None:
+    found = placed(cuboid(30, 30, 30))
+    chosen = select(found, 16)
+    normals = found.boxes.axes[chosen, 2]
+    assert {tuple(side) for side in np.round(normals).astype(int).tolist()} == {
+        (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)
+    }  # fmt: skip
+    assert found.visible[chosen][:, :24].any(axis=0).all()
+    assert np.all(found.boxes.size[chosen, 0] == 5.5)
+
+
+def test_boxes_lie_on_the_surface_and_look_outwards() -> None:
+    found = placed(sphere(15), size=3.0)
+    outward = found.boxes.center / np.linalg.norm(found.boxes.center, axis=1, keepdims=True)
+    assert np.einsum("bi,bi->b", outward, found.boxes.axes[:, 2]).min() > 0.98
+    assert np.abs(np.linalg.norm(found.boxes.center, axis=1) - 15).max() < 0.2
+    assert (found.loss < 0.005).all()
+    assert (found.roughness < 1.25).all()
+
+
+def test_the_same_seed_gives_the_same_placement_and_another_seed_another() -> None:
+    one, two, other = (placed(cuboid(30, 20, 10), seed=seed) for seed in (3, 3, 4))
+    assert np.array_equal(one.boxes.center, two.boxes.center)
+    assert np.array_equal(one.cost, two.cost)
+    assert len(one.boxes) != len(other.boxes) or not np.array_equal(one.boxes.center, other.boxes.center)
+
+
+def test_a_size_that_is_asked_for_is_the_only_one_used() -> None:
+    found = placed(cuboid(30, 30, 30), aspect=0.25, size=7.0)
+    assert np.all(found.boxes.size[:, 0] == 7.0)
+    assert np.all(found.boxes.size[:, 1] == 1.75)
+
+
+def test_parts_too_narrow_for_wide_text_get_narrower_text() -> None:
+    found = placed(join(cuboid(30, 0.8, 0.8), moved(cuboid(3.2, 12, 3.2), shift=(0, 0.4, 0))))
+    widths = set(found.boxes.size[select(found, 16), 0].tolist())
+    assert len(widths) > 1
+    assert widths <= {5.5, 4.0, 3.0, 2.0}
+
+
+def test_text_of_other_proportions_gets_the_same_area() -> None:
+    long = placed(cuboid(30, 30, 30), aspect=0.045)
+    assert np.allclose(long.boxes.size[:, 0], 11.0)
+    single = placed(cuboid(30, 30, 30), aspect=0.72)
+    assert np.allclose(single.boxes.size[:, 0], 2.75)
+
+
+def test_the_paper_preset_uses_its_samples_and_its_size() -> None:
+    found = placed(cuboid(30, 30, 30), preset=Preset.PAPER)
+    assert 0 < len(found.boxes) <= 300
+    assert np.all(found.boxes.size[:, 0] == 5.5)
+    assert np.all(found.boxes.size[:, 2] == pytest.approx(0.495))
+
+
+def test_both_sides_of_an_open_sheet_are_told_apart() -> None:
+    found = placed(plane(30, 30))
+    assert len(found.boxes) > 0
+    assert np.allclose(found.boxes.axes[:, 2], (0, 0, 1), atol=1e-6)
+
+
+def test_letters_are_not_sunk_into_a_wall_thinner_than_they_are_deep() -> None:
+    sheet = cuboid(30, 30, 0.2)
+    assert len(placed(sheet, mode=Mode.EMBOSS).boxes) > 0
+    with pytest.raises(MeshmarkError) as caught:
+        placed(sheet, mode=Mode.DEBOSS)
+    assert caught.value.code is ErrorCode.NO_PLACEMENT
+    assert "sunken" in caught.value.message
+
+
+def test_an_asset_without_room_says_how_many_places_were_tried_and_what_was_wrong_with_them() -> None:
+    with pytest.raises(MeshmarkError) as caught:
+        placed(cuboid(30, 0.1, 0.1), size=5.5)
+    assert caught.value.code is ErrorCode.NO_PLACEMENT
+    assert "boxes of width 5.5 were tried" in caught.value.message
+    assert "ends under it" in caught.value.message
+    assert "below 5.5" in caught.value.remedy
+
+
+def test_an_asset_turned_inside_out_says_so() -> None:
+    with pytest.raises(MeshmarkError) as caught:
+        placed(inside_out(cuboid(30, 30, 30)))
+    assert caught.value.code is ErrorCode.NO_PLACEMENT
+    assert "inwards" in caught.value.message
+    assert "normals" in caught.value.remedy
+
+
+def test_progress_rises_to_one() -> None:
+    shares: list[float] = []
+    parameters = Parameters(text="watermark", size=2.0).resolved()
+    shape = cuboid(30, 30, 30)
+    place(shape, index_of(shape), ASPECT, parameters, np.random.default_rng(0), shares.append)
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0

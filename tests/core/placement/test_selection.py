@@ -1,0 +1,127 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from core.placement.boxes import Boxes
+from core.placement.candidates import upright
+from core.placement.filters import overlapping
+from core.placement.selection import Placement, facing, select, visibility
+from core.rendering.views import fibonacci_directions, view_directions
+from tests.core.placement.shapes import box, boxes, index_of, inside_out, join, moved, plane, rotation, sphere
+
+
+def on_a_ball(number: int, seed: int = 0, radius: float = 12.0) -> Placement:
+    """Boxes at random places on a ball, seen from wherever they face."""
+    rng = np.random.default_rng(seed)
+    normal = rng.normal(size=(number, 3))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    found = Boxes(normal * radius, upright(normal), np.tile([4.0, 0.8, 0.4], (number, 1)))
+    directions = np.concatenate([view_directions()[0], fibonacci_directions(200)])
+    return Placement(
+        boxes=found,
+        loss=np.zeros(number),
+        roughness=np.ones(number),
+        cost=rng.random(number),
+        visible=facing(found, directions),
+        directions=directions,
+        weight=np.full(len(directions), 1 / len(directions)),
+    )
+
+
+def seen(placement: Placement, chosen: list[int]) -> float:
+    return float(placement.visible[chosen].any(axis=0).mean())
+
+
+@settings(max_examples=25)
+@given(
+    number=st.integers(0, 120),
+    seed=st.integers(0, 100),
+    count=st.integers(1, 20),
+    picks=st.lists(st.integers(0, 119), max_size=4),
+)
+def test_a_selection_never_overlaps_never_exceeds_the_count_and_keeps_what_is_fixed(
+    number: int, seed: int, count: int, picks: list[int]
+) -> None:
+    placement = on_a_ball(number, seed)
+    earlier = select(placement, min(3, count))
+    fixed = earlier[:2]
+    dead = {pick for pick in picks if pick < number and pick not in fixed}
+    chosen = select(placement, count, fixed=fixed, dead=dead)
+    assert chosen[: len(fixed)] == fixed
+    assert len(chosen) == len(set(chosen)) <= count
+    assert not dead & set(chosen)
+    for position, one in enumerate(chosen):
+        assert not overlapping(placement.boxes, one)[chosen[position + 1 :]].any()
+
+
+def test_nothing_to_choose_from_chooses_nothing() -> None:
+    assert select(on_a_ball(0), 10) == []
+
+
+def test_every_octant_of_the_asset_gets_a_mark() -> None:
+    placement = on_a_ball(400)
+    assert set(placement.octant[select(placement, 8)].tolist()) == set(range(8))
+    assert set(placement.octant[select(placement, 12)].tolist()) == set(range(8))
+
+
+def test_enough_marks_are_seen_from_all_24_views() -> None:
+    placement = on_a_ball(600)
+    chosen = select(placement, 16)
+    assert placement.visible[chosen][:, :24].any(axis=0).all()
+    assert seen(placement, chosen) > 0.97
+
+
+def test_a_few_marks_go_where_they_are_seen_from_most_directions() -> None:
+    placement = on_a_ball(400)
+    best_three = select(placement, 3)
+    rng = np.random.default_rng(0)
+    random = max(seen(placement, rng.choice(400, 3, replace=False).tolist()) for _ in range(50))
+    assert len(best_three) == 3
+    assert seen(placement, best_three) >= random
+
+
+def test_a_box_that_failed_is_replaced_while_the_embossed_ones_stay() -> None:
+    placement = on_a_ball(400)
+    first = select(placement, 10)
+    again = select(placement, 10, fixed=first[:4], dead={first[4]})
+    assert again[:4] == first[:4]
+    assert first[4] not in again
+    assert len(again) >= len(first) - 1
+    assert seen(placement, again) > 0.9 * seen(placement, first)
+
+
+def test_of_two_places_with_the_same_view_the_cheaper_is_taken() -> None:
+    pair = boxes(box((0, 0, 0)), box((0, 5, 0)))
+    directions = np.array([[0.0, 0, 1]])
+    placement = Placement(
+        pair, np.zeros(2), np.ones(2), np.array([0.9, 0.1]), np.ones((2, 1), dtype=bool), directions, np.ones(1)
+    )
+    assert select(placement, 4) == [1]
+
+
+def test_the_same_placement_gives_the_same_selection() -> None:
+    assert select(on_a_ball(300, 5), 12) == select(on_a_ball(300, 5), 12)
+
+
+def test_a_mark_faces_a_view_within_45_degrees() -> None:
+    turned = boxes(box(axes=rotation((0, 1, 0), 44)), box(axes=rotation((0, 1, 0), 46)))
+    # Rows of the axes matrix are turned the other way round than columns; both signs face alike.
+    assert facing(turned, np.array([[0.0, 0, 1]]))[:, 0].tolist() == [True, False]
+
+
+@pytest.mark.parametrize(("direction", "expected"), [((0, 0, 1), False), ((0.6, 0, 0.8), True), ((1, 0, 0), False)])
+def test_a_mark_is_visible_where_all_its_rays_pass_the_asset(
+    direction: tuple[float, float, float], expected: bool
+) -> None:
+    wall = moved(inside_out(plane(3, 3)), shift=(0, 0, 6))
+    shape = join(plane(20, 20), wall)
+    points = np.array([[[-1.0, 0, 0.1], [1.0, 0, 0.1]]])
+    assert visibility(box(), points, index_of(shape), np.array([direction], dtype=float))[0, 0] == expected
+
+
+def test_a_mark_on_the_inside_of_a_hollow_is_visible_from_nowhere() -> None:
+    shape = inside_out(sphere(8))
+    inner = box((0, 0, -8))
+    points = np.array([[[0.0, 0, -7.8]]])
+    assert not visibility(inner, points, index_of(shape), fibonacci_directions(50)).any()
