@@ -24,8 +24,8 @@ class Budgets:
     vertices: int = 15_000_000
     bytes: int = 200 * 2**20
     image_pixels: int = 2**28
-    json_bytes: int = 32 * 2**20
-    json_values: int = 1_000_000
+    json_bytes: int = 16 * 2**20
+    json_values: int = 500_000
     polygon_corners: int = 10_000
     materials: int = 4096
 

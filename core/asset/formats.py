@@ -63,6 +63,7 @@ def _read(data: bytes, file_format: Format, budgets: Budgets) -> PolygonMesh:
 
 def _build(mesh: PolygonMesh) -> Document:
     _check_references(mesh.corners, len(mesh.positions), "vertex")
+    _check_positions(mesh.positions, mesh.corners)
     triangles, polygon = triangulate(mesh.positions, mesh.corners, mesh.sizes)
     if len(triangles) == 0:
         raise no_faces(f"None of the {len(mesh.sizes):,} faces of the file has three corners.")
@@ -115,13 +116,16 @@ def _fits_float32(values: Float) -> NDArray[np.bool_]:
     return np.asarray(np.all(np.abs(values) <= np.finfo(np.float32).max, axis=1))
 
 
+def _check_positions(positions: Float, corners: Int) -> None:
+    wrong = ~_fits_float32(positions)[corners]
+    if wrong.any():
+        raise non_finite(
+            f"{np.count_nonzero(wrong):,} of {len(corners):,} corners of faces are not at finite positions."
+        )
+
+
 def _origin(positions: Float) -> Float:
     """(3,) where the node stands: the middle of the asset if float32 would lose its shape, else zero."""
-    finite = _fits_float32(positions)
-    if not finite.all():
-        raise non_finite(
-            f"{np.count_nonzero(~finite):,} of {len(positions):,} corners of faces are not at finite positions."
-        )
     low, high = positions.min(axis=0), positions.max(axis=0)
     is_far = np.abs(positions).max() > FAR_FROM_ORIGIN * (high - low).max()
     return (low + high) / 2 if is_far and np.any(positions.astype(np.float32) != positions) else np.zeros(3)

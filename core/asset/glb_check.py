@@ -129,8 +129,8 @@ def _check_json_text(text: bytes, budgets: Budgets) -> None:
     within(len(text), budgets.json_bytes, "bytes of JSON")
     brackets = re.sub(rb'"[^"\\]*+(?:\\.[^"\\]*+)*+"', b"", text, flags=re.DOTALL)
     brackets = brackets.translate(None, bytes(set(range(256)) - set(b"[]{}")))
+    within(brackets.count(b"[") + brackets.count(b"{"), budgets.json_values, "JSON arrays and objects")
     steps = np.where(np.isin(np.frombuffer(brackets, np.uint8), tuple(b"[{")), 1, -1)
-    within(int(np.count_nonzero(steps == 1)), budgets.json_values, "JSON arrays and objects")
     depth = int(np.cumsum(steps).max(initial=0))
     if depth > MAX_JSON_DEPTH:
         raise malformed(f"The JSON of the GLB is nested {depth:,} deep; {MAX_JSON_DEPTH} is the most accepted.")

@@ -1,6 +1,7 @@
 """PLY (Stanford), ASCII and binary of either byte order."""
 
 import struct
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -125,7 +126,7 @@ def read_ply(data: bytes, budgets: Budgets) -> PolygonMesh:
     if corners.dtype.kind == "f" and not np.all(np.isfinite(corners) & (corners == np.floor(corners))):
         raise malformed("A face of the PLY has a vertex number that is not an integer.")
     corners = np.clip(corners, -1, 2**53).astype(np.int64)
-    positions = np.column_stack([vertex[axis] for axis in "xyz"]).astype(np.float64)
+    positions = _matrix(vertex, "xyz")
     mesh = PolygonMesh(positions, corners, sizes, np.zeros(len(sizes), np.int64))
     mesh.attributes.update(_attributes(header, vertex, face, mesh))
     return mesh
@@ -142,20 +143,24 @@ def _attributes(
     """Normals, texture coordinates and colours of the vertices, else of the corners or faces."""
     attributes = {}
     if {"nx", "ny", "nz"} <= vertex.keys():
-        normals = np.column_stack([vertex[axis] for axis in ("nx", "ny", "nz")]).astype(np.float64)
-        attributes["NORMAL"] = Attribute(normals, mesh.corners)
+        attributes["NORMAL"] = Attribute(_matrix(vertex, ("nx", "ny", "nz")), mesh.corners)
     names = next((names for names in _UV_NAMES if set(names) <= vertex.keys()), None)
     if names:
-        uv = np.column_stack([vertex[name] for name in names]).astype(np.float64)
-        attributes["TEXCOORD_0"] = Attribute(_flip(uv), mesh.corners)
+        attributes["TEXCOORD_0"] = Attribute(_flip(_matrix(vertex, names)), mesh.corners)
     elif "texcoord" in face and np.array_equal(face["texcoord"][0], 2 * mesh.sizes):
-        uv = face["texcoord"][1].astype(np.float64).reshape(-1, 2)
+        uv = _matrix({"uv": face["texcoord"][1]}, ["uv"]).reshape(-1, 2)
         attributes["TEXCOORD_0"] = Attribute(_flip(uv), weld(uv))
     if (colors := _colors(header, "vertex", vertex)) is not None:
         attributes["COLOR_0"] = Attribute(colors, mesh.corners)
     elif (colors := _colors(header, "face", face)) is not None:
         attributes["COLOR_0"] = Attribute(colors, np.repeat(weld(colors), mesh.sizes))
     return attributes
+
+
+def _matrix(table: dict[str, Any], names: Iterable[str]) -> Float:
+    """(N, n) columns of a table as numbers."""
+    with np.errstate(invalid="ignore"):  # a signalling NaN is as good as any other
+        return np.column_stack([table[name].astype(np.float64) for name in names])
 
 
 def _flip(uv: Float) -> Float:

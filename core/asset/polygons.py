@@ -88,7 +88,10 @@ def triangulate(positions: Float, corners: Int, sizes: Int) -> tuple[Int, Int]:
 
 def weld(values: Float) -> Int:
     """(N,) for each row of (N, n) values, the first row that is exactly equal to it."""
-    label = group_rows(float_words(values))
+    with np.errstate(over="ignore", invalid="ignore"):
+        single = values.astype(np.float32)
+    # half the words to sort where nothing is lost, as in every binary STL
+    label = group_rows(float_words(single if np.array_equal(single, values) else values))
     return np.asarray(np.unique(label, return_index=True)[1][label])
 
 

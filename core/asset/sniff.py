@@ -77,7 +77,7 @@ def sniff(data: bytes) -> Format:
     is_text = _is_printable(head)
     if stl.is_ascii(data) and re.search(rb"(?i)facet|endsolid", head):
         return Format.STL
-    if is_text and _OBJ_LINE.search(data, 0, _SEARCHED):
+    if _OBJ_LINE.search(data, 0, _SEARCHED if is_text else _HEAD):
         return Format.OBJ
     if _is_binary_stl(data):
         return Format.STL

@@ -54,7 +54,8 @@ def read_stl(data: bytes) -> PolygonMesh:
 
 def _binary_corners(data: bytes) -> Float:
     records = np.frombuffer(data, _RECORD, triangle_count(data), HEADER_BYTES)
-    return records["corners"].reshape(-1, 3).astype(np.float64)
+    with np.errstate(invalid="ignore"):  # a signalling NaN, refused above us as any other
+        return records["corners"].reshape(-1, 3).astype(np.float64)
 
 
 def _ascii_corners(data: bytes) -> Float:

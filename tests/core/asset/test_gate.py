@@ -1,0 +1,264 @@
+import contextlib
+import io
+import json
+import struct
+import time
+import tracemalloc
+import zipfile
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from core.asset.budgets import Budgets
+from core.asset.flatten import flatten
+from core.asset.formats import to_document
+from core.asset.gate import admit
+from core.asset.sniff import Format
+from core.errors import ErrorCode, MeshmarkError
+from tests.core.asset.meshes import MESHES
+from tests.core.asset.samples import GLB, OBJ, OFF, PLY_ASCII, SAMPLES, STL_ASCII, STL_BINARY, ply_binary
+
+
+def _refusal(data: bytes, budgets: Budgets | None = None) -> MeshmarkError:
+    with pytest.raises(MeshmarkError) as caught:
+        admit(data, budgets or Budgets())
+    error = caught.value
+    assert error.message.endswith((".", "?"))
+    assert error.remedy.endswith(".")
+    return error
+
+
+def _archive(*names: str) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        for name in names:
+            archive.writestr(name, "content")
+    return stream.getvalue()
+
+
+def _glb_of(tree: dict[str, Any]) -> bytes:
+    text = json.dumps(tree).encode()
+    text += b" " * (-len(text) % 4)
+    return struct.pack("<4sII", b"glTF", 2, 20 + len(text)) + struct.pack("<I4s", len(text), b"JSON") + text
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_each_format_is_recognised_by_its_content(name: str) -> None:
+    assert admit(SAMPLES[name]) is Format(name.partition("-")[0])
+
+
+@pytest.mark.parametrize("prefix", [b"\xef\xbb\xbf", b"\n# first a comment\n"])
+def test_a_byte_order_mark_or_a_leading_comment_does_not_hide_a_text_format(prefix: bytes) -> None:
+    assert admit(prefix + OBJ) is Format.OBJ
+    assert admit(prefix + OFF) is Format.OFF
+
+
+def test_an_empty_file_is_refused() -> None:
+    assert _refusal(b"").code is ErrorCode.EMPTY_FILE
+
+
+@pytest.mark.parametrize(
+    ("data", "seen"),
+    [
+        (b"this is just a note, renamed to model.glb\n", "plain text"),
+        (b"v for vendetta, f for freedom\n", "plain text"),
+        (b"\x89PNG\r\n\x1a\n" + bytes(40), "PNG"),
+        (b"\xff\xd8\xff\xe0" + bytes(40), "JPEG"),
+        (b"<!DOCTYPE html><html>404</html>", "HTML"),
+        (b"%PDF-1.7", "PDF"),
+        (b"\x1f\x8b\x08" + bytes(20), "gzip"),
+        (b"\x01\x02\x03\x04" * 8, "binary data"),
+        (b'{"error": "not found"}', "JSON"),
+    ],
+)
+def test_unknown_content_is_refused_saying_what_it_looks_like(data: bytes, seen: str) -> None:
+    error = _refusal(data)
+    assert error.code is ErrorCode.UNKNOWN_FORMAT
+    assert seen in error.message
+
+
+@pytest.mark.parametrize(
+    ("data", "seen"),
+    [
+        (_archive("3D/3dmodel.model", "[Content_Types].xml"), "3MF"),
+        (_archive("scene.usdc"), "USDZ"),
+        (_archive("model.gltf", "model.bin"), "glTF"),
+        (_archive("cow.obj", "cow.mtl"), "OBJ"),
+        (_archive("readme.txt"), "ZIP"),
+        (_archive("cow.obj")[:-10], "damaged ZIP"),
+        (b"PK\x03\x04" + bytes(40), "damaged ZIP"),
+        (b'{"asset": {"version": "2.0"}, "meshes": []}', "plain-JSON glTF"),
+        (b"Kaydara FBX Binary  \x00\x1a\x00" + bytes(40), "FBX"),
+        (b'<?xml version="1.0"?>\n<COLLADA xmlns="x" version="1.4.1">', "COLLADA"),
+        (b"PXR-USDC" + bytes(40), "USD"),
+        (struct.pack("<4sII", b"glTF", 1, 20) + bytes(8), "version 1"),
+    ],
+)
+def test_other_3d_formats_are_refused_by_name_with_a_way_out(data: bytes, seen: str) -> None:
+    error = _refusal(data)
+    assert error.code is ErrorCode.UNSUPPORTED_FORMAT
+    assert seen in error.message
+    assert "GLB" in error.remedy
+
+
+@pytest.mark.parametrize("data", [OBJ.replace(b"\nf ", b"\nl "), b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"])
+def test_an_obj_without_faces_is_refused(data: bytes) -> None:
+    assert _refusal(data).code is ErrorCode.NO_FACES
+
+
+def test_an_obj_without_vertices_is_refused() -> None:
+    assert _refusal(b"o cube\nf 1 2 3\n").code is ErrorCode.MALFORMED_FILE
+
+
+@pytest.mark.parametrize("header", [bytes(80), b"solid claims".ljust(80), b"exported by somebody".ljust(80, b"\0")])
+@pytest.mark.parametrize("body", [b"", bytes(50)])
+def test_an_stl_that_claims_four_billion_triangles_is_refused_at_once(header: bytes, body: bytes) -> None:
+    error = _refusal(header + struct.pack("<I", 4_000_000_000) + body)
+    assert error.code is ErrorCode.TRUNCATED_FILE
+    assert "4,000,000,000" in error.message
+
+
+def test_a_binary_stl_may_start_like_an_ascii_one_and_end_with_stray_bytes() -> None:
+    assert STL_BINARY.startswith(b"solid")
+    assert admit(STL_BINARY + b"\0\0") is Format.STL
+    assert _refusal(STL_BINARY + bytes(2000)).code is ErrorCode.MALFORMED_FILE
+
+
+@pytest.mark.parametrize("data", [bytes(84), b"solid nothing\nendsolid nothing\n"])
+def test_an_stl_without_triangles_is_refused(data: bytes) -> None:
+    assert _refusal(data).code is ErrorCode.NO_FACES
+
+
+@pytest.mark.parametrize(
+    ("data", "code"),
+    [
+        (PLY_ASCII.replace(b"element vertex 8", b"element vertex 900000000"), ErrorCode.BUDGET_EXCEEDED),
+        (PLY_ASCII.replace(b"element face 7", b"element face 4000000"), ErrorCode.TRUNCATED_FILE),
+        (ply_binary("<").replace(b"element vertex 8", b"element vertex 14000000"), ErrorCode.TRUNCATED_FILE),
+        (PLY_ASCII.replace(b"element face 7", b"element face 0"), ErrorCode.NO_FACES),
+        (PLY_ASCII.replace(b"property float z\n", b""), ErrorCode.MALFORMED_FILE),
+        (PLY_ASCII.replace(b"vertex_indices", b"something_else"), ErrorCode.MALFORMED_FILE),
+        (PLY_ASCII.replace(b"property float x", b"property quaternion x"), ErrorCode.MALFORMED_FILE),
+        (PLY_ASCII.replace(b"property float y", b"property float x"), ErrorCode.MALFORMED_FILE),
+        (PLY_ASCII.replace(b"format ascii 1.0\n", b""), ErrorCode.MALFORMED_FILE),
+        (PLY_ASCII[:60], ErrorCode.TRUNCATED_FILE),
+        (PLY_ASCII.replace(b"element face 7", b"element tristrips 7"), ErrorCode.UNSUPPORTED_FEATURE),
+        (OFF.replace(b"8 6 12", b"900000000 6 12"), ErrorCode.BUDGET_EXCEEDED),
+        (OFF.replace(b"8 6 12", b"8 4000000 12"), ErrorCode.TRUNCATED_FILE),
+        (OFF.replace(b"8 6 12", b"8 0 0"), ErrorCode.NO_FACES),
+        (OFF.replace(b"8 6 12", b"eight"), ErrorCode.MALFORMED_FILE),
+        (b"OFF BINARY\n" + bytes(20), ErrorCode.UNSUPPORTED_FEATURE),
+        (b"4OFF\n1 1 1\n", ErrorCode.UNSUPPORTED_FEATURE),
+    ],
+)
+def test_a_header_that_cannot_be_true_or_exceeds_a_budget_is_refused(data: bytes, code: ErrorCode) -> None:
+    assert _refusal(data).code is code
+
+
+@pytest.mark.parametrize(
+    ("data", "budgets", "number"),
+    [
+        (OBJ, Budgets(faces=7), "8 faces"),
+        (OBJ, Budgets(vertices=7), "8 vertices"),
+        (STL_ASCII, Budgets(faces=11), "12 triangles"),
+        (STL_BINARY, Budgets(faces=11), "12 triangles"),
+        (GLB, Budgets(faces=11), "12 triangles"),
+        (GLB, Budgets(vertices=7), "8 vertices"),
+        (OFF, Budgets(bytes=100), f"{len(OFF)} bytes"),
+    ],
+)
+def test_a_file_over_a_budget_is_refused_naming_its_number(data: bytes, budgets: Budgets, number: str) -> None:
+    error = _refusal(data, budgets)
+    assert error.code is ErrorCode.BUDGET_EXCEEDED
+    assert number in error.message
+
+
+def _accessor_bomb(**accessor: Any) -> bytes:
+    return _glb_of(
+        {
+            "asset": {"version": "2.0"},
+            "nodes": [{"mesh": 0}],
+            "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+            "accessors": [{"componentType": 5126, "type": "VEC3", **accessor}],
+        }
+    )
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        _accessor_bomb(count=100_000_000),
+        _accessor_bomb(count=100_000_000, bufferView=0),
+        _accessor_bomb(count=100_000_000, sparse={"count": 1}),
+        bytes(80) + struct.pack("<I", 4_000_000_000) + bytes(50),
+        PLY_ASCII.replace(b"element vertex 8", b"element vertex 100000000"),
+        OFF.replace(b"8 6 12", b"100000000 6 12"),
+        GLB[:20] + b"[" * (len(GLB) - 20),
+    ],
+)
+def test_what_a_small_file_declares_costs_neither_time_nor_memory(data: bytes) -> None:
+    assert len(data) < 1000
+    tracemalloc.start()
+    start = time.perf_counter()
+    try:
+        with pytest.raises(MeshmarkError):
+            admit(data)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert time.perf_counter() - start < 1
+    assert peak < 2**20
+
+
+def test_a_small_glb_that_declares_a_hundred_million_vertices_is_over_budget() -> None:
+    error = _refusal(_accessor_bomb(count=100_000_000))
+    assert error.code is ErrorCode.BUDGET_EXCEEDED
+    assert "100,000,000" in error.message
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+@settings(max_examples=60, deadline=None)
+@given(data=st.data())
+def test_a_damaged_file_is_read_or_refused_but_never_anything_else(name: str, data: st.DataObject) -> None:
+    damaged = bytearray(SAMPLES[name])
+    for _ in range(data.draw(st.integers(1, 4))):
+        at = data.draw(st.integers(0, max(len(damaged) - 1, 0)))
+        length = data.draw(st.integers(0, 8))
+        text = st.sampled_from([b"nan", b"1e999", b"-1", b"9" * 20, b"/", b"\n", b"[", b"null", b"\0\0\xc0\x7f", b""])
+        damaged[at : at + length] = data.draw(st.one_of(st.binary(max_size=4), text))
+    with contextlib.suppress(MeshmarkError):
+        flatten(to_document(bytes(damaged), admit(bytes(damaged))))
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_a_file_cut_short_anywhere_is_read_or_refused_but_never_anything_else(name: str) -> None:
+    whole = SAMPLES[name]
+    for length in range(0, len(whole), 7):
+        try:
+            flatten(to_document(whole[:length], admit(whole[:length])))
+        except MeshmarkError:
+            continue
+
+
+_REFUSED = {
+    ".zip": ErrorCode.UNSUPPORTED_FORMAT,
+    ".3mf": ErrorCode.UNSUPPORTED_FORMAT,
+    "box-textured-meshopt.glb": ErrorCode.UNSUPPORTED_FEATURE,
+    "chess-board.glb": ErrorCode.UNSUPPORTED_FEATURE,
+    "lamborghini.glb": ErrorCode.UNSUPPORTED_FEATURE,
+    "nasa-ingenuity.glb": ErrorCode.UNSUPPORTED_FEATURE,
+    "truck-yellow-kenney.glb": ErrorCode.EXTERNAL_REFERENCE,
+}
+_FILES = sorted(path for path in MESHES.glob("*.*") if path.suffix not in (".csv", ".md"))
+
+
+@pytest.mark.parametrize("path", _FILES, ids=lambda path: path.name)
+def test_a_real_file_is_admitted_under_its_true_format_or_refused_for_its_true_reason(path: Any) -> None:
+    data = path.read_bytes()
+    code = _REFUSED.get(path.name, _REFUSED.get(path.suffix))
+    if code is None:
+        assert admit(data) is Format(path.suffix[1:])
+    else:
+        assert _refusal(data).code is code
