@@ -35,9 +35,7 @@ class DeclaredSizeLimit:
         """Answer, or pass the request on."""
         declared = dict(scope.get("headers", ())).get(b"content-length", b"0")
         if declared.isdigit() and int(declared) > self.limit:
-            # The rest of the connection is the body nobody will read.
-            response = problem_response(upload_too_large(self.limit), {"Connection": "close"})
-            return await response(scope, receive, send)
+            return await problem_response(upload_too_large(self.limit))(scope, receive, send)
         return await self.app(scope, receive, send)
 
 
@@ -83,10 +81,9 @@ def create_app(settings: Settings) -> FastAPI:
         "Errors are RFC 9457 problem details with a stable `code` and a `remedy`.",
         version="1",
         lifespan=lifespan,
-        max_body_size=body_limit,
         form_limits={"max_files": 2, "max_fields": 1, "max_part_size": MAX_PARAMS_BYTES},
     )
-    app.include_router(watermarks.router)
+    app.include_router(watermarks.router, max_body_size=body_limit)
     app.include_router(health.router)
     install_problem_handlers(app, body_limit)
     app.add_middleware(DeclaredSizeLimit, limit=body_limit)

@@ -17,7 +17,7 @@ def configure_logs(level: str) -> None:
     ]
     on_terminal = sys.stderr.isatty()
     final: list[Any] = (
-        [structlog.dev.ConsoleRenderer()]
+        [structlog.dev.ConsoleRenderer(exception_formatter=structlog.dev.plain_traceback)]
         if on_terminal
         else [structlog.processors.format_exc_info, structlog.processors.JSONRenderer()]
     )

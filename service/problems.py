@@ -1,5 +1,6 @@
 """Errors over HTTP: RFC 9457 problem details, with a stable `code` and a `remedy`."""
 
+from collections.abc import Mapping
 from http import HTTPStatus
 from typing import Annotated, Any
 
@@ -32,6 +33,7 @@ STATUS: dict[ErrorCode, int] = {
     ErrorCode.INVALID_FONT: 422,
     ErrorCode.NO_PLACEMENT: 422,
     ErrorCode.RENDERING_UNAVAILABLE: 500,
+    ErrorCode.OUTPUT_NOT_WRITABLE: 500,
     ErrorCode.INTERNAL_ERROR: 500,
     ErrorCode.TIME_LIMIT: 500,
     ErrorCode.MEMORY_LIMIT: 500,
@@ -83,7 +85,13 @@ def title(code: ErrorCode) -> str:
     return code.value.replace("_", " ").capitalize()
 
 
-def problem_response(error: MeshmarkError, headers: dict[str, str] | None = None) -> JSONResponse:
+HEADERS: dict[ErrorCode, dict[str, str]] = {
+    ErrorCode.NOT_READY: {"Retry-After": "1"},
+    ErrorCode.UPLOAD_TOO_LARGE: {"Connection": "close"},  # nobody will read what is still being sent
+}
+
+
+def problem_response(error: MeshmarkError, headers: Mapping[str, str] | None = None) -> JSONResponse:
     """The response that tells a client about an error."""
     problem = Problem(
         type=f"urn:meshmark:problem:{error.code}",
@@ -93,6 +101,7 @@ def problem_response(error: MeshmarkError, headers: dict[str, str] | None = None
         code=error.code,
         remedy=error.remedy,
     )
+    headers = {**HEADERS.get(error.code, {}), **(headers or {})}
     return JSONResponse(problem.model_dump(mode="json"), problem.status, headers, MEDIA_TYPE)
 
 
@@ -122,7 +131,7 @@ def install_problem_handlers(app: FastAPI, body_limit: int) -> None:
 
     @app.exception_handler(MeshmarkError)
     async def _known(_request: Request, error: MeshmarkError) -> JSONResponse:
-        return problem_response(error, {"Retry-After": "1"} if error.code == ErrorCode.NOT_READY else None)
+        return problem_response(error)
 
     @app.exception_handler(RequestValidationError)
     async def _invalid(_request: Request, error: RequestValidationError) -> JSONResponse:
@@ -139,7 +148,7 @@ def install_problem_handlers(app: FastAPI, body_limit: int) -> None:
 
     @app.exception_handler(HTTPException)
     async def _http(request: Request, error: HTTPException) -> JSONResponse:
-        return problem_response(_from_status(request, error, body_limit), dict(error.headers or {}))
+        return problem_response(_from_status(request, error, body_limit), error.headers)
 
     @app.exception_handler(Exception)
     async def _unknown(request: Request, error: Exception) -> JSONResponse:
@@ -170,6 +179,6 @@ def _from_status(request: Request, error: HTTPException, body_limit: int) -> Mes
             return upload_too_large(body_limit)
     return MeshmarkError(
         ErrorCode.INVALID_REQUEST,
-        f"The request could not be read: {error.detail}.",
+        f"The request could not be read: {error.detail.rstrip('.')}.",
         "Send multipart/form-data with the asset as the file part `file` and JSON in the field `params`.",
     )

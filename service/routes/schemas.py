@@ -70,7 +70,7 @@ class JobView(BaseModel):
     id: str
     state: JobState
     stage: Annotated[str | None, Field(description="What a running job does at the moment.")]
-    progress: Annotated[float, Field(ge=0, le=1, description="How much of the stage is done; 1 once succeeded.")]
+    progress: Annotated[float, Field(ge=0, le=1, description="How much of the job is done; 1 once succeeded.")]
     created_at: datetime
     started_at: Annotated[datetime | None, Field(description="When the latest attempt began.")]
     finished_at: datetime | None
@@ -98,7 +98,7 @@ class JobView(BaseModel):
             id=job.id,
             state=job.state,
             stage=job.stage,
-            progress=job.progress,
+            progress=round(job.progress, 3),
             created_at=job.created_at,
             started_at=job.started_at,
             finished_at=job.finished_at,

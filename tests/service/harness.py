@@ -12,7 +12,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from tests.worker.engines import asset
@@ -88,17 +88,17 @@ class Service:
         """Start the processes and wait until the API answers."""
         with ExitStack() as stack:
             processes = [stack.enter_context(running(command, self.environment)) for command in commands]
-            self.client = stack.enter_context(httpx.Client(base_url=self.url, timeout=20))
+            self.client = stack.enter_context(httpx2.Client(base_url=self.url, timeout=20))
             wait_until(self.is_up)
             yield processes
 
     def is_up(self) -> bool:
         try:
             return self.client.get("/healthz").status_code == 200
-        except httpx.TransportError:
+        except httpx2.TransportError:
             return False
 
-    def submit(self, content: bytes | None = None, params: str = '{"text": "HI"}', **files: Any) -> httpx.Response:
+    def submit(self, content: bytes | None = None, params: str = '{"text": "HI"}', **files: Any) -> httpx2.Response:
         parts = {"file": ("asset.obj", asset() if content is None else content), **files}
         return self.client.post("/v1/watermarks", files=parts, data={"params": params})
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from tests.service.harness import EMBEDDED_COMMAND, Service, wait_until
+from tests.service.harness import API_COMMAND, EMBEDDED_COMMAND, Service, wait_until
 
 
 @pytest.fixture(scope="module")
@@ -108,3 +108,25 @@ def test_one_command_starts_the_real_thing(tmp_path: Path) -> None:
         wait_until(lambda: psutil.Process(process.pid).children())
         process.send_signal(signal.SIGINT)
         assert process.wait(10) == 0
+
+
+def test_an_upload_far_over_the_limit_gets_its_answer_while_it_is_still_sent(tmp_path: Path) -> None:
+    service = Service(tmp_path, max_upload_bytes="1000000", max_font_bytes="1")
+    sent = 0
+
+    def parts() -> Iterator[bytes]:
+        nonlocal sent
+        yield b'--x\r\nContent-Disposition: form-data; name="file"; filename="a.obj"\r\n\r\n'
+        for _ in range(500):
+            sent += 1
+            yield b"v" * 2**20
+
+    with service.running(API_COMMAND) as [process]:
+        declared = service.submit(b"v" * 2**26)
+        streamed = service.client.post(
+            "/v1/watermarks", content=parts(), headers={"Content-Type": "multipart/form-data; boundary=x"}
+        )
+        assert psutil.Process(process.pid).memory_info().rss < 200 * 2**20
+    for response in (declared, streamed):
+        assert (response.status_code, response.json()["code"]) == (413, "upload_too_large")
+    assert sent < 100

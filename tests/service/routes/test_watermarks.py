@@ -3,7 +3,7 @@ from datetime import datetime
 from typing import Any
 
 import pytest
-from httpx import Response
+from httpx2 import Response
 
 from service.jobs import queue
 from service.jobs.models import ArtifactKind
@@ -89,7 +89,7 @@ def test_a_file_that_is_visibly_broken_is_refused_at_once(client: Client, conten
         ('{"text": "HI", "count": 1000}', "invalid_parameters", "count"),
         ('{"text": "HI", "seed": 9223372036854775808}', "invalid_parameters", "seed"),
         ('{"text": "' + "A" * 65 + '"}', "invalid_parameters", "64"),
-        ('{"text": "\U0001f600"}', "missing_glyphs", "U+1F600"),
+        ('{"text": "\U0001f984"}', "missing_glyphs", "U+1F984"),
     ],
 )
 def test_wrong_parameters_are_refused_and_the_problem_names_them(
@@ -108,7 +108,7 @@ def test_a_request_without_parameters_is_refused(client: Client) -> None:
 
 
 def test_a_text_field_in_place_of_the_file_is_refused(client: Client) -> None:
-    refused(client, post(client, data={"params": '{"text": "HI"}', "file": "abc"}, files=None), 422, "missing_file")
+    refused(client, post(client, data={"params": '{"text": "HI"}', "file": "abc"}, files=None), 400, "invalid_request")
 
 
 def test_a_body_that_is_no_form_is_refused(client: Client) -> None:
