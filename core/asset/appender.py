@@ -53,10 +53,11 @@ class Appender:
         if "bufferView" in like:
             accessor = {"bufferView": self._add_vertex_view(rows, columns, height), **accessor}
         elif (used := np.flatnonzero(rows.any(axis=1))).size:
+            packed = rows[used] if columns == 1 else _column_aligned(rows[used], columns, height)[0]
             accessor["sparse"] = {
                 "count": len(used),
                 "indices": {"bufferView": self._add_view(used.astype("<u4").tobytes(), {}), "componentType": 5125},
-                "values": {"bufferView": self._add_view(_column_aligned(rows[used], columns, height)[0].tobytes(), {})},
+                "values": {"bufferView": self._add_view(packed.tobytes(), {})},
             }
         return self.append("accessors", accessor)
 

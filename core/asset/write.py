@@ -44,7 +44,8 @@ def write(scene: Scene, edit: SurfaceEdit, color: str | None) -> bytes:
         corners, maps = _append_rows(scene.document, patch, appender)
         for index in patch.drawn:
             drawn = scene.primitives[index]
-            kept = drawn.triangles[edit.keep[scene.surface.face_primitive == index]]
+            first = np.searchsorted(scene.surface.face_primitive, index)  # its faces are consecutive, in order
+            kept = drawn.triangles[edit.keep[first : first + len(drawn.triangles)]]
             mine = scene.surface.face_primitive[edit.source_face[patch.triangles]] == index
             added = corners.reshape(-1, 3)[mine][:, [0, 2, 1] if drawn.mirrored else [0, 1, 2]]
             letters = (edit.kind[patch.triangles][mine] != Kind.SURFACE) & (paint is not None)
