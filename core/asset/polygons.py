@@ -98,9 +98,10 @@ def weld(values: Float) -> Int:
 def _blocks(sizes: Int) -> Iterator[tuple[int, Int]]:
     """Polygon numbers by size, at most ``_BLOCK`` corners (or one polygon) at a time."""
     order = np.argsort(sizes, kind="stable")
-    distinct, start = np.unique(sizes[order], return_index=True)
-    for size, rows in zip(distinct.tolist(), np.split(order, start[1:]), strict=True):
-        if size >= 3:
+    order = order[sizes[order] >= 3]
+    for rows in np.split(order, np.flatnonzero(np.diff(sizes[order])) + 1):
+        if len(rows):  # there is one empty group where there is no polygon
+            size = int(sizes[rows[0]])
             step = max(1, _BLOCK // size)
             for block in range(0, len(rows), step):
                 yield size, rows[block : block + step]

@@ -42,11 +42,11 @@ def read_stl(data: bytes) -> PolygonMesh:
             f"{np.count_nonzero(~finite):,} of {len(corners):,} corners of the STL are not finite numbers."
         )
     representative = weld(corners)
-    number = np.cumsum(representative == np.arange(len(corners))) - 1
+    is_first = representative == np.arange(len(corners))
     faces = len(corners) // 3
     return PolygonMesh(
-        corners[np.unique(representative)],
-        number[representative],
+        corners[is_first],
+        (np.cumsum(is_first) - 1)[representative],
         np.full(faces, 3, np.int64),
         np.zeros(faces, np.int64),
     )

@@ -34,10 +34,10 @@ class Lines:
         return self.text[self.start[index] : self.end[index]]
 
     def keyword(self, word: bytes) -> NDArray[np.bool_]:
-        """(N,) which lines start with ``word`` followed by a blank."""
-        mask = np.asarray(self.end - self.start > len(word))
+        """(N,) which lines start with ``word`` as a word of its own."""
+        mask = np.asarray(self.end - self.start >= len(word))
         start = self.start[mask]
-        found = np.isin(self.buffer[start + len(word)], (_BLANK, 9))
+        found = np.isin(self.buffer[start + len(word)], tuple(b" \t\n"))
         for offset, letter in enumerate(word):
             found &= self.buffer[start + offset] == letter
         mask[mask] = found

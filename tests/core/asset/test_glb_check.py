@@ -1,7 +1,7 @@
 import base64
+import json
 import struct
 from collections.abc import Callable
-from functools import reduce
 from typing import Any
 
 import pytest
@@ -24,11 +24,11 @@ def _code(document: Document, budgets: Budgets | None = None) -> ErrorCode:
 def _set(path: str, value: Any) -> Change:
     """Sets ``json["a"][0]["b"]`` for the path ``a.0.b``."""
 
-    def change(json: Any) -> None:
+    def change(entry: Any) -> None:
         *parents, last = (int(part) if part.isdecimal() else part for part in path.split("."))
         for part in parents:
-            json = json[part]
-        json[last] = value
+            entry = entry[part]
+        entry[last] = value
 
     return change
 
@@ -111,7 +111,7 @@ def test_a_sound_glb_passes() -> None:
         ("images", [{}]),
         ("images", [{"bufferView": 9}]),
         ("skins", [{"joints": [4]}]),
-        ("extras", reduce(lambda inner, _: [inner], range(70), [])),
+        ("extras", json.loads("[" * 70 + "]" * 70)),
     ],
 )
 def test_a_contradiction_is_refused_as_malformed(path: str, value: Any) -> None:
