@@ -11,7 +11,17 @@ from core.errors import ErrorCode, MeshmarkError
 from core.parameters import Mode, Parameters, Preset, Solver
 from core.placement.boxes import Boxes
 from core.placement.candidates import candidates, upright
-from core.placement.filters import above, covered, footprint, occluded, roughness, smooth, thin_walled, well_aligned
+from core.placement.filters import (
+    above,
+    covered,
+    distinct,
+    footprint,
+    occluded,
+    roughness,
+    smooth,
+    thin_walled,
+    well_aligned,
+)
 from core.placement.finetune import LOSS_THRESHOLD, adam, levenberg_marquardt
 from core.placement.sampling import sample
 from core.placement.selection import Placement, facing, select, visibility
@@ -22,8 +32,8 @@ Float = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
 WIDTHS = (5.5, 4.0, 3.0, 2.0)
-# WIDTHS are meant for a word like "watermark", 0.18 times as high as wide; other proportions get the same area.
-USUAL_ASPECT = 0.18
+# WIDTHS are meant for a word like "watermark", an eighth as high as wide; other proportions get the same area.
+USUAL_ASPECT = 0.125
 THICKNESS, THINNEST, THICKEST = 0.09, 0.25, 0.6  # of the width; 0.5 at 5.5, as in the paper
 PAPER_SAMPLES, PAPER_RADIUS = 300, 1.0
 # Drawn before thinning, and about how many stay: as many as one second fits on one core.
@@ -116,6 +126,9 @@ def place_width(
     kept = np.flatnonzero(well_aligned(loss))
     boxes, loss = boxes[kept], loss[kept]
     left["aligned"] = len(boxes)
+    kept = distinct(boxes, loss)
+    boxes, loss = boxes[kept], loss[kept]
+    left["distinct"] = len(boxes)
 
     met = footprint(boxes, index, surface.normals, clearance=relief)
     kept = np.flatnonzero(covered(met, boxes))
@@ -142,7 +155,7 @@ def place_width(
     kept = np.flatnonzero(visible.any(axis=1))
     boxes, loss, rough, height, visible = boxes[kept], loss[kept], rough[kept], height[kept], visible[kept]
     left["seen"] = len(boxes)
-    cost = _cost(boxes, rough, height, visible, directions)
+    cost = _cost(boxes, rough, height)
     return Placement(boxes, loss, rough, cost, visible, directions, weight), left
 
 
@@ -157,13 +170,12 @@ def _directions() -> tuple[Float, Float]:
     return np.concatenate([views, even]), weight
 
 
-def _cost(boxes: Boxes, rough: Float, height: Float, visible: Bool, directions: Float) -> Float:
-    """(B,) what makes a box a worse place: hidden from views that it faces, rolled, on bent or rough ground."""
-    hidden = 1 - visible.sum(axis=1) / facing(boxes, directions).sum(axis=1)
+def _cost(boxes: Boxes, rough: Float, height: Float) -> Float:
+    """(B,) what makes a box a worse place for text: rolled, on bent or on rough ground."""
     level = np.einsum("bi,bi->b", boxes.axes[:, 1], upright(boxes.axes[:, 2])[:, 1])
     roll = np.sqrt(1 - np.clip(level, 0, 1) ** 2)
     bend = np.sqrt((height**2).mean(axis=1)) / (boxes.size[:, 2] / 2)
-    return np.asarray(2 * hidden + 0.6 * roll + bend + (rough - 1))
+    return np.asarray(0.6 * roll + bend + (rough - 1))
 
 
 def _pool(found: list[Placement], widths: Sequence[float]) -> Placement:
@@ -188,7 +200,6 @@ def _pool(found: list[Placement], widths: Sequence[float]) -> Placement:
 
 REASONS = {
     "aligned": f"the surface bends away from it or ends under it (loss above {LOSS_THRESHOLD})",
-    "wanted": "others already serve the directions it faces",
     "covered": "it hangs over an edge, a hole or a second layer",
     "smooth": "the surface under it is too rough",
     "open": "another part is right in front of it or, for sunken letters, right behind it",
@@ -200,7 +211,8 @@ def _no_placement(widths: list[float], left: list[dict[str, int]]) -> MeshmarkEr
     removed = dict.fromkeys(REASONS, 0)
     for counts in left:
         for before, after in pairwise(counts):
-            removed[after] += counts[before] - counts[after]
+            if after in REASONS:
+                removed[after] += counts[before] - counts[after]
     worst = max(removed, key=lambda stage: removed[stage])
     tried = sum(counts["candidates"] for counts in left)
     sizes = " to ".join(f"{width:.3g}" for width in sorted({widths[0], widths[-1]}, reverse=True))

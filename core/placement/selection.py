@@ -48,9 +48,14 @@ class Placement:
     weight: Float
 
     @cached_property
-    def worth(self) -> Float:
-        """(B, D) what each box is worth towards each direction, where it is visible there."""
-        return self.visible * self.weight
+    def faced(self) -> Float:
+        """(B, D) 1 where a box faces a direction within 45 degrees, visible there or not."""
+        return facing(self.boxes, self.directions).astype(np.float64)
+
+    @cached_property
+    def seen(self) -> Float:
+        """(B, D) ``visible`` as numbers."""
+        return self.visible.astype(np.float64)
 
     @cached_property
     def octant(self) -> Int:
@@ -79,7 +84,7 @@ def select(placement: Placement, count: int, fixed: Sequence[int] = (), dead: Co
 
     First one box an octant, the one furthest from those already chosen among the cheaper half (paper,
     "Multi-Octant Presence"); then one for each 30-degree view that sees none yet ("Multi-Angle Visibility");
-    then whatever adds most coverage, while any is gained. Last, single boxes are swapped where that helps and
+    then whatever adds most, while any does. Last, single boxes are swapped where that helps and
     no octant loses its only mark. With ``count`` under eight, coverage decides from the start.
 
     Args:
@@ -104,9 +109,16 @@ def select(placement: Placement, count: int, fixed: Sequence[int] = (), dead: Co
 
 
 def _gain(placement: Placement, chosen: list[int]) -> Float:
-    """(B,) what each box would add to the objective: newly covered directions by weight, less its cost."""
-    unseen = ~placement.visible[chosen].any(axis=0)
-    return np.asarray(placement.worth @ unseen.astype(np.float64) - COST_WEIGHT * placement.cost)
+    """(B,) what each box would add to the objective.
+
+    That is the weighted mean over all directions of the paper's score of a view (the share visible among the
+    marks that face it, 0 where none does), less the placement cost.
+    """
+    seen, faced = placement.seen[chosen].sum(axis=0), placement.faced[chosen].sum(axis=0)
+    # One more box facing a direction turns seen/faced into seen/(faced + 1), or (seen + 1)/(faced + 1) where visible.
+    dilution = placement.weight * (seen / (faced + 1) - seen / np.maximum(faced, 1))
+    addition = placement.weight / (faced + 1)
+    return np.asarray(placement.faced @ dilution + placement.seen @ addition - COST_WEIGHT * placement.cost)
 
 
 def _add_octants(placement: Placement, chosen: list[int], free: Free, count: int) -> None:

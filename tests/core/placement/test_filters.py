@@ -9,6 +9,7 @@ from core.placement.boxes import Boxes
 from core.placement.filters import (
     above,
     covered,
+    distinct,
     footprint,
     occluded,
     overlapping,
@@ -204,3 +205,8 @@ def test_spacing_keeps_boxes_apart() -> None:
     pair = boxes(box((0, 0, 0)), box((4.2, 0, 0)))
     assert not overlapping(pair, 0)[1]
     assert overlapping(pair, 0, spacing=0.3)[1]
+
+
+def test_of_near_copies_the_best_aligned_one_stays() -> None:
+    several = boxes(box((0, 0, 0)), box((0.2, 0, 0)), box((9, 0, 0)), box((0, 0.1, 0), axes=rotation((0, 0, 1), 60)))
+    assert distinct(several, np.array([0.004, 0.001, 0.004, 0.004])).tolist() == [1, 2, 3]

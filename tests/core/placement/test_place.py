@@ -8,7 +8,7 @@ from core.placement.place import place
 from core.placement.selection import Placement, select
 from tests.core.placement.shapes import cuboid, index_of, inside_out, join, moved, plane, sphere
 
-ASPECT = 0.18
+ASPECT = 0.125
 
 
 def placed(shape: Surface, aspect: float = ASPECT, **asked: object) -> Placement:
@@ -57,9 +57,9 @@ def test_parts_too_narrow_for_wide_text_get_narrower_text() -> None:
 
 
 def test_text_of_other_proportions_gets_the_same_area() -> None:
-    long = placed(cuboid(30, 30, 30), aspect=0.045)
+    long = placed(cuboid(30, 30, 30), aspect=0.03125)
     assert np.allclose(long.boxes.size[:, 0], 11.0)
-    single = placed(cuboid(30, 30, 30), aspect=0.72)
+    single = placed(cuboid(30, 30, 30), aspect=0.5)
     assert np.allclose(single.boxes.size[:, 0], 2.75)
 
 
