@@ -81,6 +81,7 @@ def create_app(settings: Settings) -> FastAPI:
         "Errors are RFC 9457 problem details with a stable `code` and a `remedy`.",
         version="1",
         lifespan=lifespan,
+        generate_unique_id_function=lambda route: route.name,  # a client generator's method names
         form_limits={"max_files": 2, "max_fields": 1, "max_part_size": MAX_PARAMS_BYTES},
     )
     app.include_router(watermarks.router, max_body_size=body_limit)

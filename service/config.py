@@ -19,9 +19,19 @@ class Settings(BaseSettings):
     data_dir: Annotated[
         Path, Field(description="Folder of artifacts, scratch files, and of the default ledger and broker.")
     ] = Path("data")
-    database_url: Annotated[str, Field(description="SQLAlchemy URL of the job ledger; empty: SQLite in data_dir.")] = ""
+    database_url: Annotated[
+        str,
+        Field(
+            pattern=r"^$|^(sqlite|postgresql)\b",
+            description="SQLAlchemy URL of the job ledger (SQLite, PostgreSQL); empty: SQLite in data_dir.",
+        ),
+    ] = ""
     broker_url: Annotated[
-        str, Field(description="Queue: `redis://...`, or `filesystem://` for files in data_dir and no server.")
+        str,
+        Field(
+            pattern=r"^(filesystem|rediss?)://",
+            description="Queue: `redis://...`, or `filesystem://` for files in data_dir and no server.",
+        ),
     ] = "filesystem://"
     max_upload_bytes: Annotated[int, Field(gt=0, description="Largest asset accepted, in bytes.")] = 200 * MIB
     max_font_bytes: Annotated[int, Field(gt=0, description="Largest font accepted, in bytes.")] = 32 * MIB

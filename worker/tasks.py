@@ -61,9 +61,9 @@ class Worker:
     def _attempt(self, job: Job) -> None:
         lease, began = job.lease, time.monotonic()
         folder = self.scratch / scratch_name(lease)
-        folder.mkdir()
         log.info("job started")
         try:
+            folder.mkdir()
             with self.artifacts.exclusive():
                 for sha256 in self.ledger.drop_outputs(lease):
                     self.artifacts.remove(sha256)

@@ -19,6 +19,8 @@ from core.errors import ErrorCode, MeshmarkError
 from service.jobs.models import Artifact, ArtifactKind, Base, Job, JobState, Lease
 
 ACTIVE = (JobState.QUEUED, JobState.RUNNING)
+# API and worker start together, and one of them creates the tables.
+ONE_AT_A_TIME = {"sqlite": "BEGIN IMMEDIATE", "postgresql": "SELECT pg_advisory_xact_lock(7239017)"}
 OUTPUTS = (ArtifactKind.MODEL, ArtifactKind.REPORT, ArtifactKind.PREVIEW)
 
 
@@ -56,8 +58,7 @@ class Ledger:
         self._engine = _connect(url)
         self._session = sessionmaker(self._engine, expire_on_commit=False)
         with self._engine.begin() as connection:
-            if connection.dialect.name == "sqlite":
-                connection.execute(text("BEGIN IMMEDIATE"))  # API and worker start together; one creates the tables
+            connection.execute(text(ONE_AT_A_TIME[connection.dialect.name]))
             Base.metadata.create_all(connection)
 
     def close(self) -> None:

@@ -4,7 +4,7 @@ from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Any, NamedTuple
 
-from sqlalchemy import JSON, DateTime, Dialect, ForeignKey, Index, String, TypeDecorator
+from sqlalchemy import JSON, DateTime, Dialect, Enum, ForeignKey, Index, String, TypeDecorator
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 
 
@@ -51,10 +51,20 @@ class UtcDateTime(TypeDecorator[datetime]):
         return value and value.replace(tzinfo=UTC)
 
 
+def _words(enumeration: type[StrEnum]) -> Enum:
+    """A text column of an enumeration's values: a new value needs no migration, as a native type's would."""
+    return Enum(enumeration, native_enum=False, length=16, values_callable=lambda members: [*map(str, members)])
+
+
 class Base(DeclarativeBase):
     """Carries the metadata of all tables."""
 
-    type_annotation_map = {datetime: UtcDateTime, dict[str, Any]: JSON}  # noqa: RUF012
+    type_annotation_map = {  # noqa: RUF012
+        datetime: UtcDateTime,
+        dict[str, Any]: JSON,
+        JobState: _words(JobState),
+        ArtifactKind: _words(ArtifactKind),
+    }
 
 
 class Job(Base):
@@ -64,7 +74,7 @@ class Job(Base):
     __table_args__ = (Index("ix_jobs_state_enqueued_at", "state", "enqueued_at"),)
 
     id: Mapped[str] = mapped_column(String(36), primary_key=True)
-    state: Mapped[JobState] = mapped_column(String(16), default=JobState.QUEUED)
+    state: Mapped[JobState] = mapped_column(default=JobState.QUEUED)
     stage: Mapped[str | None] = mapped_column(String(32))
     progress: Mapped[float] = mapped_column(default=0.0)
     filename: Mapped[str] = mapped_column(String(255))
@@ -97,6 +107,6 @@ class Artifact(Base):
     __tablename__ = "artifacts"
 
     job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id", ondelete="CASCADE"), primary_key=True)
-    kind: Mapped[ArtifactKind] = mapped_column(String(16), primary_key=True)
+    kind: Mapped[ArtifactKind] = mapped_column(primary_key=True)
     sha256: Mapped[str] = mapped_column(String(64), index=True)
     size: Mapped[int]

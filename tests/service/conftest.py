@@ -2,6 +2,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import structlog
 from fastapi.testclient import TestClient
 
 from service.app import create_app
@@ -28,6 +29,11 @@ class Client:
 
     def run(self, url: str) -> None:
         self.worker.run(url.rsplit("/", 1)[1])
+
+
+@pytest.fixture(autouse=True, scope="session")
+def quiet() -> None:
+    structlog.configure(processors=[structlog.processors.KeyValueRenderer()])
 
 
 @pytest.fixture

@@ -10,7 +10,8 @@ import pytest
 
 from service.config import Settings
 from service.jobs import queue
-from tests.service.harness import API_COMMAND, WORKER_COMMAND, Service, redis_server, running, wait_until
+from tests.service.harness import API_COMMAND, WORKER_COMMAND, Service, redis_server, running
+from tests.worker.waiting import gone, wait_until
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +54,7 @@ def test_a_job_survives_kill_9_of_its_worker(service: Service, tmp_path: Path) -
     worker = worker_process()
     engines = worker.children()
     worker.send_signal(signal.SIGKILL)
-    wait_until(lambda: not [engine for engine in engines if engine.is_running()])
+    wait_until(lambda: all(map(gone, engines)))
     go.touch()
     with running([*WORKER_COMMAND, "--hostname=second@test"], service.environment):
         assert service.wait_for(url, "succeeded")["attempts"] == 2

@@ -9,7 +9,25 @@ from pathlib import Path
 import psutil
 import pytest
 
-from tests.service.harness import API_COMMAND, EMBEDDED_COMMAND, Service, wait_until
+from tests.service.harness import API_COMMAND, EMBEDDED_COMMAND, Service
+from tests.worker.waiting import gone, wait_until
+
+CUBE = b"""
+v 0 0 0
+v 1 0 0
+v 1 1 0
+v 0 1 0
+v 0 0 1
+v 1 0 1
+v 1 1 1
+v 0 1 1
+f 1 4 3 2
+f 5 6 7 8
+f 1 2 6 5
+f 2 3 7 6
+f 3 4 8 7
+f 4 1 5 8
+"""
 
 
 @pytest.fixture(scope="module")
@@ -55,6 +73,7 @@ def test_a_running_job_that_is_deleted_is_stopped_and_leaves_no_file(service: Se
     pid_file = tmp_path / "pid"
     url = service.start_job("hang", pid_file=os.fspath(pid_file))
     wait_until(lambda: pid_file.exists() and pid_file.read_text())
+    engine = psutil.Process(int(pid_file.read_text()))
     digest = service.job(url)["input"]["sha256"]
     stored = Path(service.environment["MESHMARK_DATA_DIR"]) / "artifacts" / digest[:2] / digest
     assert stored.exists()
@@ -62,7 +81,7 @@ def test_a_running_job_that_is_deleted_is_stopped_and_leaves_no_file(service: Se
     assert service.job(url)["state"] == "canceled"
     assert service.client.get(f"{url}/model").json()["code"] == "job_canceled"
     assert not stored.exists()
-    wait_until(lambda: not psutil.pid_exists(int(pid_file.read_text())))
+    wait_until(lambda: gone(engine))
     assert service.client.delete(url).status_code == 204
 
 
@@ -85,7 +104,7 @@ def test_stopping_ends_api_worker_and_engine_and_the_job_goes_on_at_the_next_sta
         process.send_signal(signal.SIGTERM)
         assert process.wait(10) == 0
     assert len(family) == 2  # the worker and the engine's process
-    assert not [member for member in family if member.is_running()]
+    assert all(map(gone, family))
     go.touch()
     with service.running(EMBEDDED_COMMAND):
         assert service.wait_for(url, "succeeded")["attempts"] == 1
@@ -99,13 +118,19 @@ def test_the_worker_ends_with_a_service_that_is_killed(tmp_path: Path) -> None:
         family = psutil.Process(process.pid).children(recursive=True)
         process.kill()
         process.wait()
-        wait_until(lambda: not [member for member in family if member.is_running()])
+        wait_until(lambda: all(map(gone, family)))
 
 
-def test_one_command_starts_the_real_thing(tmp_path: Path) -> None:
-    service = Service(tmp_path)
+def test_one_command_starts_the_real_engine_and_a_solid_comes_back_watermarked(tmp_path: Path) -> None:
+    service = Service(tmp_path, lease_seconds="15")
     with service.running([sys.executable, "-m", "service"]) as [process]:
-        wait_until(lambda: psutil.Process(process.pid).children())
+        response = service.submit(CUBE, params='{"text": "HI", "count": 6, "evaluate": "none"}')
+        assert response.status_code == 202, response.text
+        job = service.wait_for(response.headers["Location"], "succeeded", seconds=60)
+        assert service.client.get(job["links"]["model"]).content[:4] == b"glTF"
+        report = service.client.get(job["links"]["report"]).json()
+        assert report["schema"] == "meshmark.report/1"
+        assert {mark["text"] for mark in report["watermarks"]} == {"HI"}
         process.send_signal(signal.SIGINT)
         assert process.wait(10) == 0
 

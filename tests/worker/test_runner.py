@@ -4,7 +4,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ import pytest
 from core.errors import ErrorCode, MeshmarkError
 from service.jobs.models import ArtifactKind
 from tests.worker.engines import asset
+from tests.worker.waiting import gone, wait_until
 from worker.runner import Limits, Progress, Published, Work, run_engine
 
 GENEROUS = Limits(seconds=60, memory=2**32)
@@ -34,23 +34,9 @@ def failure(work: Work, limits: Limits = GENEROUS) -> MeshmarkError:
     return caught.value
 
 
-def wait_until(condition: Callable[[], object], seconds: float = 10) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "it did not happen in time"
-        time.sleep(0.02)
-
-
-def gone(pid: int) -> bool:
-    try:
-        return bool(psutil.Process(pid).status() == psutil.STATUS_ZOMBIE)
-    except psutil.NoSuchProcess:
-        return True
-
-
-def pid_in(path: Path) -> int:
+def process_in(path: Path) -> psutil.Process:
     wait_until(lambda: path.exists() and path.read_text())
-    return int(path.read_text())
+    return psutil.Process(int(path.read_text()))
 
 
 def test_stages_and_artifacts_arrive_in_order(tmp_path: Path) -> None:
@@ -131,8 +117,9 @@ def test_closing_the_run_kills_the_child_and_what_it_started(tmp_path: Path) -> 
     for _ in run:
         if pid_file.exists() and pid_file.read_text():
             break
+    grandchild = process_in(pid_file)
     run.close()
-    wait_until(lambda: gone(pid_in(pid_file)))
+    wait_until(lambda: gone(grandchild))
 
 
 def test_the_child_dies_with_a_worker_that_is_killed(tmp_path: Path) -> None:
@@ -145,7 +132,7 @@ def test_the_child_dies_with_a_worker_that_is_killed(tmp_path: Path) -> None:
         "list(run_engine(work, Limits(60, 2**32)))"
     )
     parent = subprocess.Popen([sys.executable, "-c", script, work.input, work.folder])
-    child = pid_in(pid_file)
+    child = process_in(pid_file)
     parent.send_signal(signal.SIGKILL)
     parent.wait()
     wait_until(lambda: gone(child))

@@ -1,8 +1,7 @@
 import os
 import sqlite3
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing
 from io import BytesIO
 from pathlib import Path
@@ -14,6 +13,7 @@ from service.jobs import queue
 from service.jobs.ledger import WORKER_LOST, Content
 from service.jobs.models import ArtifactKind, Job, JobState
 from tests.worker.engines import asset
+from tests.worker.waiting import wait_until
 from worker.tasks import Worker
 
 
@@ -40,13 +40,6 @@ def job(worker: Worker, job_id: str) -> Job:
     found = worker.ledger.get(job_id)
     assert found is not None
     return found
-
-
-def wait_until(condition: Callable[[], object]) -> None:
-    deadline = time.monotonic() + 10
-    while not condition():
-        assert time.monotonic() < deadline, "it did not happen in time"
-        time.sleep(0.02)
 
 
 def in_background(worker: Worker, job_id: str) -> threading.Thread:
