@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from core.asset.flatten import Scene, flatten
 from core.asset.formats import to_document
 from core.asset.gate import admit
+from core.asset.glb_check import is_beside
 from core.asset.gltf import Document
 from core.asset.sniff import Format
 from core.asset.write import write
@@ -81,7 +82,17 @@ class Result:
 
 def _read(job: Job) -> None:
     job.format = admit(job.data)
-    job.scene = flatten(to_document(job.data, job.format))
+    document = to_document(job.data, job.format)
+    job.scene = flatten(document)
+    beside = [image["uri"] for image in document.json.get("images", []) if is_beside(image)]
+    if beside:
+        job.warnings.append(
+            {
+                "code": ErrorCode.EXTERNAL_REFERENCE.value,
+                "message": f"The GLB's textures lie in other files ({', '.join(beside[:3])}); they were not opened.",
+                "remedy": "Keep these files beside the result, or embed them before the upload.",
+            }
+        )
     job.index = SpatialIndex(job.scene.surface.positions, job.scene.surface.faces)
 
 

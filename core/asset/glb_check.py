@@ -5,6 +5,7 @@ import binascii
 import re
 import sys
 from typing import Any
+from urllib.parse import unquote, urlsplit
 
 import numpy as np
 
@@ -255,6 +256,8 @@ def _check_images(json: Json, buffers: list[bytes], budgets: Budgets) -> None:
     pixels = 0
     for number, image in enumerate(_entries(json, "images")):
         where = f"images[{number}]"
+        if is_beside(image):
+            continue
         size = image_size(_image_bytes(json, buffers, image, where))
         if size is None:
             raise MeshmarkError(
@@ -264,6 +267,19 @@ def _check_images(json: Json, buffers: list[bytes], budgets: Budgets) -> None:
             )
         pixels += size[0] * size[1]
         within(pixels, budgets.image_pixels, f"texture pixels up to {where}, which has {size[0]:,} x {size[1]:,},")
+
+
+def is_beside(image: Json) -> bool:
+    """Whether an image of a GLB is a file in or below the GLB's own folder. It is never opened, only carried."""
+    uri = image.get("uri")
+    if "bufferView" in image or not isinstance(uri, str) or uri.startswith("data:"):
+        return False
+    try:
+        parts = urlsplit(uri)
+    except ValueError:
+        return False
+    path = unquote(parts.path).replace("\\", "/")
+    return not (parts.scheme or parts.netloc or path.startswith("/") or ".." in path.split("/"))
 
 
 def _image_bytes(json: Json, buffers: list[bytes], image: Json, where: str) -> memoryview:

@@ -249,7 +249,6 @@ _REFUSED = {
     "chess-board.glb": ErrorCode.UNSUPPORTED_FEATURE,
     "lamborghini.glb": ErrorCode.UNSUPPORTED_FEATURE,
     "nasa-ingenuity.glb": ErrorCode.UNSUPPORTED_FEATURE,
-    "truck-yellow-kenney.glb": ErrorCode.EXTERNAL_REFERENCE,
 }
 _FILES = sorted(path for path in MESHES.glob("*.*") if path.suffix not in (".csv", ".md"))
 

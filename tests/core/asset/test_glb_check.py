@@ -132,6 +132,10 @@ def test_nodes_that_are_no_forest_are_refused() -> None:
         ("buffers.0.uri", "mesh.bin", ErrorCode.EXTERNAL_REFERENCE),
         ("buffers.0.uri", "file:///etc/passwd", ErrorCode.EXTERNAL_REFERENCE),
         ("images", [{"uri": "https://example.org/texture.png"}], ErrorCode.EXTERNAL_REFERENCE),
+        ("images", [{"uri": "file:///etc/passwd"}], ErrorCode.EXTERNAL_REFERENCE),
+        ("images", [{"uri": "/etc/passwd"}], ErrorCode.EXTERNAL_REFERENCE),
+        ("images", [{"uri": "textures/..%2f../secret.png"}], ErrorCode.EXTERNAL_REFERENCE),
+        ("images", [{"uri": "//host/share.png"}], ErrorCode.EXTERNAL_REFERENCE),
         ("images", [{"uri": "data:image/gif;base64,R0lGODlh"}], ErrorCode.UNSUPPORTED_FEATURE),
         ("extensionsRequired", ["KHR_draco_mesh_compression"], ErrorCode.UNSUPPORTED_FEATURE),
         ("extensionsRequired", ["EXT_meshopt_compression"], ErrorCode.UNSUPPORTED_FEATURE),
@@ -145,6 +149,13 @@ def test_nodes_that_are_no_forest_are_refused() -> None:
 )
 def test_each_kind_of_refusal_has_its_own_code(path: str, value: Any, code: ErrorCode) -> None:
     assert _code(_changed(_set(path, value))) is code
+
+
+def test_a_texture_that_lies_beside_the_file_is_carried_unopened() -> None:
+    images = [{"uri": "Textures/colour%20map.png"}]
+    document = _changed(_set("images", images))
+    check_glb(document.to_glb(), Budgets())
+    assert Document.from_glb(document.to_glb()).json["images"] == images
 
 
 def test_a_required_extension_that_is_not_understood_is_named() -> None:

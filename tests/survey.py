@@ -1,0 +1,147 @@
+"""`make survey MESHES=DIR`: watermarks every file of a folder and prints one row of facts for each, as Markdown.
+
+The letters are counted on the written file by rays, independently of the code that embossed them.
+"""
+
+import argparse
+import multiprocessing
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from manifold3d import triangulate
+
+from core.asset.flatten import flatten
+from core.asset.formats import to_document
+from core.asset.gate import admit
+from core.asset.gltf import Document
+from core.errors import MeshmarkError
+from core.lettering.outline import lettering
+from core.parameters import Parameters
+from core.pipeline import Result, watermark
+from core.spatial import SpatialIndex
+from tests.validator import validate
+
+ASSETS = {".glb", ".obj", ".stl", ".ply", ".off", ".zip", ".3mf"}
+COLUMNS = (
+    "file",
+    "s",
+    "read",
+    "place",
+    "emboss",
+    "write",
+    "marks",
+    "verified / tried",
+    "letters whole",
+    "faces",
+    "ipe",
+    "lce",
+    "ray",
+    "coverage",
+    "smse",
+    "watertight",
+    "open edges",
+    "edges > 2 faces",
+    "new glTF errors",
+)
+
+
+def main() -> int:
+    """Prints the table; returns the number of files on which something is wrong."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--out", type=Path, help="also write the GLB and the preview of every asset here")
+    options = parser.parse_args()
+    print(f"| {' | '.join(COLUMNS)} |\n|{' --- |' * len(COLUMNS)}", flush=True)
+    wrong = 0
+    # A fresh process for each file: one asset's caches and warm code do not flatter the next one's times.
+    with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as pool:
+        files = sorted(path for path in options.folder.iterdir() if path.suffix in ASSETS)
+        for row, bad in pool.imap(_survey, [(path, options.out) for path in files]):
+            print(f"| {' | '.join(row)} |", flush=True)
+            wrong += bad
+    return wrong
+
+
+def _survey(task: tuple[Path, Path | None]) -> tuple[list[str], bool]:
+    path, out = task
+    data = path.read_bytes()
+    try:
+        result = watermark(data, Parameters(text="watermark"), preview=out is not None)
+    except MeshmarkError as error:
+        return [path.name, f"{error.code}: {error.message}"], False
+    if out is not None:
+        out.mkdir(exist_ok=True)
+        (out / f"{path.stem}.glb").write_bytes(result.model)
+        (out / f"{path.stem}.png").write_bytes(result.preview or b"")
+    report = result.report
+    asset, model, seconds = report["asset"], report["model"], report["timings"]
+    whole, letters = _whole_letters(data, result)
+    errors = _errors(result.model) - (_errors(data) if asset["format"] == "glb" else 0)
+    utility, quality = report["metrics"]["asset_utility"], report["metrics"]["watermark_quality"]
+    same = all(asset[key] == model[key] for key in ("watertight", "boundary_edges", "nonmanifold_edges"))
+    row = [
+        path.name,
+        f"{sum(seconds[stage] for stage in ('reading', 'lettering', 'placing', 'embossing', 'writing')):.2f}",
+        *(f"{seconds[stage]:.2f}" for stage in ("reading", "placing", "embossing", "writing")),
+        str(len(report["watermarks"])),
+        f"{report['embossing']['verified']} / {report['embossing']['tried']}",
+        f"{whole} / {letters}",
+        f"{asset['faces']} -> {model['faces']}",
+        str(utility["ipe"]),
+        f"{utility['lce']:.1e}",
+        f"{quality['ray']:.3f}",
+        f"{quality['coverage']:.3f}",
+        f"{utility['smse']:.4f}",
+        *(f"{asset[key]} -> {model[key]}" for key in ("watertight", "boundary_edges", "nonmanifold_edges")),
+        str(errors),
+    ]
+    return row, not same or whole < letters or errors > 0 or utility["ipe"] != 0
+
+
+def _errors(glb: bytes) -> int:
+    return int(validate(glb)["issues"]["numErrors"])
+
+
+def _whole_letters(data: bytes, result: Result) -> tuple[int, int]:
+    """How many letters stand whole, and how many there should be: rays down onto every letter must end on a top,
+    one relief away from the original surface, all over the letter."""
+    original = flatten(to_document(data, admit(data))).surface
+    written = flatten(Document.from_glb(result.model)).surface.in_frame_of(original)
+    before = SpatialIndex(original.positions, original.faces)
+    after = SpatialIndex(written.positions, written.faces)
+    parameters: dict[str, Any] = result.report["parameters"]
+    rings = lettering(parameters["text"]).polygons
+    corners = np.concatenate(rings)
+    triangles = np.asarray(triangulate([np.ascontiguousarray(ring) for ring in rings]))
+    # Points well inside the letters, and which letter each belongs to: the triangles of one letter share corners.
+    inside = corners[triangles].mean(axis=1)
+    label = np.arange(len(corners))
+    for _ in range(len(corners)):
+        lowest = label[triangles].min(axis=1)
+        updated = label.copy()
+        np.minimum.at(updated, triangles, lowest[:, None].repeat(3, axis=1))
+        if np.array_equal(updated, label):
+            break
+        label = updated
+    letter = label[triangles[:, 0]]
+    whole = total = 0
+    for mark in result.report["watermarks"]:
+        center = (np.array(mark["center"]) - original.offset) * original.scale
+        width, _, thickness = np.array(mark["size"]) * original.scale
+        relief = mark["relief"] * original.scale
+        right, up, normal = (np.array(mark[name]) for name in ("right", "up", "normal"))
+        points = center + width * (inside[:, :1] * right + inside[:, 1:] * up)
+        origins = points + (thickness + 2 * relief) * normal
+        distance, _ = after.first_hit(origins, np.broadcast_to(-normal, origins.shape))
+        hits = origins - np.where(np.isfinite(distance), distance, 0.0)[:, None] * normal
+        is_top = np.isfinite(distance) & (np.abs(before.closest(hits)[0] - relief) < 0.02 * relief + 1e-4)
+        for name in np.unique(letter):
+            total += 1
+            whole += bool(is_top[letter == name].mean() > 0.9)
+    return whole, total
+
+
+if __name__ == "__main__":
+    sys.exit(main())
