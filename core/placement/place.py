@@ -29,7 +29,6 @@ from core.rendering.views import fibonacci_directions, view_directions
 from core.spatial import SpatialIndex
 
 Float = NDArray[np.float64]
-Bool = NDArray[np.bool_]
 
 WIDTHS = (5.5, 4.0, 3.0, 2.0)
 # WIDTHS are meant for a word like "watermark", an eighth as high as wide; other proportions get the same area.
@@ -81,11 +80,15 @@ def place(
     placements: list[Placement] = []
     left: list[dict[str, int]] = []
     wanted = _directions()[0]
-    for width in widths:
-        placement, counts = place_width(surface, index, width, aspect, parameters, rng, wanted)
+    for step, width in enumerate(widths):
+
+        def share(done: float, step: int = step) -> None:
+            progress((step + done) / len(widths))
+
+        placement, counts = place_width(surface, index, width, aspect, parameters, rng, wanted, share)
         placements.append(placement)
         left.append(counts)
-        progress(len(left) / len(widths))
+        share(1.0)
         pooled = _pool(placements, widths)
         chosen = select(pooled, parameters.count)
         seen = pooled.visible[chosen].any(axis=0)
@@ -105,6 +108,7 @@ def place_width(
     parameters: Parameters,
     rng: np.random.Generator,
     wanted: Float,
+    progress: Callable[[float], None] = lambda _: None,
 ) -> tuple[Placement, dict[str, int]]:
     """The survivors for one text width, and how many boxes were left after each stage, by stage.
 
@@ -122,7 +126,10 @@ def place_width(
     boxes = boxes[np.flatnonzero(facing(boxes, wanted).any(axis=1))]
     left["wanted"] = len(boxes)
 
-    boxes, loss = (adam if parameters.solver is Solver.ADAM else levenberg_marquardt)(boxes, index)
+    if parameters.solver is Solver.ADAM:
+        boxes, loss = adam(boxes, index, progress)
+    else:
+        boxes, loss = levenberg_marquardt(boxes, index)
     kept = np.flatnonzero(well_aligned(loss))
     boxes, loss = boxes[kept], loss[kept]
     left["aligned"] = len(boxes)

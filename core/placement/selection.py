@@ -1,4 +1,4 @@
-"""Which of the surviving boxes to use: the paper's octants and 30-degree views, then maximum coverage."""
+"""Which of the surviving boxes to use: the paper's octants, then its views and all other directions."""
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
@@ -20,7 +20,6 @@ FACING_VIEW = np.cos(np.radians(45.0))  # a mark turned further away is not read
 SPACING = 0.3  # between boxes, size-30 units
 # What one unit of placement cost weighs against the share of all directions covered.
 COST_WEIGHT = 0.02
-# The paper gives each octant a mark; with fewer marks than this, coverage decides alone.
 OCTANTS = 8
 SWEEPS = 3
 
@@ -83,9 +82,10 @@ def select(placement: Placement, count: int, fixed: Sequence[int] = (), dead: Co
     """Indices of at most ``count`` boxes that do not overlap, in the order in which to emboss them.
 
     First one box an octant, the one furthest from those already chosen among the cheaper half (paper,
-    "Multi-Octant Presence"); then one for each 30-degree view that sees none yet ("Multi-Angle Visibility");
-    then whatever adds most, while any does. Last, single boxes are swapped where that helps and
-    no octant loses its only mark. With ``count`` under eight, coverage decides from the start.
+    "Multi-Octant Presence"). Then whatever adds most to the views, while anything does: each of the 24 views of
+    "Multi-Angle Visibility" weighs as much as eight of the 200 even directions, so views that see no mark yet come
+    first. Last, single boxes are swapped where that helps and no octant loses its only mark. With ``count`` under
+    eight there is not one for each octant, and the views decide from the start.
 
     Args:
         placement: the survivors.
@@ -138,7 +138,7 @@ def _add_octants(placement: Placement, chosen: list[int], free: Free, count: int
 
 
 def _add_coverage(placement: Placement, chosen: list[int], free: Free, count: int) -> None:
-    """Add the box that gains most, first towards the 30-degree views, then towards all, while any gains."""
+    """Add the box that gains most, while any gains."""
     while len(chosen) < count:
         gain = np.where(free(chosen), _gain(placement, chosen), -np.inf)
         if len(gain) == 0 or gain.max() <= 0:

@@ -1,11 +1,18 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from core.asset.flatten import flatten
+from core.asset.formats import to_document
+from core.asset.gate import admit
 from core.asset.surface import Surface
 from core.errors import ErrorCode, MeshmarkError
 from core.parameters import Mode, Parameters, Preset
+from core.placement.filters import overlapping
 from core.placement.place import place
 from core.placement.selection import Placement, select
+from tests.core.asset.meshes import MESHES
 from tests.core.placement.shapes import cuboid, index_of, inside_out, join, moved, plane, sphere
 
 ASPECT = 0.125
@@ -109,3 +116,26 @@ def test_progress_rises_to_one() -> None:
     place(shape, index_of(shape), ASPECT, parameters, np.random.default_rng(0), shares.append)
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
+
+
+def test_the_slow_solver_reports_its_progress_as_it_goes() -> None:
+    shares: list[float] = []
+    parameters = Parameters(text="watermark", preset=Preset.PAPER).resolved()
+    shape = cuboid(10, 6, 6)
+    place(shape, index_of(shape), ASPECT, parameters, np.random.default_rng(0), shares.append)
+    assert len(shares) > 3
+    assert shares == sorted(shares)
+
+
+REAL = ["elephant-paper.obj", "shark-paper.obj", "suzanne.obj", "human-smpl.obj", "fox.glb", "adis16480-metres.stl"]
+
+
+@pytest.mark.parametrize("path", [MESHES / name for name in REAL if (MESHES / name).exists()], ids=lambda p: p.stem)
+def test_real_assets_get_marks_that_are_seen_from_nearly_everywhere(path: Path) -> None:
+    data = path.read_bytes()
+    found = placed(flatten(to_document(data, admit(data))).surface)
+    chosen = select(found, 16)
+    assert 8 <= len(chosen) <= 16
+    assert found.visible[chosen].any(axis=0).mean() > 0.85
+    for position, one in enumerate(chosen):
+        assert not overlapping(found.boxes, one)[chosen[position + 1 :]].any()
