@@ -9,6 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from core.errors import ErrorCode, MeshmarkError
 
 MAX_TEXT_LENGTH = 64
+# Of the text's width: 0.22 at 5.5. Higher reads better from the side, but narrow text turns into a row of spikes.
+RELIEF = 0.04
 
 
 class Preset(StrEnum):
@@ -40,11 +42,11 @@ class Solver(StrEnum):
     ADAM = "adam"
 
 
-# text width, relief, number of watermarks, solver. "paper" repeats the supplement's implementation details
-# (extrude strength 0.05, about ten watermarks, Adam); the other two are tuned for legibility (DESIGN section 3).
+# Text width, relief, number of watermarks, solver. "paper" repeats the supplement's implementation details (extrude
+# strength 0.05, about ten watermarks, Adam). In the other two the relief grows with the text: see `relief_at`.
 PRESETS: dict[Preset, dict[str, Any]] = {
-    Preset.MERCHANDISE: {"size": None, "relief": 0.22, "count": 16, "solver": Solver.LEVENBERG_MARQUARDT},
-    Preset.PROVENANCE: {"size": 3.0, "relief": 0.15, "count": 4, "solver": Solver.LEVENBERG_MARQUARDT},
+    Preset.MERCHANDISE: {"size": None, "count": 16, "solver": Solver.LEVENBERG_MARQUARDT},
+    Preset.PROVENANCE: {"size": 3.0, "count": 4, "solver": Solver.LEVENBERG_MARQUARDT},
     Preset.PAPER: {"size": 5.5, "relief": 0.05, "count": 10, "solver": Solver.ADAM},
 }
 
@@ -66,7 +68,8 @@ class Parameters(BaseModel):
         ),
     ] = None
     relief: Annotated[
-        float | None, Field(ge=0.01, le=2.0, description="Height of the letters, in the same units as size.")
+        float | None,
+        Field(ge=0.01, le=2.0, description="Height of the letters, in the same units as size; null: 0.04 text widths."),
     ] = None
     count: Annotated[int | None, Field(ge=1, le=64, description="The most watermarks to place.")] = None
     color: Annotated[
@@ -95,8 +98,13 @@ class Parameters(BaseModel):
             )
         return self
 
+    def relief_at(self, width: float) -> float:
+        """Signed height of letters in a text of the given width, size-30 units: sunken ones are negative."""
+        height = self.relief if self.relief is not None else RELIEF * width
+        return height if self.mode is Mode.EMBOSS else -height
+
     def resolved(self) -> "Parameters":
-        """This request with every ``None`` that the preset decides filled in (``size`` may stay ``None``)."""
+        """This request with every ``None`` that the preset decides filled in; ``size`` and ``relief`` may stay so."""
         values = {key: value for key, value in PRESETS[self.preset].items() if getattr(self, key) is None}
         return self.model_copy(update=values)
 

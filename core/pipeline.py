@@ -21,7 +21,7 @@ from core.embossing.mesh import WorkingMesh
 from core.embossing.stamp import stamp
 from core.errors import ErrorCode, MeshmarkError
 from core.lettering.outline import Lettering, lettering
-from core.parameters import Evaluate, Mode, Parameters
+from core.parameters import Evaluate, Parameters
 from core.placement.place import place
 from core.placement.selection import Placement, select
 from core.rendering.preview import contact_sheet
@@ -107,9 +107,7 @@ def _place(job: Job) -> None:
 
 def _emboss(job: Job) -> None:
     """Embosses the selected boxes; where one is refused, selects again among those not tried yet."""
-    assert job.parameters.relief is not None
     assert job.parameters.count is not None
-    relief = job.parameters.relief * (1 if job.parameters.mode is Mode.EMBOSS else -1)
     job.mesh = WorkingMesh(job.scene.surface, _editable(job.scene))
     job.marks, job.refusals = {}, Counter()
     letters = stamp(job.lettering)
@@ -120,7 +118,8 @@ def _emboss(job: Job) -> None:
         if not fresh:
             break
         for box in fresh:
-            outcome = emboss(job.mesh, job.placement.boxes[np.array([box])], letters, relief, job.index)
+            one = job.placement.boxes[np.array([box])]
+            outcome = emboss(job.mesh, one, letters, job.parameters.relief_at(one.size[0, 0]), job.index)
             if isinstance(outcome, Mark):
                 job.marks[box] = outcome
             else:

@@ -60,8 +60,7 @@ def build_report(
     )
     score = wps_area(surface, boxes)
     view_count = len(view_directions()[0])
-    relief = parameters.relief
-    assert relief is not None
+    relief = np.abs([parameters.relief_at(width) for width in boxes.size[:, 0]])
     watermarks = [
         {
             "id": number,
@@ -71,7 +70,7 @@ def build_report(
             "up": boxes.axes[number, 1].tolist(),
             "normal": boxes.axes[number, 2].tolist(),
             "size": (boxes.size[number] / surface.scale).tolist(),
-            "relief": relief / surface.scale,
+            "relief": float(relief[number] / surface.scale),
             "loss": float(placement.loss[box]),
             "roughness": float(placement.roughness[box]),
             "saliency": None,

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import httpx
+import httpx2
 
 ASSET = Path(__file__).parent / "data" / "spot.glb"
 OUTPUT = Path("demo-output")
@@ -57,7 +57,7 @@ def main() -> int:
 
 
 @contextmanager
-def _service(data: Path) -> Iterator[httpx.Client]:
+def _service(data: Path) -> Iterator[httpx2.Client]:
     """The embedded service on a free port, up and answering."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
@@ -69,13 +69,13 @@ def _service(data: Path) -> Iterator[httpx.Client]:
     }
     process = subprocess.Popen([sys.executable, "-m", "service"], env=environment)
     try:
-        with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=30) as client:
+        with httpx2.Client(base_url=f"http://127.0.0.1:{port}", timeout=30) as client:
             deadline = time.monotonic() + START_TIMEOUT
             while True:
                 try:
                     client.get("/healthz").raise_for_status()
                     break
-                except httpx.HTTPError:
+                except httpx2.HTTPError:
                     if process.poll() is not None or time.monotonic() > deadline:
                         raise
                     time.sleep(0.1)

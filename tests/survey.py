@@ -1,6 +1,6 @@
 """`make survey MESHES=DIR`: watermarks every file of a folder and prints one row of facts for each, as Markdown.
 
-The letters are counted on the written file by rays, independently of the code that embossed them.
+The letters are counted on the written file by rays and distances, independently of the code that embossed them.
 """
 
 import argparse
@@ -105,8 +105,8 @@ def _errors(glb: bytes) -> int:
 
 
 def _whole_letters(data: bytes, result: Result) -> tuple[int, int]:
-    """How many letters stand whole, and how many there should be: rays down onto every letter must end on a top,
-    one relief away from the original surface, all over the letter."""
+    """How many letters stand whole, and how many there should be: one relief above the original surface under a letter
+    there must be a top at that distance, all over the letter."""
     original = flatten(to_document(data, admit(data))).surface
     written = flatten(Document.from_glb(result.model)).surface.in_frame_of(original)
     before = SpatialIndex(original.positions, original.faces)
@@ -133,10 +133,13 @@ def _whole_letters(data: bytes, result: Result) -> tuple[int, int]:
         relief = mark["relief"] * original.scale
         right, up, normal = (np.array(mark[name]) for name in ("right", "up", "normal"))
         points = center + width * (inside[:, :1] * right + inside[:, 1:] * up)
-        origins = points + (thickness + 2 * relief) * normal
-        distance, _ = after.first_hit(origins, np.broadcast_to(-normal, origins.shape))
-        hits = origins - np.where(np.isfinite(distance), distance, 0.0)[:, None] * normal
-        is_top = np.isfinite(distance) & (np.abs(before.closest(hits)[0] - relief) < 0.02 * relief + 1e-4)
+        start = points + (thickness / 2 + relief) * normal
+        distance, face = before.first_hit(start, np.broadcast_to(-normal, start.shape))
+        feet = start - np.where(np.isfinite(distance), distance, 0.0)[:, None] * normal
+        _, _, tops = after.closest(feet + relief * original.normals[face])
+        off = before.closest(tops)[0]
+        # Between its corners a flat top sags over a ridge: by 6 % over one of 40 degrees.
+        is_top = np.isfinite(distance) & (np.abs(off - relief) < 0.2 * relief)
         for name in np.unique(letter):
             total += 1
             whole += bool(is_top[letter == name].mean() > 0.9)

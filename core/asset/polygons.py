@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from manifold3d import triangulate as triangulate_outlines
 from numpy.typing import NDArray
 
 from core.asset.budgets import Budgets, within
@@ -136,6 +135,9 @@ def _cut(points: Float, fans: Int) -> Int:
 
 def _clip(points: Float, normal: Float) -> Int:
     """Triangles of a simple polygon (n, 3), seen along ``normal``."""
+    # Imported here because the API imports this module for its gate, and must stay small.
+    from manifold3d import triangulate as triangulate_outlines
+
     drop = int(np.argmax(np.abs(normal)))
     flat = points[:, [(drop + 1) % 3, (drop + 2) % 3]]
     flat = flat - flat.min(axis=0)

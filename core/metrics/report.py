@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from core.asset.surface import Surface
 from core.metrics.coverage import coverage
@@ -41,7 +42,7 @@ def geometry_metrics(
     watermarked: Surface,
     watermarked_index: SpatialIndex,
     boxes: Boxes,
-    relief: float,
+    relief: NDArray[np.float64],
     seed: int = 0,
 ) -> dict[str, Any]:
     """The report's ``metrics`` without those that look at pictures or saliency, which are None.
@@ -52,7 +53,7 @@ def geometry_metrics(
         watermarked: the result in the same size-30 frame.
         watermarked_index: over ``watermarked``.
         boxes: the marks that were embossed, at least one.
-        relief: height of the letters, size-30 units.
+        relief: (B,) height of each mark's letters, size-30 units.
         seed: of the area samples.
     """
     letters = above_letters(original, original_index, boxes, relief)

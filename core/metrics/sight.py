@@ -14,9 +14,12 @@ GRID = (16, 4)  # 64 rays a box
 LIFT = 1.5  # reliefs: just clear of the letters
 
 
-def above_letters(original: Surface, original_index: SpatialIndex, boxes: Boxes, relief: float) -> Float:
-    """(B, 64, 3) points of a grid over each box, 1.5 reliefs above the original surface under it, size-30 units."""
-    clearance = LIFT * abs(relief)
+def above_letters(original: Surface, original_index: SpatialIndex, boxes: Boxes, relief: Float) -> Float:
+    """(B, 64, 3) points of a grid over each box, 1.5 reliefs above the original surface under it, size-30 units.
+
+    ``relief`` is (B,), the height of each mark's letters.
+    """
+    clearance = LIFT * np.abs(relief)
     met = footprint(boxes, original_index, original.normals, clearance, GRID, margin=0.0)
     return above(boxes, met, clearance)
 

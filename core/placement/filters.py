@@ -50,11 +50,11 @@ def footprint(
     boxes: Boxes,
     index: SpatialIndex,
     normals: Float,
-    clearance: float,
+    clearance: float | Float,
     grid: tuple[int, int] = FOOTPRINT,
     margin: float = FOOTPRINT_MARGIN,
 ) -> Footprint:
-    """Cast a ``grid`` of rays onto each box from ``clearance`` above its front face.
+    """Cast a ``grid`` of rays onto each box from ``clearance`` (one for all, or (B,)) above its front face.
 
     The grid spans the front face and ``margin`` times the width more on all sides. ``normals`` (F, 3) are the
     unit face normals of the surface in ``index``.
@@ -160,10 +160,10 @@ def thin_walled(boxes: Boxes, points: Float, index: SpatialIndex, depth: float) 
     return occluded(Boxes(boxes.center, -boxes.axes, boxes.size), points, index, depth)
 
 
-def above(boxes: Boxes, met: Footprint, clearance: float) -> Float:
-    """(B, N, 3) points ``clearance`` above the surface under each box, so that the curvature below the box is not
-    in their way; above the middle plane where no surface is met."""
-    height = np.where(np.isfinite(met.height), met.height, 0.0) + clearance
+def above(boxes: Boxes, met: Footprint, clearance: float | Float) -> Float:
+    """(B, N, 3) points ``clearance`` (one for all, or (B,)) above the surface under each box, so that the curvature
+    below the box is not in their way; above the middle plane where no surface is met."""
+    height = np.where(np.isfinite(met.height), met.height, 0.0) + np.reshape(clearance, (-1, 1))
     local = np.concatenate([met.local, height[..., None]], axis=2)
     return np.asarray(np.einsum("bni,bij->bnj", local, boxes.axes) + boxes.center[:, None, :])
 

@@ -114,8 +114,7 @@ def place_width(
 
     Only candidates that look towards one of the directions ``wanted`` (K, 3), within 45 degrees, are fitted.
     """
-    assert parameters.relief is not None
-    relief = parameters.relief
+    relief = abs(parameters.relief_at(width))
     size = (width, width * aspect, float(np.clip(THICKNESS * width, THINNEST, THICKEST)))
     if parameters.preset is Preset.PAPER:
         number, radius = PAPER_SAMPLES, PAPER_RADIUS

@@ -15,32 +15,32 @@ def letters(height: float, slope: float = 0.0, x: float = 0.0) -> tuple[NDArray[
 
 def test_letters_at_a_constant_height_have_no_error() -> None:
     marked = join(plane(20, 20), surface(*letters(0.2)))
-    assert lce(index_of(plane(20, 20)), marked, box(), 0.2) == pytest.approx(0, abs=1e-20)
+    assert lce(index_of(plane(20, 20)), marked, box(), np.array([0.2])) == pytest.approx(0, abs=1e-20)
 
 
 def test_the_error_is_the_variance_of_the_height() -> None:
     positions, faces = letters(0.2, slope=0.02)
     marked = join(plane(20, 20), surface(positions, faces))
-    assert lce(index_of(plane(20, 20)), marked, box(), 0.2) == pytest.approx(positions[:, 2].var())
+    assert lce(index_of(plane(20, 20)), marked, box(), np.array([0.2])) == pytest.approx(positions[:, 2].var())
 
 
 def test_sunken_letters_are_measured_by_their_depth() -> None:
     positions, faces = letters(-0.2, slope=0.02)
     marked = join(plane(20, 20), surface(positions, faces))
-    assert lce(index_of(plane(20, 20)), marked, box(), -0.2) == pytest.approx(positions[:, 2].var())
+    assert lce(index_of(plane(20, 20)), marked, box(), np.array([-0.2])) == pytest.approx(positions[:, 2].var())
 
 
 def test_the_result_is_the_mean_over_marks_each_with_its_own_height() -> None:
     flat, sloped = letters(0.18, x=-4), letters(0.25, slope=0.03, x=4)
     marked = join(plane(20, 20), surface(*flat), surface(*sloped))
-    found = lce(index_of(plane(20, 20)), marked, boxes(box((-4, 0, 0)), box((4, 0, 0))), 0.2)
+    found = lce(index_of(plane(20, 20)), marked, boxes(box((-4, 0, 0)), box((4, 0, 0))), np.array([0.2, 0.2]))
     assert found == pytest.approx(sloped[0][:, 2].var() / 2)
 
 
 def test_letters_higher_than_a_thin_box_are_still_found() -> None:
     marked = join(plane(20, 20), surface(*letters(0.5, slope=0.02)))
-    assert lce(index_of(plane(20, 20)), marked, box(size=(4, 1, 0.2)), 0.5) is not None
+    assert lce(index_of(plane(20, 20)), marked, box(size=(4, 1, 0.2)), np.array([0.5])) is not None
 
 
 def test_without_any_letter_there_is_no_number() -> None:
-    assert lce(index_of(plane(20, 20)), moved(plane(20, 20)), box(), 0.2) is None
+    assert lce(index_of(plane(20, 20)), moved(plane(20, 20)), box(), np.array([0.2])) is None

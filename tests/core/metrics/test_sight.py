@@ -8,19 +8,20 @@ from tests.core.placement.shapes import box, index_of, moved, plane, rotation
 def test_rays_start_one_and_a_half_reliefs_above_the_surface_wherever_the_box_is() -> None:
     shape = plane(10, 10)
     for height in (-0.1, 0.0, 0.2):
-        points = above_letters(shape, index_of(shape), box((0, 0, height)), relief=0.2)
+        points = above_letters(shape, index_of(shape), box((0, 0, height)), relief=np.array([0.2]))
         assert points.shape == (1, 64, 3)
         assert points[0, :, 2] == pytest.approx(0.3, abs=1e-5)
 
 
 def test_sunken_letters_are_looked_at_from_above_too() -> None:
     shape = plane(10, 10)
-    assert above_letters(shape, index_of(shape), box(), relief=-0.2)[0, :, 2] == pytest.approx(0.3, abs=1e-5)
+    points = above_letters(shape, index_of(shape), box(), relief=np.array([-0.2]))
+    assert points[0, :, 2] == pytest.approx(0.3, abs=1e-5)
 
 
 def test_rays_follow_the_slope_under_a_level_box() -> None:
     shape = moved(plane(20, 20), rotation((0, 1, 0), -3))
-    points = above_letters(shape, index_of(shape), box(), relief=0.2)[0]
+    points = above_letters(shape, index_of(shape), box(), relief=np.array([0.2]))[0]
     assert points[:, 2] - points[:, 0] * np.tan(np.radians(3)) == pytest.approx(0.3, abs=1e-5)
 
 
