@@ -15,7 +15,7 @@ help: ## Show this list
 install: $(VENV)/.service ## Install what the service needs into .venv
 	@sh docker/system-packages.sh service
 
-demo: install ## Watermark a real asset through the service, end to end
+demo: install $(VENV)/.tests ## Watermark a real asset through the service, end to end
 	$(BIN)/python -m tests.demo
 
 run: install ## Start the API and its worker on http://127.0.0.1:8080

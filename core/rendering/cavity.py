@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 STEP = 0.3  # size-30 units; a fold this deep between neighbouring pixels gets the full effect
+QUIET = 0.04  # size-30 units; shallower folds are the facets of a smoothly shaded mesh, which nobody should see
 DARKEN = 0.55  # share of the colour that the deepest fold loses
 BRIGHTEN = 70  # added to the colour of the sharpest ridge, so that letters show on dark surfaces too
 
@@ -26,7 +27,9 @@ def cavity(picture: NDArray[np.uint8], depth: NDArray[np.float32]) -> NDArray[np
     fold = np.zeros_like(distance)
     for shift in _NEIGHBOURS:
         before, after = (np.roll(distance, sign * np.array(shift), axis=(0, 1)) for sign in (1, -1))
-        fold += np.nan_to_num(np.clip((2 * distance - before - after) / STEP, -1, 1))
+        depth_of_fold = np.nan_to_num(2 * distance - before - after)
+        loud = np.sign(depth_of_fold) * np.maximum(np.abs(depth_of_fold) - QUIET, 0)
+        fold += np.clip(loud / STEP, -1, 1)
     fold /= len(_NEIGHBOURS)
     shaded = picture * (1 - DARKEN * np.maximum(fold, 0))[..., None] + BRIGHTEN * np.maximum(-fold, 0)[..., None]
     return np.asarray(np.rint(np.clip(shaded, 0, 255)), dtype=np.uint8)
