@@ -45,6 +45,7 @@ class ErrorCode(StrEnum):
     JOB_CANCELED = "job_canceled"
     JOB_EXPIRED = "job_expired"
     INVALID_REQUEST = "invalid_request"
+    UNSUPPORTED_MEDIA_TYPE = "unsupported_media_type"
     METHOD_NOT_ALLOWED = "method_not_allowed"
     SERVICE_UNAVAILABLE = "service_unavailable"
 

@@ -1,10 +1,14 @@
-"""The one way of an asset through the engine, readable from top to bottom."""
+"""The one way of an asset through the engine, readable from top to bottom.
+
+Stages that need torch and the geometry libraries import them when they start: these take more than a second and a
+quarter of a gigabyte to load, which a file that cannot be read shall not cost.
+"""
 
 import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,17 +20,17 @@ from core.asset.glb_check import is_beside
 from core.asset.gltf import Document
 from core.asset.sniff import Format
 from core.asset.write import write
-from core.embossing.emboss import Mark, emboss
 from core.embossing.mesh import WorkingMesh
-from core.embossing.stamp import stamp
 from core.errors import ErrorCode, MeshmarkError
 from core.lettering.outline import Lettering, lettering
 from core.parameters import Evaluate, Parameters
-from core.placement.place import place
-from core.placement.selection import Placement, select
 from core.rendering.preview import contact_sheet
-from core.report import Warnings, build_report
-from core.spatial import SpatialIndex
+
+if TYPE_CHECKING:
+    from core.embossing.emboss import Mark
+    from core.placement.selection import Placement
+    from core.report import Warnings
+    from core.spatial import SpatialIndex
 
 Progress = Callable[[str, float], None]
 Publish = Callable[[str, bytes], None]
@@ -43,18 +47,18 @@ class Job:
     report_progress: Callable[[float], None]
     publish: Publish
     timings: dict[str, float] = field(default_factory=dict)
-    warnings: Warnings = field(default_factory=list)
+    warnings: "Warnings" = field(default_factory=list)
     # read
     format: Format = field(init=False)
     scene: Scene = field(init=False)
-    index: SpatialIndex = field(init=False)
+    index: "SpatialIndex" = field(init=False)
     # letter
     lettering: Lettering = field(init=False)
     # place
-    placement: Placement = field(init=False)
+    placement: "Placement" = field(init=False)
     # emboss
     mesh: WorkingMesh = field(init=False)
-    marks: dict[int, Mark] = field(init=False)  # by the number of the box in `placement`
+    marks: "dict[int, Mark]" = field(init=False)  # by the number of the box in `placement`
     refusals: Counter[str] = field(init=False)
     # write
     model: bytes = field(init=False)
@@ -93,6 +97,9 @@ def _read(job: Job) -> None:
                 "remedy": "Keep these files beside the result, or embed them before the upload.",
             }
         )
+
+    from core.spatial import SpatialIndex
+
     job.index = SpatialIndex(job.scene.surface.positions, job.scene.surface.faces)
 
 
@@ -101,12 +108,18 @@ def _letter(job: Job) -> None:
 
 
 def _place(job: Job) -> None:
+    from core.placement.place import place
+
     rng = np.random.default_rng(job.parameters.seed)
     job.placement = place(job.scene.surface, job.index, job.lettering.aspect, job.parameters, rng, job.report_progress)
 
 
 def _emboss(job: Job) -> None:
     """Embosses the selected boxes; where one is refused, selects again among those not tried yet."""
+    from core.embossing.emboss import Mark, emboss
+    from core.embossing.stamp import stamp
+    from core.placement.selection import select
+
     assert job.parameters.count is not None
     job.mesh = WorkingMesh(job.scene.surface, _editable(job.scene))
     job.marks, job.refusals = {}, Counter()
@@ -146,6 +159,8 @@ def _write(job: Job) -> None:
 
 
 def _evaluate(job: Job) -> None:
+    from core.report import build_report
+
     written = None
     if job.parameters.evaluate is not Evaluate.NONE:
         # Measured on the file as it was written, rounding included.

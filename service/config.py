@@ -6,6 +6,9 @@ from typing import Annotated
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from core.asset.budgets import DEFAULT_BUDGETS
+from core.lettering.fonts import MAX_FONT_BYTES
+
 MIB = 2**20
 
 
@@ -33,8 +36,12 @@ class Settings(BaseSettings):
             description="Queue: `redis://...`, or `filesystem://` for files in data_dir and no server.",
         ),
     ] = "filesystem://"
-    max_upload_bytes: Annotated[int, Field(gt=0, description="Largest asset accepted, in bytes.")] = 200 * MIB
-    max_font_bytes: Annotated[int, Field(gt=0, description="Largest font accepted, in bytes.")] = 32 * MIB
+    max_upload_bytes: Annotated[
+        int, Field(gt=0, le=DEFAULT_BUDGETS.bytes, description="Largest asset accepted, in bytes.")
+    ] = DEFAULT_BUDGETS.bytes
+    max_font_bytes: Annotated[int, Field(gt=0, le=MAX_FONT_BYTES, description="Largest font accepted, in bytes.")] = (
+        MAX_FONT_BYTES
+    )
     max_attempts: Annotated[
         int, Field(ge=1, description="How often a job is started, when workers die under it, before it fails.")
     ] = 2

@@ -14,6 +14,8 @@ from starlette.exceptions import HTTPException
 from core.errors import ErrorCode, MeshmarkError
 
 MEDIA_TYPE = "application/problem+json"
+FORMS = ("multipart/form-data", "application/x-www-form-urlencoded")
+HOW_TO_SEND = "Send multipart/form-data with the asset as the file part `file` and JSON in the field `params`."
 
 STATUS: dict[ErrorCode, int] = {
     ErrorCode.EMPTY_FILE: 422,
@@ -47,6 +49,7 @@ STATUS: dict[ErrorCode, int] = {
     ErrorCode.JOB_CANCELED: 409,
     ErrorCode.JOB_EXPIRED: 410,
     ErrorCode.INVALID_REQUEST: 400,
+    ErrorCode.UNSUPPORTED_MEDIA_TYPE: 415,
     ErrorCode.METHOD_NOT_ALLOWED: 405,
     ErrorCode.SERVICE_UNAVAILABLE: 503,
 }
@@ -121,7 +124,7 @@ def upload_too_large(limit: int) -> MeshmarkError:
     """The error for a request body over the limit, in bytes."""
     return MeshmarkError(
         ErrorCode.UPLOAD_TOO_LARGE,
-        f"The request is larger than the {limit} bytes accepted here.",
+        f"The request is larger than the {limit:,} bytes accepted here.",
         "Send a smaller asset, or ask the operator to raise the limit.",
     )
 
@@ -134,7 +137,16 @@ def install_problem_handlers(app: FastAPI, body_limit: int) -> None:
         return problem_response(error)
 
     @app.exception_handler(RequestValidationError)
-    async def _invalid(_request: Request, error: RequestValidationError) -> JSONResponse:
+    async def _invalid(request: Request, error: RequestValidationError) -> JSONResponse:
+        sent_as = request.headers.get("Content-Type", "")
+        if not sent_as.startswith(FORMS):
+            return problem_response(
+                MeshmarkError(
+                    ErrorCode.UNSUPPORTED_MEDIA_TYPE,
+                    f"The body is {sent_as[:100] or 'of no declared type'}, not multipart/form-data.",
+                    HOW_TO_SEND,
+                )
+            )
         fields = {str(item["loc"][-1]): item["msg"] for item in error.errors()}
         code = ErrorCode.MISSING_FILE if "file" in fields else ErrorCode.INVALID_REQUEST
         listed = "; ".join(f"{name}: {message}" for name, message in fields.items())
@@ -142,7 +154,7 @@ def install_problem_handlers(app: FastAPI, body_limit: int) -> None:
             MeshmarkError(
                 code,
                 f"The request is not complete or not of the right form: {listed}.",
-                "Send multipart/form-data with the asset as the file part `file` and JSON in the field `params`.",
+                HOW_TO_SEND,
             )
         )
 
@@ -180,5 +192,5 @@ def _from_status(request: Request, error: HTTPException, body_limit: int) -> Mes
     return MeshmarkError(
         ErrorCode.INVALID_REQUEST,
         f"The request could not be read: {error.detail.rstrip('.')}.",
-        "Send multipart/form-data with the asset as the file part `file` and JSON in the field `params`.",
+        HOW_TO_SEND,
     )

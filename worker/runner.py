@@ -53,7 +53,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Progress:
-    """The engine entered a stage or moved on in it (0 to 1)."""
+    """The engine's stage, and the share done of the whole run (0 to 1)."""
 
     stage: str
     fraction: float

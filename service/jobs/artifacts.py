@@ -52,7 +52,7 @@ class ArtifactStore:
                     if size > limit:
                         raise MeshmarkError(
                             ErrorCode.UPLOAD_TOO_LARGE,
-                            f"The {name} is larger than {limit} bytes, the most accepted here.",
+                            f"The {name} is larger than {limit:,} bytes, the most accepted here.",
                             "Send a smaller one, or ask the operator to raise the limit.",
                         )
                     digest.update(chunk)

@@ -15,7 +15,7 @@ EXAMPLE: JsonDict = {
     "id": "6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11",
     "state": "running",
     "stage": "evaluating",
-    "progress": 0.5,
+    "progress": 0.8,
     "created_at": "2026-01-31T12:00:00.000000Z",
     "started_at": "2026-01-31T12:00:00.200000Z",
     "finished_at": None,

@@ -33,6 +33,7 @@ SUFFIXES = {ArtifactKind.MODEL: ".glb", ArtifactKind.REPORT: ".report.json", Art
 REFUSALS = problem_responses(
     ErrorCode.INVALID_REQUEST,
     ErrorCode.UPLOAD_TOO_LARGE,
+    ErrorCode.UNSUPPORTED_MEDIA_TYPE,
     ErrorCode.UNKNOWN_FORMAT,
     ErrorCode.UNSUPPORTED_FORMAT,
     ErrorCode.MISSING_FILE,

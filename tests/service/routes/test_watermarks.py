@@ -113,7 +113,7 @@ def test_a_text_field_in_place_of_the_file_is_refused(client: Client) -> None:
 
 def test_a_body_that_is_no_form_is_refused(client: Client) -> None:
     response = client.http.post("/v1/watermarks", json={"text": "HI"})
-    refused(client, response, 422, "missing_file")
+    assert "application/json" in refused(client, response, 415, "unsupported_media_type")["detail"]
     broken = {"Content-Type": "multipart/form-data; boundary=x"}
     refused(client, client.http.post("/v1/watermarks", content=b"--y\r\nno", headers=broken), 400, "invalid_request")
     unbounded = {"Content-Type": "multipart/form-data"}
