@@ -1,0 +1,72 @@
+"""`meshmark` on the command line."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from core.cli import main
+from core.lettering.fonts import DEFAULT_FONT
+from tests.validator import error_counts
+
+SPOT = Path(__file__).parents[1] / "data" / "spot.glb"
+
+
+def test_apply_writes_the_model_the_report_and_the_preview(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    model, report, preview = tmp_path / "out.glb", tmp_path / "report.json", tmp_path / "preview.png"
+    font = tmp_path / "font.ttf"
+    font.write_bytes(DEFAULT_FONT.read_bytes())
+    status = main(
+        [
+            *("apply", str(SPOT), str(model), "--text", "watermark", "--count", "2", "--color", "#00ff00"),
+            *("--report", str(report), "--preview", str(preview), "--font", str(font), "--seed", "5"),
+            *("--mode", "deboss", "--size", "3", "--relief", "0.1", "--preset", "provenance"),
+        ]
+    )
+    assert status == 0
+    assert not error_counts(model.read_bytes())
+    assert preview.read_bytes().startswith(b"\x89PNG")
+    written = json.loads(report.read_text())
+    asked = {"text": "watermark", "count": 2, "color": "#00ff00", "seed": 5, "mode": "deboss", "size": 3.0}
+    assert asked.items() <= written["parameters"].items()
+    assert "2 watermarks" in capsys.readouterr().out
+
+
+def test_evaluate_none_leaves_the_metrics_out(tmp_path: Path) -> None:
+    report = tmp_path / "report.json"
+    arguments = [str(SPOT), str(tmp_path / "o.glb"), "--text", "a", "--report", str(report), "--evaluate", "none"]
+    assert main(["apply", *arguments]) == 0
+    assert json.loads(report.read_text())["metrics"] is None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        (["missing.glb", "out.glb", "--text", "a"], "missing_file"),
+        ([str(SPOT), "out.glb", "--text", "   "], "empty_text"),
+        ([str(SPOT), "out.glb", "--text", "\N{UNICORN FACE}"], "missing_glyphs"),
+        ([str(SPOT), "out.glb", "--text", "a", "--size", "-1"], "invalid_parameters"),
+        ([str(SPOT), "out.glb", "--text", "a", "--color", "red"], "invalid_parameters"),
+        ([str(SPOT), "out.glb", "--text", "a", "--font", __file__], "invalid_font"),
+        ([__file__, "out.glb", "--text", "a"], "unknown_format"),
+        ([str(SPOT), "no/such/folder/out.glb", "--text", "a", "--count", "1"], "output_not_writable"),
+    ],
+)
+def test_what_cannot_be_done_is_said_in_two_lines_and_nothing_is_written(
+    arguments: list[str],
+    code: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["apply", *arguments]) == 1
+    assert capsys.readouterr().err.startswith(f"meshmark: {code}: ")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_wrong_usage_is_status_two(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(["apply", "in.glb", "out.glb"])
+    assert caught.value.code == 2
+    assert "--text" in capsys.readouterr().err

@@ -1,0 +1,200 @@
+"""The engine as its callers use it: bytes in, bytes and a report out."""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from core.asset.flatten import flatten
+from core.asset.gltf import Document
+from core.errors import ErrorCode, MeshmarkError
+from core.parameters import Evaluate, Mode, Parameters, Preset
+from core.pipeline import STAGES, Result, watermark
+from tests.validator import error_counts
+
+SPOT = Path(__file__).parents[1] / "data" / "spot.glb"
+MESHES = Path(os.environ.get("MESHMARK_TEST_MESHES", "../shared/meshes"))
+UNREAD = (ErrorCode.UNSUPPORTED_FORMAT, ErrorCode.UNSUPPORTED_FEATURE)
+FEW = Parameters(text="watermark", count=3)
+
+
+@pytest.fixture(scope="module")
+def spot() -> Result:
+    return watermark(SPOT.read_bytes(), FEW)
+
+
+def test_the_result_is_a_valid_glb_with_watermarks_in_it(spot: Result) -> None:
+    assert not error_counts(spot.model)
+    assert len(spot.report["watermarks"]) == 3
+    assert spot.report["model"]["faces"] > spot.report["asset"]["faces"]
+
+
+def test_the_asset_stays_what_it_was_but_for_the_letters(spot: Result) -> None:
+    asset, model, utility = spot.report["asset"], spot.report["model"], spot.report["metrics"]["asset_utility"]
+    assert asset["watertight"] is model["watertight"] is True
+    assert asset["components"] == model["components"] == 1
+    assert utility["ipe"] == 0
+    assert utility["lce"] < 1e-9
+    before, after = Document.from_glb(SPOT.read_bytes()), Document.from_glb(spot.model)
+    assert after.binary.startswith(before.binary.rstrip(b"\0"))
+    for key in ("images", "textures", "samplers", "materials", "nodes", "scenes"):
+        assert after.json[key] == before.json[key]
+
+
+def test_the_report_says_where_every_watermark_is(spot: Result) -> None:
+    surface = flatten(Document.from_glb(SPOT.read_bytes())).surface
+    units = spot.report["units"]
+    for mark in spot.report["watermarks"]:
+        right, up, normal = (np.array(mark[name]) for name in ("right", "up", "normal"))
+        assert np.allclose(np.cross(right, up), normal, atol=1e-6)
+        normalised = (np.array(mark["center"]) - units["offset"]) * units["scale"]
+        assert np.linalg.norm(surface.positions - normalised, axis=1).min() < 1.5
+        assert mark["relief"] * units["scale"] == pytest.approx(0.04 * mark["size"][0] * units["scale"])
+        assert mark["text"] == "watermark"
+        assert mark["placement_score"] == pytest.approx(1.0, abs=0.02)
+    json.dumps(spot.report, allow_nan=False)
+
+
+def test_the_report_has_every_section_of_its_schema(spot: Result) -> None:
+    assert spot.report["schema"] == "meshmark.report/1"
+    assert {"asset", "model", "parameters", "seed", "engine", "units", "watermarks", "metrics", "timings"} <= set(
+        spot.report
+    )
+    assert list(spot.report["timings"]) == [name for name, _, _ in STAGES]
+    assert spot.report["parameters"]["count"] == 3
+    assert spot.report["warnings"] == []
+
+
+def test_there_is_a_preview_of_eight_views(spot: Result) -> None:
+    assert spot.preview is not None
+    assert spot.preview.startswith(b"\x89PNG")
+
+
+def test_the_same_request_gives_the_same_bytes_and_another_seed_gives_others(spot: Result) -> None:
+    assert watermark(SPOT.read_bytes(), FEW, preview=False).model == spot.model
+    assert watermark(SPOT.read_bytes(), FEW.model_copy(update={"seed": 1}), preview=False).model != spot.model
+
+
+def test_progress_only_grows_and_names_the_stages_in_order() -> None:
+    seen: list[tuple[str, float]] = []
+    watermark(SPOT.read_bytes(), FEW, preview=False, progress=lambda stage, share: seen.append((stage, share)))
+    shares = [share for _, share in seen]
+    assert shares == sorted(shares)
+    assert shares[0] >= 0
+    assert shares[-1] <= 1
+    assert list(dict.fromkeys(stage for stage, _ in seen)) == [name for name, _, _ in STAGES]
+
+
+def test_the_model_is_published_before_it_is_measured() -> None:
+    events: list[str] = []
+    result = watermark(
+        SPOT.read_bytes(),
+        FEW,
+        progress=lambda stage, _: events.append(stage),
+        publish=lambda name, data: events.append(f"{name} {len(data)}"),
+    )
+    order = list(dict.fromkeys(events))
+    assert order.index(f"model {len(result.model)}") < order.index("evaluating")
+    assert order[-1] == f"preview {len(result.preview or b'')}"
+
+
+def test_letters_with_a_colour_are_a_primitive_of_their_own() -> None:
+    result = watermark(SPOT.read_bytes(), FEW.model_copy(update={"color": "#d02020"}), preview=False)
+    document = Document.from_glb(result.model)
+    primitives = document.json["meshes"][0]["primitives"]
+    assert len(primitives) == 2
+    material = document.json["materials"][primitives[1]["material"]]
+    assert material["pbrMetallicRoughness"]["baseColorFactor"] == pytest.approx([0.6308, 0.0144, 0.0144, 1], abs=1e-3)
+    assert not error_counts(result.model)
+
+
+def test_sunken_letters_take_material_away_and_raised_ones_add_it() -> None:
+    def volume(glb: bytes) -> float:
+        surface = flatten(Document.from_glb(glb)).surface
+        world = surface.to_world(surface.positions)
+        return float(trimesh.Trimesh(world, surface.faces, process=False).volume)
+
+    plain = volume(SPOT.read_bytes())
+    sunken = FEW.model_copy(update={"mode": Mode.DEBOSS})
+    assert volume(watermark(SPOT.read_bytes(), FEW, preview=False).model) > plain
+    assert volume(watermark(SPOT.read_bytes(), sunken, preview=False).model) < plain
+
+
+@pytest.mark.parametrize("preset", list(Preset))
+def test_every_preset_marks_the_asset(preset: Preset) -> None:
+    result = watermark(SPOT.read_bytes(), Parameters(text="watermark", preset=preset), preview=False)
+    assert 1 <= len(result.report["watermarks"]) <= result.report["parameters"]["count"]
+    assert result.report["metrics"]["asset_utility"]["ipe"] == 0
+
+
+def test_what_is_asked_for_is_what_is_done() -> None:
+    asked = Parameters(text="Hi", size=2.5, relief=0.3, count=2, evaluate=Evaluate.NONE)
+    report = watermark(SPOT.read_bytes(), asked, preview=False).report
+    scale = report["units"]["scale"]
+    assert len(report["watermarks"]) == 2
+    for mark in report["watermarks"]:
+        assert mark["size"][0] * scale == pytest.approx(2.5)
+        assert mark["relief"] * scale == pytest.approx(0.3)
+    assert report["metrics"] is None
+
+
+@pytest.mark.parametrize("file_type", ["obj", "stl", "stl_ascii", "ply", "off"])
+def test_every_other_format_comes_back_as_a_valid_glb(file_type: str) -> None:
+    cube = trimesh.creation.box(extents=(2, 2, 2))
+    exported = cube.export(file_type=file_type)
+    result = watermark(exported.encode() if isinstance(exported, str) else exported, FEW, preview=False)
+    assert result.report["asset"]["format"] == file_type.removesuffix("_ascii")
+    assert result.report["asset"]["watertight"] is result.report["model"]["watertight"] is True
+    assert not error_counts(result.model)
+
+
+def test_a_mesh_with_no_room_for_a_word_is_an_error_and_publishes_nothing() -> None:
+    needles = trimesh.util.concatenate(
+        [
+            trimesh.creation.cylinder(radius=0.004, height=2.0, sections=6).apply_translation((x, y, 0))
+            for x in np.linspace(-1, 1, 5)
+            for y in np.linspace(-1, 1, 5)
+        ]
+    )
+    published: list[str] = []
+    with pytest.raises(MeshmarkError) as caught:
+        watermark(needles.export(file_type="ply"), FEW, publish=lambda name, _: published.append(name))
+    assert caught.value.code is ErrorCode.NO_PLACEMENT
+    assert caught.value.remedy
+    assert published == []
+
+
+def test_without_a_renderer_the_asset_is_delivered_and_the_report_says_why_there_is_no_preview(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def unavailable(_: bytes) -> bytes:
+        raise MeshmarkError(ErrorCode.RENDERING_UNAVAILABLE, "No EGL here.", "Install it.")
+
+    monkeypatch.setattr("core.pipeline.contact_sheet", unavailable)
+    result = watermark(SPOT.read_bytes(), FEW)
+    assert result.preview is None
+    assert result.report["warnings"] == [
+        {"code": "rendering_unavailable", "message": "No EGL here.", "remedy": "Install it."}
+    ]
+
+
+@pytest.mark.parametrize(
+    "path", sorted(p for p in MESHES.glob("*") if p.suffix not in (".md", ".csv")), ids=lambda path: path.name
+)
+def test_a_real_asset_is_marked_without_changing_its_topology_or_is_refused_by_its_format(path: Path) -> None:
+    data = path.read_bytes()
+    try:
+        result = watermark(data, FEW, preview=False)
+    except MeshmarkError as error:
+        assert error.code in UNREAD  # noqa: PT017 - which files, the tests of the gate say
+        return
+    asset, model = result.report["asset"], result.report["model"]
+    assert 1 <= len(result.report["watermarks"]) <= 3
+    for fact in ("watertight", "components", "boundary_edges", "nonmanifold_edges"):
+        assert asset[fact] == model[fact], fact
+    assert result.report["metrics"]["asset_utility"]["lce"] < 1e-6
+    known = error_counts(data) if asset["format"] == "glb" else {}
+    assert set(error_counts(result.model)) <= set(known)
