@@ -32,6 +32,11 @@ check: $(VENV)/.tests ## Lint, check the format and the types
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 
+survey: $(VENV)/.tests ## Watermark every file of MESHES=DIR and print a table of facts
+	@sh docker/system-packages.sh service tests
+	@npm ci --prefix tests --silent --no-audit --no-fund
+	@$(BIN)/python -m tests.survey $(MESHES)
+
 openapi: $(VENV)/.service ## Write openapi.yaml from the application
 	$(BIN)/python -m service openapi > openapi.yaml
 
@@ -49,4 +54,4 @@ $(VENV)/.tests: $(VENV)/.service
 	$(BIN)/pip install --quiet --constraint docker/constraints.txt --editable '.[test]'
 	touch $@
 
-.PHONY: help install demo run test check openapi clean
+.PHONY: help install demo run test check survey openapi clean

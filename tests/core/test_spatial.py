@@ -1,0 +1,47 @@
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from core.spatial import SpatialIndex
+from tests.core.shapes import box, sphere
+
+CUBE = box(2.0, 2.0, 2.0)
+INDEX = SpatialIndex(CUBE.positions, CUBE.faces)
+
+
+@settings(deadline=None)
+@given(st.lists(st.tuples(*[st.floats(-5, 5)] * 3), min_size=1, max_size=20))
+def test_the_closest_point_of_a_cube_is_the_clamped_one(points: list[tuple[float, float, float]]) -> None:
+    query = np.array(points)
+    distance, face, nearest = INDEX.closest(query)
+    outside = np.abs(query).max(axis=1) >= 1
+    assert np.allclose(nearest[outside], np.clip(query, -1, 1)[outside], atol=1e-12)
+    inside = ~outside
+    assert np.allclose(distance[inside], 1 - np.abs(query).max(axis=1)[inside], atol=1e-12)
+    assert np.allclose(np.einsum("ni,ni->n", CUBE.normals[face], nearest), 1.0)
+
+
+def test_rays_meet_the_first_surface_on_their_way_whichever_side_it_shows() -> None:
+    origins = np.array([[0.1, 0.2, 5.0], [0.1, 0.2, 0.0], [0.1, 0.2, 5.0], [3.0, 0.0, 5.0]])
+    directions = np.array([[0.0, 0, -1], [0, 0, -1], [0, 0, -2], [0, 0, -1]])
+    distance, face = INDEX.first_hit(origins, directions)
+    assert np.allclose(distance[:3], [4.0, 1.0, 2.0])
+    assert np.isinf(distance[3])
+    assert face[3] == -1
+    assert np.allclose(CUBE.normals[face[[0, 1]], 2], [1.0, -1.0])
+
+
+def test_no_question_no_answer() -> None:
+    nothing = np.empty((0, 3))
+    assert [len(part) for part in INDEX.closest(nothing)] == [0, 0, 0]
+    assert [len(part) for part in INDEX.first_hit(nothing, nothing)] == [0, 0]
+
+
+def test_answers_do_not_depend_on_how_many_are_asked_at_once() -> None:
+    ball = sphere(3.0, subdivisions=3)
+    index = SpatialIndex(ball.positions, ball.faces)
+    query = np.random.default_rng(0).normal(size=(50, 3)) * 4
+    together = index.closest(query)
+    alone = [index.closest(point[None]) for point in query]
+    assert np.array_equal(together[0], np.concatenate([distance for distance, _, _ in alone]))
+    assert np.array_equal(together[1], np.concatenate([face for _, face, _ in alone]))
