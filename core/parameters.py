@@ -5,6 +5,7 @@ from enum import StrEnum
 from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic_core import PydanticCustomError
 
 from core.errors import ErrorCode, MeshmarkError
 
@@ -85,7 +86,7 @@ class Parameters(BaseModel):
         if value is None or value == "none":
             return None
         if not re.fullmatch(r"#[0-9a-fA-F]{6}", value):
-            raise ValueError('must be "none" or six hexadecimal digits such as "#d02020"')
+            raise PydanticCustomError("color", 'Input should be "none" or "#" and six hexadecimal digits')
         return value.lower()
 
     @model_validator(mode="after")

@@ -43,7 +43,8 @@ class Supervisor:
     def _run(self) -> None:
         while not self._stopping.is_set():
             # A session of its own: Ctrl-C reaches this process only, and this process ends the worker.
-            process = subprocess.Popen(self._command, start_new_session=True)
+            # Logs go to stderr; on stdout Celery only takes its leave.
+            process = subprocess.Popen(self._command, stdout=subprocess.DEVNULL, start_new_session=True)
             while process.poll() is None and not self._stopping.wait(0.2):
                 pass
             if self._stopping.is_set():

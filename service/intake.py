@@ -1,15 +1,15 @@
 """What can be refused at once, without loading the asset."""
 
 from pathlib import Path
-from threading import BoundedSemaphore
+from threading import Lock
 
 from core.asset.gate import admit
 from core.lettering.fonts import default_font, load_font
 from core.lettering.shaping import shape
 from core.parameters import Parameters
 
-# Bounds what uploads hold in memory at the same time to two assets.
-_IN_MEMORY = BoundedSemaphore(2)
+# Bounds what uploads hold in memory to one asset, of which the gate may make one copy. It takes milliseconds.
+_IN_MEMORY = Lock()
 
 
 def check_lettering(parameters: Parameters, font: bytes | None) -> None:

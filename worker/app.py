@@ -1,4 +1,4 @@
-"""The worker of the distributed shape: `celery -A worker.app worker`."""
+"""The Celery app of the worker, for `python -m worker` and Celery's own commands (`celery -A worker.app ...`)."""
 
 from service.config import Settings
 from worker.factory import create_worker

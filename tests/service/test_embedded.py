@@ -1,5 +1,6 @@
 """`python -m service`: API and worker together, with nothing beside them."""
 
+import json
 import os
 import signal
 import sys
@@ -12,6 +13,7 @@ import pytest
 from tests.service.harness import API_COMMAND, EMBEDDED_COMMAND, Service
 from tests.worker.waiting import gone, wait_until
 
+SPOT = (Path(__file__).parents[1] / "data" / "spot.glb").read_bytes()
 CUBE = b"""
 v 0 0 0
 v 1 0 0
@@ -133,6 +135,31 @@ def test_one_command_starts_the_real_engine_and_a_solid_comes_back_watermarked(t
         assert {mark["text"] for mark in report["watermarks"]} == {"HI"}
         process.send_signal(signal.SIGINT)
         assert process.wait(10) == 0
+
+
+def test_a_worker_killed_in_the_middle_of_the_real_engine_loses_no_job(tmp_path: Path) -> None:
+    service = Service(tmp_path, max_attempts="2")
+    with service.running([sys.executable, "-m", "service"]) as [process]:
+        url = service.submit(SPOT, params='{"text": "watermark", "count": 4}').headers["Location"]
+        wait_until(lambda: service.job(url)["stage"] in ("placing", "embossing"))
+        [worker] = psutil.Process(process.pid).children()
+        [engine] = worker.children()
+        worker.kill()
+        job = service.wait_for(url, "succeeded", seconds=60)
+        assert gone(engine)
+        assert (job["attempts"], job["error"]) == (2, None)
+        assert service.client.get(job["links"]["model"]).content[:4] == b"glTF"
+        assert len(service.client.get(job["links"]["report"]).json()["watermarks"]) == 4
+
+
+def test_the_service_writes_log_lines_and_nothing_else(tmp_path: Path) -> None:
+    script = f"exec {sys.executable} -m service >{tmp_path}/out 2>{tmp_path}/err"
+    service = Service(tmp_path)
+    with service.running(["sh", "-c", script]):
+        service.wait_for(service.submit(CUBE + b"f 1 2 99\n").headers["Location"], "failed")
+    assert (tmp_path / "out").read_text() == ""
+    lines = [json.loads(line) for line in (tmp_path / "err").read_text().splitlines()]
+    assert "job failed" in [line["event"] for line in lines]
 
 
 def test_an_upload_far_over_the_limit_gets_its_answer_while_it_is_still_sent(tmp_path: Path) -> None:
