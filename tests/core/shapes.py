@@ -48,7 +48,7 @@ def sphere(radius: float, subdivisions: int = 5) -> Surface:
     return surface(np.asarray(mesh.vertices), np.asarray(mesh.faces))
 
 
-def together(*parts: Surface) -> Surface:
+def join(*parts: Surface) -> Surface:
     """Several surfaces as one, welded where their vertices coincide."""
     start = np.concatenate([[0], np.cumsum([len(part.positions) for part in parts])])
     return surface(

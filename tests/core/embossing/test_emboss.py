@@ -17,7 +17,7 @@ from core.embossing.split import split
 from core.embossing.stamp import stamp
 from core.lettering.outline import lettering
 from tests.core.embossing.bench import LETTERS, TEXT, Bench, box_at
-from tests.core.shapes import box, edge_counts, grid, moved, sphere, surface, together
+from tests.core.shapes import box, edge_counts, grid, join, moved, sphere, surface
 
 ON_SPHERE = box_at(center=(0.0, 0.0, 10.0), thickness=0.6)
 
@@ -138,7 +138,7 @@ def test_letters_may_stand_on_several_parts_when_none_is_cut() -> None:
     text = lettering("i i")
     letters = stamp(text)
     left, right = moved(grid(2.0, 4.0, 4, 8), -1.005, 0.0, 0.0), moved(grid(2.0, 4.0, 4, 8), 1.005, 0.0, 0.0)
-    bench = Bench(together(left, right))
+    bench = Bench(join(left, right))
     place = box_at(width=1.0, aspect=text.aspect)
     assert isinstance(bench.emboss(place, letters=letters), Mark)
     assert edge_counts(bench.faces()) == edge_counts(bench.surface.weld[bench.surface.faces])
@@ -146,7 +146,7 @@ def test_letters_may_stand_on_several_parts_when_none_is_cut() -> None:
 
 def test_another_surface_right_above_the_letters_is_refused() -> None:
     lid = moved(grid(10.0, 4.0, 20, 8), 0.0, 0.0, 0.1)
-    bench = Bench(together(grid(10.0, 4.0, 20, 8), lid))
+    bench = Bench(join(grid(10.0, 4.0, 20, 8), lid))
     below = box_at(thickness=0.1)
     assert bench.emboss(below) is Refusal.SECOND_LAYER
     assert isinstance(bench.emboss(box_at(center=(0.0, 0.0, 0.1))), Mark)
@@ -154,7 +154,7 @@ def test_another_surface_right_above_the_letters_is_refused() -> None:
 
 def test_of_two_layers_in_the_box_the_upper_one_gets_the_text() -> None:
     lid = moved(grid(10.0, 4.0, 20, 8), 0.0, 0.0, 0.2)
-    bench = Bench(together(grid(10.0, 4.0, 20, 8), lid))
+    bench = Bench(join(grid(10.0, 4.0, 20, 8), lid))
     assert isinstance(bench.emboss(box_at(thickness=0.6)), Mark)
     edit = bench.edit()
     assert np.all(edit.source_face >= len(bench.surface.faces) // 2)

@@ -3,7 +3,7 @@ import pytest
 
 from core.embossing.lift import folded, lift, obstructed
 from core.spatial import SpatialIndex
-from tests.core.shapes import box, grid, moved, sphere, surface, together
+from tests.core.shapes import box, grid, join, moved, sphere, surface
 
 UP = np.array([[0.0, 0.0, 1.0]])
 
@@ -39,7 +39,7 @@ def test_a_lid_above_is_an_obstruction_only_within_reach() -> None:
     ground = grid(4.0, 4.0, 4, 4)
     feet = np.array([[0.1, 0.2, 0.0]])
     for height, expected in ((0.25, True), (0.4, False)):
-        both = together(ground, moved(ground, 0.0, 0.0, height))
+        both = join(ground, moved(ground, 0.0, 0.0, height))
         index = SpatialIndex(both.positions, both.faces)
         assert obstructed(feet, feet + 0.2 * UP, 0.2, index) is expected
 

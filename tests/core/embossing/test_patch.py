@@ -4,7 +4,7 @@ import pytest
 from core.embossing.mesh import WorkingMesh
 from core.embossing.patch import patches
 from tests.core.embossing.bench import box_at
-from tests.core.shapes import Float, Int, box, grid, moved, surface, together
+from tests.core.shapes import Float, Int, box, grid, join, moved, surface
 
 
 def _mesh(positions: Float, faces: Int) -> WorkingMesh:
@@ -20,7 +20,7 @@ def test_only_faces_that_look_at_the_box_are_taken() -> None:
 
 
 def test_parts_that_do_not_share_an_edge_are_patches_of_their_own() -> None:
-    both = together(grid(2.0, 2.0, 2, 2), moved(grid(2.0, 2.0, 2, 2), 2.5, 0.0, 0.0))
+    both = join(grid(2.0, 2.0, 2, 2), moved(grid(2.0, 2.0, 2, 2), 2.5, 0.0, 0.0))
     found = patches(_mesh(both.positions, both.faces), box_at(center=(1.0, 0.0, 0.0)))
     assert sorted(len(patch.triangles) for patch in found) == [8, 8]
 

@@ -1,4 +1,4 @@
-"""Small surfaces whose answers are known by hand, and boxes to put on them."""
+"""More small surfaces whose answers are known by hand, and boxes to put on them."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,38 +6,31 @@ from numpy.typing import NDArray
 from core.asset.surface import Surface
 from core.placement.boxes import Boxes
 from core.spatial import SpatialIndex
+from tests.core.shapes import join, surface
 
 Float = NDArray[np.float64]
-Int = NDArray[np.int64]
 
 IDENTITY = np.eye(3)
 
-
-def surface(positions: Float, faces: Int) -> Surface:
-    """A surface welded by exact position, its world equal to the size-30 frame."""
-    _, weld = np.unique(positions, axis=0, return_inverse=True)
-    return Surface(
-        positions=np.asarray(positions, dtype=np.float64),
-        faces=np.asarray(faces, dtype=np.int64),
-        weld=weld.ravel().astype(np.int64),
-        face_primitive=np.zeros(len(faces), dtype=np.int64),
-        face_triangle=np.arange(len(faces)),
-        scale=1.0,
-        offset=np.zeros(3),
-    )
+__all__ = [
+    *("box", "boxes", "cuboid", "index_of", "inside_out", "join", "moved", "plane", "rotation", "sphere", "surface"),
+]
+    "box",
+    "boxes",
+    "cuboid",
+    "index_of",
+    "inside_out",
+    "join",
+    "moved",
+    "plane",
+    "rotation",
+    "sphere",
+    "surface",
+]
 
 
 def index_of(shape: Surface) -> SpatialIndex:
     return SpatialIndex(shape.positions, shape.faces)
-
-
-def join(*shapes: Surface) -> Surface:
-    """Several surfaces as one."""
-    starts = np.cumsum([0, *(len(shape.positions) for shape in shapes[:-1])])
-    return surface(
-        np.concatenate([shape.positions for shape in shapes]),
-        np.concatenate([shape.faces + start for shape, start in zip(shapes, starts, strict=True)]),
-    )
 
 
 def moved(shape: Surface, rotation: Float = IDENTITY, shift: Float | tuple[float, float, float] = (0, 0, 0)) -> Surface:
