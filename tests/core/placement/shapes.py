@@ -15,18 +15,6 @@ IDENTITY = np.eye(3)
 __all__ = [
     *("box", "boxes", "cuboid", "index_of", "inside_out", "join", "moved", "plane", "rotation", "sphere", "surface"),
 ]
-    "box",
-    "boxes",
-    "cuboid",
-    "index_of",
-    "inside_out",
-    "join",
-    "moved",
-    "plane",
-    "rotation",
-    "sphere",
-    "surface",
-]
 
 
 def index_of(shape: Surface) -> SpatialIndex:
