@@ -6,15 +6,12 @@ from numpy.typing import NDArray
 from core.asset.surface import Surface
 from core.placement.boxes import Boxes
 from core.spatial import SpatialIndex
-from tests.core.shapes import join, surface
+from tests.core.shapes import join as join
+from tests.core.shapes import surface as surface
 
 Float = NDArray[np.float64]
 
 IDENTITY = np.eye(3)
-
-__all__ = [
-    *("box", "boxes", "cuboid", "index_of", "inside_out", "join", "moved", "plane", "rotation", "sphere", "surface"),
-]
 
 
 def index_of(shape: Surface) -> SpatialIndex:
