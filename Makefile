@@ -45,13 +45,13 @@ clean: ## Remove everything that was installed or written here
 
 $(VENV)/.service: pyproject.toml docker/constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --upgrade pip
-	$(BIN)/pip install --quiet $(TORCH) $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX))
-	$(BIN)/pip install --quiet --constraint docker/constraints.txt --editable .
+	$(BIN)/pip install --quiet --quiet --upgrade pip
+	$(BIN)/pip install --quiet --quiet $(TORCH) $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX))
+	$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable .
 	touch $@
 
 $(VENV)/.tests: $(VENV)/.service
-	$(BIN)/pip install --quiet --constraint docker/constraints.txt --editable '.[test]'
+	$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable '.[test]'
 	touch $@
 
 .PHONY: help install demo run test check survey openapi clean
