@@ -4,11 +4,12 @@ from pathlib import Path
 from threading import Lock
 
 from core.asset.gate import admit
+from core.errors import MeshmarkError
 from core.lettering.fonts import default_font, load_font
 from core.lettering.shaping import shape
 from core.parameters import Parameters
 
-# Bounds what uploads hold in memory to one asset, of which the gate may make one copy. It takes milliseconds.
+# Bounds what uploads hold in memory to one asset, of which the gate may make one copy; it looks at most for a second or two.
 _IN_MEMORY = Lock()
 
 
@@ -28,4 +29,15 @@ def check_asset(path: Path) -> None:
         MeshmarkError: as :func:`core.asset.gate.admit` does.
     """
     with _IN_MEMORY:
+        refusal = _refusal(path)
+    if refusal:
+        raise refusal
+
+
+def _refusal(path: Path) -> MeshmarkError | None:
+    """What the gate raises, as a new error: the frames in a traceback would hold the asset until the answer is sent."""
+    try:
         admit(path.read_bytes())
+    except MeshmarkError as error:
+        return MeshmarkError(error.code, error.message, error.remedy)
+    return None

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from core.parameters import Parameters
 from service.config import Settings
+from service.jobs.models import JobState
 from service.routes.watermarks import router
 from tests.service.conftest import Client
 
@@ -45,6 +46,12 @@ def test_the_example_of_an_error_is_what_the_service_answers(client: Client) -> 
     files = {"file": ("asset.stl", bytes(80) + b"\xff" * 4)}
     answer = client.http.post("/v1/watermarks", files=files, data={"params": '{"text": "watermark"}'})
     assert answer.json() == json.loads(example[1])
+
+
+def test_every_state_of_a_job_is_named() -> None:
+    states = re.search(r"\*\*Job states\*\*.*", README)
+    assert states is not None
+    assert set(re.findall(r"`(\w+)`", states[0])) == set(JobState)
 
 
 def test_the_addresses_in_the_examples_exist() -> None:
