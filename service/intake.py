@@ -9,7 +9,7 @@ from core.lettering.fonts import default_font, load_font
 from core.lettering.shaping import shape
 from core.parameters import Parameters
 
-# Bounds what uploads hold in memory to one asset, of which the gate may make one copy; it looks at most for a second or two.
+# Bounds what uploads hold in memory to one asset, of which the gate may make one copy. It takes two seconds at most.
 _IN_MEMORY = Lock()
 
 
