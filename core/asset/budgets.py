@@ -18,6 +18,11 @@ class Budgets:
         json_values: JSON arrays and objects in that chunk; an empty one costs 20 times its text in memory.
         polygon_corners: corners of one polygon; cutting a concave one into triangles takes time with their square.
         materials: material groups of an OBJ, each of which becomes a primitive.
+        archive_entries: files and folders in a ZIP archive.
+        archive_ratio: how many times as large an entry of an archive may be unpacked; models reach 20.
+        unpacked_bytes: of all entries of an archive together, unpacked.
+        xml_depth: how deep the elements of a 3MF or DAE may be nested.
+        nodes: nodes that draw something in a 3MF or DAE, instances of instances included.
     """
 
     faces: int = 5_000_000
@@ -28,6 +33,11 @@ class Budgets:
     json_values: int = 500_000
     polygon_corners: int = 10_000
     materials: int = 4096
+    archive_entries: int = 4096
+    archive_ratio: int = 100
+    unpacked_bytes: int = 512 * 2**20
+    xml_depth: int = 64
+    nodes: int = 100_000
 
 
 DEFAULT_BUDGETS = Budgets()
