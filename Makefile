@@ -37,6 +37,10 @@ survey: $(VENV)/.tests ## Watermark every file of MESHES=DIR and print a table o
 	@npm ci --prefix tests --silent --no-audit --no-fund
 	@$(BIN)/python -m tests.survey $(MESHES)
 
+fuzz: $(VENV)/.tests ## Run 10,000 mutated files through the engine
+	@npm ci --prefix tests --silent --no-audit --no-fund
+	$(BIN)/python -m tests.fuzz
+
 openapi: $(VENV)/.service ## Write openapi.yaml from the application
 	$(BIN)/python -m service openapi > openapi.yaml
 
@@ -54,4 +58,4 @@ $(VENV)/.tests: $(VENV)/.service
 	$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable '.[test]'
 	touch $@
 
-.PHONY: help install demo run test check survey openapi clean
+.PHONY: help install demo run test check survey fuzz openapi clean

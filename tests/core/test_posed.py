@@ -14,7 +14,8 @@ from core.spatial import SpatialIndex
 from tests.animation import duration, posed
 
 MESHES = Path(os.environ.get("MESHMARK_TEST_MESHES", "../shared/meshes"))
-ANIMATED = [path for path in (MESHES / f"{name}.glb" for name in ("cesium-man", "fox", "mage-kaykit", "morph-stress-test")) if path.exists()]
+NAMES = ("cesium-man", "fox", "mage-kaykit", "morph-stress-test")
+ANIMATED = [path for path in (MESHES / f"{name}.glb" for name in NAMES) if path.exists()]
 
 
 @pytest.mark.parametrize("path", ANIMATED, ids=lambda path: path.stem)
