@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.asset.gltf import Document, dequantize, malformed, read_accessor, typed, unsupported_extension
+from core.asset.gltf import Document, dequantize, malformed, read_accessor, typed
 from core.asset.grouping import float_words, group_rows
 from core.asset.hierarchy import scene_nodes, world_matrices
+from core.asset.instances import instance_matrices
 from core.asset.skin import blend, influence_sets, joint_matrices, read_influences
 from core.asset.surface import MODEL_SIZE, Surface
 from core.errors import ErrorCode, MeshmarkError
@@ -18,8 +19,6 @@ Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 
 TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN = 4, 5, 6
-DRACO = "KHR_draco_mesh_compression"
-INSTANCING = "EXT_mesh_gpu_instancing"
 # |det| over the product of the column lengths, below which a matrix cannot be inverted in any useful sense
 SINGULAR = 1e-6
 
@@ -30,6 +29,7 @@ class DrawnPrimitive:
 
     Attributes:
         node, mesh, primitive: glTF indices.
+        instance: which of the node's instances (EXT_mesh_gpu_instancing); ``None`` where it has none.
         triangles: (T, 3) int64 accessor rows in the file's winding; strips and fans as triangle lists.
         first_vertex: row of ``Surface.positions`` where accessor row 0 lies. Primitives of one mesh that share all
             their vertex attributes share these rows.
@@ -43,6 +43,7 @@ class DrawnPrimitive:
     node: int
     mesh: int
     primitive: int
+    instance: int | None
     triangles: Int
     first_vertex: int
     matrices: Float
@@ -62,65 +63,115 @@ class Scene:
 
 
 @dataclass(frozen=True, eq=False)
-class _Vertices:
-    """The vertices that the primitives of one node with the same attributes share."""
+class _Shape:
+    """The vertices that primitives of one mesh with the same attributes share, before they are placed.
 
-    node: int
-    first: int
+    ``matrices`` and ``joint_matrices`` are ``None`` where no skin moves them.
+    """
+
     local: NDArray[np.float32]
-    world: Float
-    matrices: Float
+    morphed: Float
+    matrices: Float | None
     joint_matrices: Float | None
     morph_weights: Float
     deformed: bool
 
 
+@dataclass(frozen=True, eq=False)
+class _Vertices:
+    """A shape as one node, or one instance of it, draws it; ``owner`` numbers these."""
+
+    owner: int
+    node: int
+    instance: int | None
+    first: int
+    shape: _Shape
+    matrices: Float
+    world: Float
+
+
 def flatten(document: Document) -> Scene:
     """Every triangle of the default scene in one size-30 :class:`Surface`, at the default pose.
 
-    Node transforms, skins, default morph weights, strips, fans and quantised positions are applied. Points, lines
-    and nodes with EXT_mesh_gpu_instancing are left out: they stay in the file as they are.
+    Node transforms, instances, skins, default morph weights, strips, fans and quantised positions are applied.
+    Points, lines and instances that a skin or an animation of morph weights moves are left out: they stay in the file
+    as they are.
 
     Raises:
         MeshmarkError: ``no_faces``, ``non_finite_positions``, ``index_out_of_range``, ``malformed_file``,
-            ``unsupported_feature`` (Draco, meshopt), ``external_reference``.
+            ``external_reference``.
     """
     worlds = world_matrices(document)
-    blocks: dict[str, _Vertices] = {}
+    blocks: list[_Vertices] = []
     primitives: list[DrawnPrimitive] = []
-    rows = 0
+    rows = owner = 0
     for node in scene_nodes(document):
         entry = document.entry("nodes", node)
-        if "mesh" not in entry or INSTANCING in typed(entry, "extensions", dict):
+        if "mesh" not in entry:
             continue
-        mesh = document.entry("meshes", entry["mesh"])
-        for index, primitive in enumerate(typed(mesh, "primitives", list)):
-            if not isinstance(primitive, dict):
-                raise malformed(f"meshes[{entry['mesh']}].primitives[{index}] is not a JSON object.")
-            if primitive.get("mode", TRIANGLES) not in (TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN):
-                continue
-            if DRACO in typed(primitive, "extensions", dict):
-                raise unsupported_extension(DRACO, "A mesh")
-            if "POSITION" not in typed(primitive, "attributes", dict):
-                continue
-            key = json.dumps([node, primitive["attributes"], primitive.get("targets")], sort_keys=True)
-            if key not in blocks:
-                weights = typed(entry if "weights" in entry else mesh, "weights", list)
-                blocks[key] = _place_vertices(document, node, primitive, weights, worlds, rows)
-                rows += len(blocks[key].local)
-            triangles = _triangles(document, primitive, len(blocks[key].local))
-            if len(triangles):
-                primitives.append(_draw(blocks[key], entry["mesh"], index, triangles))
+        placements = _placements(document, node, worlds)
+        shapes, drawn = _read_mesh(document, node, worlds) if placements else ({}, [])
+        for instance, world in placements:
+            placed: dict[str, _Vertices] = {}
+            for index, key, triangles in drawn:
+                if key not in placed:
+                    placed[key] = _place(shapes[key], owner, node, instance, world, rows)
+                    rows += len(shapes[key].local)
+                if len(triangles):
+                    primitives.append(_draw(placed[key], entry["mesh"], index, triangles))
+            blocks += placed.values()
+            owner += 1
     if not primitives:
         raise _no_faces("The asset has no triangles in its default scene.")
-    return Scene(document, _surface(list(blocks.values()), primitives), tuple(primitives))
+    return Scene(document, _surface(blocks, primitives), tuple(primitives))
 
 
-@np.errstate(over="ignore", invalid="ignore")  # what overflows is refused at the end
-def _place_vertices(
-    document: Document, node: int, primitive: dict[str, Any], weights: list[Any], worlds: Float, first: int
-) -> _Vertices:
-    """Read the vertices of a primitive and take them to the world."""
+def _placements(document: Document, node: int, worlds: Float) -> list[tuple[int | None, Float]]:
+    """(instance, mesh -> world matrix) of each time that a node draws its mesh."""
+    instances = instance_matrices(document, node)
+    if instances is None:
+        return [(None, worlds[node])]
+    if "skin" in document.entry("nodes", node) or _has_animated_weights(document, node):
+        return []
+    with np.errstate(over="ignore", invalid="ignore"):  # refused where vertices are placed
+        return list(enumerate(worlds[node] @ instances))
+
+
+def _has_animated_weights(document: Document, node: int) -> bool:
+    channels = [
+        channel
+        for animation in typed(document.json, "animations", list)
+        for channel in typed(animation, "channels", list)
+    ]
+    return any(
+        typed(channel, "target", dict).get("node") == node and channel["target"].get("path") == "weights"
+        for channel in channels
+    )
+
+
+def _read_mesh(document: Document, node: int, worlds: Float) -> tuple[dict[str, _Shape], list[tuple[int, str, Int]]]:
+    """The shapes of a node's mesh by a key, and the (index, key, triangles) of each of its primitives."""
+    entry = document.entry("nodes", node)
+    mesh = document.entry("meshes", entry["mesh"])
+    weights = typed(entry if "weights" in entry else mesh, "weights", list)
+    shapes: dict[str, _Shape] = {}
+    drawn = []
+    for index, primitive in enumerate(typed(mesh, "primitives", list)):
+        if not isinstance(primitive, dict):
+            raise malformed(f"meshes[{entry['mesh']}].primitives[{index}] is not a JSON object.")
+        if primitive.get("mode", TRIANGLES) not in (TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN):
+            continue
+        if "POSITION" not in typed(primitive, "attributes", dict):
+            continue
+        key = json.dumps([primitive["attributes"], primitive.get("targets")], sort_keys=True)
+        if key not in shapes:
+            shapes[key] = _read_shape(document, node, primitive, weights, worlds)
+        drawn.append((index, key, _triangles(document, primitive, len(shapes[key].local))))
+    return shapes, drawn
+
+
+@np.errstate(over="ignore", invalid="ignore")  # what overflows is refused once it is placed
+def _read_shape(document: Document, node: int, primitive: dict[str, Any], weights: list[Any], worlds: Float) -> _Shape:
     attributes, targets = primitive["attributes"], typed(primitive, "targets", list)
     if not all(isinstance(target, dict) for target in targets) or not all(_is_number(weight) for weight in weights):
         raise malformed(f"The morph targets that nodes[{node}] draws, or their weights, are not well-formed.")
@@ -132,22 +183,28 @@ def _place_vertices(
     for target, weight in zip(targets, morph_weights, strict=True):
         if weight and "POSITION" in target:
             morphed = morphed + weight * _read_positions(document, target["POSITION"])
+    joints = matrices = None
     skin = document.entry("nodes", node).get("skin")
     if skin is not None and influence_sets(attributes):
         joints = joint_matrices(document, skin, worlds)  # the transform of a skinned node itself is ignored
         matrices = blend(*read_influences(document, attributes), joints)
-    else:
-        joints, matrices = None, worlds[node, None, :3]
+    deformed = joints is not None or morphed is not local
+    return _Shape(local.astype(np.float32), morphed, matrices, joints, morph_weights, deformed)
+
+
+@np.errstate(over="ignore", invalid="ignore")  # what overflows is refused at the end
+def _place(shape: _Shape, owner: int, node: int, instance: int | None, world: Float, first: int) -> _Vertices:
+    """Take the vertices of a shape to the world."""
+    matrices = world[None, :3] if shape.matrices is None else shape.matrices
     # Not a matrix product: it must round the same for equal rows.
-    world = matrices[:, :, 3] + sum(matrices[:, :, axis] * morphed[:, axis, None] for axis in range(3))
-    if not np.isfinite(world).all():
+    placed = matrices[:, :, 3] + sum(matrices[:, :, axis] * shape.morphed[:, axis, None] for axis in range(3))
+    if not np.isfinite(placed).all():
         raise MeshmarkError(
             ErrorCode.NON_FINITE_POSITIONS,
-            f"meshes[{document.entry('nodes', node)['mesh']}] has positions that are not finite numbers.",
+            f"The mesh that nodes[{node}] draws has positions that are not finite numbers.",
             "Remove the broken vertices, or export the asset again.",
         )
-    deformed = joints is not None or morphed is not local
-    return _Vertices(node, first, local.astype(np.float32), world, matrices, joints, morph_weights, deformed)
+    return _Vertices(owner, node, instance, first, shape, matrices, placed)
 
 
 def _is_number(value: Any) -> bool:
@@ -208,11 +265,12 @@ def _draw(vertices: _Vertices, mesh: int, index: int, triangles: Int) -> DrawnPr
         node=vertices.node,
         mesh=mesh,
         primitive=index,
+        instance=vertices.instance,
         triangles=triangles,
         first_vertex=vertices.first,
         matrices=vertices.matrices,
-        joint_matrices=vertices.joint_matrices,
-        morph_weights=vertices.morph_weights,
+        joint_matrices=vertices.shape.joint_matrices,
+        morph_weights=vertices.shape.morph_weights,
         mirrored=bool(np.count_nonzero(determinant < 0) * 2 > len(determinant)),
         invertible=bool((np.abs(determinant) > SINGULAR * volume).all()),
     )
@@ -244,13 +302,13 @@ def _surface(blocks: list[_Vertices], primitives: list[DrawnPrimitive]) -> Surfa
 
 
 def _weld(blocks: list[_Vertices]) -> Int:
-    """Labels that are equal where node, local float position and, under deformation, world position are."""
-    deformed = {block.node for block in blocks if block.deformed}
-    node = np.repeat([block.node for block in blocks], [len(block.local) for block in blocks])
-    words = [node[:, None].astype(np.uint32), float_words(np.concatenate([block.local for block in blocks]))]
+    """Labels that are equal where owner, local float position and, under deformation, world position are."""
+    deformed = {block.owner for block in blocks if block.shape.deformed}
+    owner = np.repeat([block.owner for block in blocks], [len(block.world) for block in blocks])
+    words = [owner[:, None].astype(np.uint32), float_words(np.concatenate([block.shape.local for block in blocks]))]
     if deformed:
         # Equal local positions of a rigid node have equal world positions anyway: zeros keep its rows out of this.
-        moved = [block.world if block.node in deformed else np.zeros_like(block.world) for block in blocks]
+        moved = [block.world if block.owner in deformed else np.zeros_like(block.world) for block in blocks]
         words.append(float_words(np.concatenate(moved)))
     return group_rows(np.hstack(words))
 

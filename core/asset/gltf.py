@@ -5,13 +5,15 @@ import binascii
 import json
 import math
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, TypeVar
 from urllib.parse import unquote_to_bytes
 
 import numpy as np
 from numpy.typing import NDArray
 
+from core.asset.compression import DRACO, decode_draco, decode_meshopt, meshopt_of
 from core.errors import ErrorCode, MeshmarkError
 
 COMPONENT_TYPES: dict[int, np.dtype[Any]] = {
@@ -32,7 +34,6 @@ ELEMENT_TYPES = {
     "MAT3": (3, 3),
     "MAT4": (4, 4),
 }
-COMPRESSED_VIEWS = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 
 T = TypeVar("T", list[Any], dict[str, Any])
 
@@ -47,15 +48,6 @@ def malformed(sentence: str) -> MeshmarkError:
     )
 
 
-def unsupported_extension(name: str, use: str) -> MeshmarkError:
-    """The error for geometry behind an extension that is not decoded; ``use`` is a noun, such as "A primitive"."""
-    return MeshmarkError(
-        ErrorCode.UNSUPPORTED_FEATURE,
-        f"{use} of this asset is compressed with {name}.",
-        f"Export the asset without {name} and send it again.",
-    )
-
-
 @dataclass
 class Document:
     """A parsed GLB: nothing is interpreted, unknown properties are carried as they are.
@@ -63,10 +55,13 @@ class Document:
     Attributes:
         json: the JSON chunk, keys in file order.
         binary: the payload of the BIN chunk, empty where there is none.
+        warnings: what of a file of another format could not be carried into this document.
     """
 
     json: dict[str, Any]
     binary: bytes
+    warnings: list[MeshmarkError] = field(default_factory=list)
+    _views: dict[int, bytes] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @classmethod
     def from_glb(cls, data: bytes) -> "Document":
@@ -98,7 +93,7 @@ class Document:
         if not chunks or chunks[0][0] != b"JSON":
             raise malformed("The first chunk of the GLB is not its JSON.")
         binary = chunks[1][1] if len(chunks) > 1 and chunks[1][0] == b"BIN\0" else b""
-        return cls(_parse_json(chunks[0][1]), binary)
+        return cls(parse_json(chunks[0][1]), binary)
 
     def to_glb(self) -> bytes:
         """The GLB; the same document always gives the same bytes."""
@@ -146,6 +141,39 @@ class Document:
             raise malformed(f"buffers[{index}] has no URI, and only the first buffer can be the BIN chunk.")
         return self.binary
 
+    def view(self, index: Any) -> tuple[bytes, int, int]:
+        """Where the bytes of a buffer view are: what holds them, their start and their length.
+
+        A compressed view is decoded when first asked for.
+
+        Raises:
+            MeshmarkError: ``malformed_file``, ``external_reference``.
+        """
+        view = self.entry("bufferViews", index)
+        compressed = meshopt_of(view)
+        if compressed is None:
+            return self._range(view, index)
+        if index not in self._views:
+            data, start, length = self._range(compressed, index)
+            self._views[index] = decode_meshopt(data[start : start + length], compressed, f"bufferViews[{index}]")
+        return self._views[index], 0, len(self._views[index])
+
+    @cached_property
+    def draco(self) -> "dict[int, NDArray[Any]]":
+        """(count, n) values of every accessor whose only bytes are in a Draco stream; all are decoded at once.
+
+        Raises:
+            MeshmarkError: ``malformed_file`` for a stream that is damaged or not what the accessors declare.
+        """
+        return _decode_draco(self)
+
+    def _range(self, owner: dict[str, Any], index: int) -> tuple[bytes, int, int]:
+        data = self.buffer(owner.get("buffer", -1))
+        start, length = owner.get("byteOffset", 0), owner.get("byteLength", 0)
+        if any(type(number) is not int or number < 0 for number in (start, length)) or start + length > len(data):
+            raise malformed(f"bufferViews[{index}] does not lie inside its buffer.")
+        return data, start, length
+
 
 def typed(parent: dict[str, Any], key: str, kind: type[T]) -> T:
     """``parent[key]``, or an empty ``kind`` (list or dict) where there is none.
@@ -168,11 +196,11 @@ def read_accessor(document: Document, index: int) -> NDArray[Any]:
 
     Returns:
         (count,) for SCALAR, (count, n) for VECn, (count, n * n) column-major for MATn. ``byteStride``, sparse
-        substitution and a missing buffer view (zeros) are honoured; ``normalized`` is not: see :func:`dequantize`.
+        substitution, compression and a missing buffer view (zeros) are honoured; ``normalized`` is not: see
+        :func:`dequantize`.
 
     Raises:
-        MeshmarkError: ``malformed_file``, ``index_out_of_range`` (sparse), ``external_reference``, or
-            ``unsupported_feature`` for compressed buffer views.
+        MeshmarkError: ``malformed_file``, ``index_out_of_range`` (sparse) or ``external_reference``.
     """
     accessor = document.entry("accessors", index)
     code, kind, count = (accessor.get(key) for key in ("componentType", "type", "count"))
@@ -182,6 +210,8 @@ def read_accessor(document: Document, index: int) -> NDArray[Any]:
         raise malformed(f"accessors[{index}] does not declare a valid type, component type and count.")
     if "bufferView" in accessor:
         values = _read_view(document, accessor["bufferView"], accessor.get("byteOffset", 0), count, dtype, shape)
+    elif index in document.draco:
+        values = document.draco[index]
     else:
         values = np.zeros((count, shape[0] * shape[1]), dtype)
     if "sparse" in accessor:
@@ -198,16 +228,22 @@ def dequantize(array: NDArray[Any], accessor: dict[str, Any]) -> NDArray[np.floa
     return values
 
 
-def _parse_json(payload: bytes) -> dict[str, Any]:
+def parse_json(payload: bytes) -> dict[str, Any]:
+    """The JSON of a glTF.
+
+    Raises:
+        MeshmarkError: ``malformed_file``.
+    """
+
     def refuse(constant: str) -> None:
         raise ValueError(f"{constant} is not JSON")
 
     try:
         parsed = json.loads(payload.decode("utf-8"), parse_constant=refuse, parse_float=_finite)
     except (ValueError, RecursionError):
-        raise malformed("The JSON chunk of the GLB is not valid JSON.") from None
+        raise malformed("The JSON of the glTF is not valid JSON.") from None
     if not isinstance(parsed, dict):
-        raise malformed("The JSON chunk of the GLB is not a JSON object.")
+        raise malformed("The JSON of the glTF is not a JSON object.")
     return parsed
 
 
@@ -245,24 +281,63 @@ def _read_view(
 ) -> NDArray[Any]:
     """(count, columns * rows) values that start ``byte_offset`` bytes into a buffer view."""
     view = document.entry("bufferViews", view_index)
-    for extension in COMPRESSED_VIEWS:
-        if extension in typed(view, "extensions", dict):
-            raise unsupported_extension(extension, "A buffer view")
-    data = document.buffer(view.get("buffer", -1))
+    data, start, length = document.view(view_index)
     columns, rows = shape
     column_bytes = rows * dtype.itemsize
     column_stride = column_bytes if columns == 1 else -(-column_bytes // 4) * 4  # matrix columns are 4-byte aligned
     stride = view.get("byteStride", columns * column_stride)
-    start, length = view.get("byteOffset", 0), view.get("byteLength", 0)
-    if any(type(number) is not int or number < 0 for number in (start, length, stride, byte_offset)):
-        raise malformed(f"bufferViews[{view_index}] has offsets that are not non-negative integers.")
+    if any(type(number) is not int or number < 0 for number in (stride, byte_offset)):
+        raise malformed(f"bufferViews[{view_index}] or its accessor has offsets that are not non-negative integers.")
     last = byte_offset + (count - 1) * stride + (columns - 1) * column_stride + column_bytes
-    if last > length or start + length > len(data):
-        raise malformed(f"An accessor reads past the end of bufferViews[{view_index}] or of its buffer.")
+    if last > length:
+        raise malformed(f"An accessor reads past the end of bufferViews[{view_index}].")
     strided = np.ndarray(
         (count, columns, rows), dtype, data, start + byte_offset, (stride, column_stride, dtype.itemsize)
     )
     return np.ascontiguousarray(strided).reshape(count, columns * rows)
+
+
+def _decode_draco(document: Document) -> dict[int, NDArray[Any]]:
+    """See :attr:`Document.draco`."""
+    decoded: dict[int, NDArray[Any]] = {}
+    source: dict[int, tuple[int, int]] = {}
+    streams: dict[tuple[int, int], tuple[NDArray[Any], dict[int, NDArray[Any]]]] = {}
+    for mesh in typed(document.json, "meshes", list):
+        for primitive in typed(mesh, "primitives", list):
+            extension = typed(primitive, "extensions", dict).get(DRACO)
+            if extension is None:
+                continue
+            view = extension["bufferView"]
+            count = document.entry("accessors", primitive["indices"])["count"]
+            if (view, count) not in streams:
+                data, start, length = document.view(view)
+                where = f"The Draco stream in bufferViews[{view}]"
+                streams[view, count] = decode_draco(data[start : start + length], count // 3, where)
+            indices, attributes = streams[view, count]
+            named = {primitive["attributes"][name]: number for name, number in extension["attributes"].items()}
+            for accessor, number in {primitive["indices"]: -1, **named}.items():
+                entry = document.entry("accessors", accessor)
+                if "bufferView" in entry:  # the same data once more, plain, for readers without a decoder
+                    continue
+                if source.setdefault(accessor, (view, number)) != (view, number):
+                    raise malformed(f"accessors[{accessor}] stands for two different Draco attributes.")
+                values = indices[:, None] if number < 0 else attributes.get(number)
+                decoded[accessor] = _as_declared(values, entry, accessor)
+    return decoded
+
+
+def _as_declared(values: NDArray[Any] | None, entry: dict[str, Any], accessor: int) -> NDArray[Any]:
+    """Decoded values in the component type of their accessor, which must be able to hold them."""
+    dtype, (columns, rows) = COMPONENT_TYPES[entry["componentType"]], ELEMENT_TYPES[entry["type"]]
+    if values is None or values.shape != (entry["count"], columns * rows) or values.dtype.kind not in "iuf":
+        raise malformed(f"accessors[{accessor}] is not what the Draco stream of its primitive holds.")
+    if values.dtype == dtype:
+        return values
+    with np.errstate(invalid="ignore"):
+        converted = values.astype(dtype)
+    if not np.array_equal(converted, values):
+        raise malformed(f"accessors[{accessor}] declares a type that cannot hold the values of its Draco stream.")
+    return converted
 
 
 def _substitute(

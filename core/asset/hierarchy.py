@@ -73,21 +73,30 @@ def _children(document: Document, index: int) -> list[int]:
     return children
 
 
+def transforms(translation: Float, rotation: Float, scale: Float) -> Float:
+    """(N, 4, 4) matrices of (N, 3) translations, (N, 4) quaternions (x, y, z, w) and (N, 3) scales."""
+    matrices = np.zeros((len(scale), 4, 4))
+    x, y, z, w = rotation.T
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused where it is used
+        turned = [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+        matrices[:, :3, :3] = np.moveaxis(np.array(turned), 2, 0) * scale[:, None]
+    matrices[:, :3, 3] = translation
+    matrices[:, 3, 3] = 1
+    return matrices
+
+
 def _local_matrix(node: dict[str, Any], index: int) -> Float:
     try:
         if "matrix" in node:
             return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
-        matrix = np.eye(4)
-        x, y, z, w = (float(number) for number in node.get("rotation", (0, 0, 0, 1)))
-        rotation = np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-            ]
-        )
-        matrix[:3, :3] = rotation * np.array(node.get("scale", (1, 1, 1)), dtype=np.float64).reshape(3)
-        matrix[:3, 3] = np.array(node.get("translation", (0, 0, 0)), dtype=np.float64).reshape(3)
+        translation = np.array(node.get("translation", (0, 0, 0)), dtype=np.float64).reshape(1, 3)
+        rotation = np.array(node.get("rotation", (0, 0, 0, 1)), dtype=np.float64).reshape(1, 4)
+        scale = np.array(node.get("scale", (1, 1, 1)), dtype=np.float64).reshape(1, 3)
     except (TypeError, ValueError):
         raise malformed(f"nodes[{index}] has a malformed transform.") from None
-    return matrix
+    local: Float = transforms(translation, rotation, scale)[0]
+    return local

@@ -169,10 +169,11 @@ def _keep_influences(document: Document, patch: Patch, original: Int) -> None:
 def _share_points(scene: Scene, patches: list[Patch]) -> None:
     """Give the corners of one point one position across all primitives of their node, and one way of moving across
     those that store their influences and morphs alike."""
-    nodes: dict[int, list[Patch]] = {}
-    alike: dict[tuple[int, str], list[Patch]] = {}
+    nodes: dict[tuple[int, int | None], list[Patch]] = {}
+    alike: dict[tuple[tuple[int, int | None], str], list[Patch]] = {}
     for patch in patches:
-        node = scene.primitives[patch.drawn[0]].node
+        drawn = scene.primitives[patch.drawn[0]]
+        node = drawn.node, drawn.instance
         types = [
             [(name, scene.document.entry("accessors", accessors[name])["componentType"]) for name in values]
             for accessors, values in zip(patch.maps, patch.values, strict=True)

@@ -8,12 +8,17 @@ from numpy.typing import NDArray
 
 from core.asset.appender import Appender
 from core.asset.attributes import encode, read_rows
+from core.asset.compression import DRACO
 from core.asset.edit import Kind, SurfaceEdit
 from core.asset.flatten import TRIANGLES, Scene
 from core.asset.gltf import Document, read_accessor
+from core.asset.instances import instance_attributes, split_off
 from core.asset.patch import Patch, cut_patches, primitive_json, row_labels
+from core.asset.settle import primitive_accessors, settle
 
 Int = NDArray[np.int64]
+Owner = tuple[int, int | None]  # a node, and which of its instances
+Replacement = tuple[dict[str, Any] | None, dict[str, Any] | None]  # the surface and the letters of a primitive
 
 # What a plain material has no use for, and what would tint it.
 TEXTURING = ("TANGENT", "TEXCOORD_", "COLOR_")
@@ -39,7 +44,8 @@ def write(scene: Scene, edit: SurfaceEdit, color: str | None) -> bytes:
         return scene.document.to_glb()
     appender = Appender(scene.document)
     paint = _Paint(appender, color) if color else None
-    changes: dict[int, dict[int, tuple[dict[str, Any] | None, dict[str, Any] | None]]] = {}
+    changes: dict[Owner, dict[int, Replacement]] = {}
+    replaced: set[int] = set()
     for patch in cut_patches(scene, edit):
         corners, maps = _append_rows(scene.document, patch, appender)
         for index in patch.drawn:
@@ -50,17 +56,22 @@ def write(scene: Scene, edit: SurfaceEdit, color: str | None) -> bytes:
             added = corners.reshape(-1, 3)[mine][:, [0, 2, 1] if drawn.mirrored else [0, 1, 2]]
             letters = (edit.kind[patch.triangles][mine] != Kind.SURFACE) & (paint is not None)
             source = primitive_json(scene.document, drawn)
+            replaced |= primitive_accessors(source)
             smallest = (
                 read_accessor(scene.document, source["indices"]).dtype if "indices" in source else np.dtype("<u2")
             )
             base = np.concatenate([kept, added[~letters]])
-            changes.setdefault(drawn.node, {})[drawn.primitive] = (
+            changes.setdefault((drawn.node, drawn.instance), {})[drawn.primitive] = (
                 _rewritten(source, maps, appender.add_indices(base, smallest)) if len(base) else None,
                 paint.primitive(source, maps, appender.add_indices(added[letters], smallest))
                 if paint and letters.any()
                 else None,
             )
-    _replace_primitives(appender.json, changes)
+    replaced |= {
+        accessor for node, _ in changes for accessor in instance_attributes(appender.json["nodes"][node]).values()
+    }
+    _replace_primitives(appender, scene.document, changes)
+    settle(appender.json, replaced, scene.document.draco)
     return appender.to_glb()
 
 
@@ -127,31 +138,50 @@ def _append_rows(document: Document, patch: Patch, appender: Appender) -> tuple[
 
 
 def _rewritten(source: dict[str, Any], maps: list[dict[str, int]], indices: int) -> dict[str, Any]:
-    """A primitive with other accessors, as a triangle list; everything else about it stays."""
+    """A primitive with other, plain accessors, as a triangle list; everything else about it stays."""
     primitive = source | {"attributes": maps[0], "indices": indices}
     if "mode" in source:
         primitive["mode"] = TRIANGLES
     if "targets" in source:
         primitive["targets"] = maps[1:]
+    extensions = {name: value for name, value in source.get("extensions", {}).items() if name != DRACO}
+    if extensions:
+        primitive["extensions"] = extensions
+    else:
+        primitive.pop("extensions", None)
     return primitive
 
 
-def _replace_primitives(
-    json: dict[str, Any], changes: dict[int, dict[int, tuple[dict[str, Any] | None, dict[str, Any] | None]]]
-) -> None:
-    """Put the rewritten primitives (node -> primitive -> surface and letters) into the meshes of their nodes."""
-    users = Counter(node["mesh"] for node in json["nodes"] if "mesh" in node)
-    for index, replaced in sorted(changes.items()):
+def _replace_primitives(appender: Appender, document: Document, changes: dict[Owner, dict[int, Replacement]]) -> None:
+    """Put the rewritten primitives (by their number) into the meshes of their nodes; an instance becomes a node."""
+    json = appender.json
+    users: Counter[int] = Counter()
+    for node in json["nodes"]:
+        if "mesh" in node:
+            accessors = instance_attributes(node).values()
+            users[node["mesh"]] += max((json["accessors"][number]["count"] for number in accessors), default=1)
+    instances: dict[int, dict[int, int]] = {}
+    for (index, instance), replaced in sorted(changes.items()):
         node = json["nodes"][index]
-        mesh = json["meshes"][node["mesh"]]
-        pairs = [replaced.get(number, (primitive, None)) for number, primitive in enumerate(mesh["primitives"])]
-        primitives = [base for base, _ in pairs if base] + [letters for _, letters in pairs if letters]
-        if not primitives:
-            raise ValueError(f"the edit leaves no triangle of nodes[{index}]")
-        edited = mesh | {"primitives": primitives}
-        if users[node["mesh"]] > 1:
-            users[node["mesh"]] -= 1
-            json["meshes"].append(edited)
-            json["nodes"][index] = node | {"mesh": len(json["meshes"]) - 1}
+        number = _edit_mesh(appender, node["mesh"], replaced, shared=users[node["mesh"]] > 1)
+        users[node["mesh"]] -= 1
+        if instance is None:
+            json["nodes"][index] = node | {"mesh": number}
         else:
-            json["meshes"][node["mesh"]] = edited
+            instances.setdefault(index, {})[instance] = number
+    for index, meshes in instances.items():
+        split_off(appender, document, index, meshes)
+
+
+def _edit_mesh(appender: Appender, index: int, replaced: dict[int, Replacement], shared: bool) -> int:
+    """The mesh with some primitives replaced, in its place or, where others draw it too, as a new one."""
+    mesh = appender.json["meshes"][index]
+    pairs = [replaced.get(number, (primitive, None)) for number, primitive in enumerate(mesh["primitives"])]
+    primitives = [base for base, _ in pairs if base] + [letters for _, letters in pairs if letters]
+    if not primitives:
+        raise ValueError(f"the edit leaves no triangle of meshes[{index}]")
+    edited = mesh | {"primitives": primitives}
+    if shared:
+        return appender.append("meshes", edited)
+    appender.json["meshes"][index] = edited
+    return index

@@ -212,12 +212,3 @@ def test_a_second_buffer_without_a_uri_is_malformed() -> None:
     with pytest.raises(MeshmarkError) as caught:
         document.buffer(1)
     assert caught.value.code is ErrorCode.MALFORMED_FILE
-
-
-@pytest.mark.parametrize("extension", ["EXT_meshopt_compression", "KHR_meshopt_compression"])
-def test_a_compressed_buffer_view_is_refused_by_the_name_of_its_extension(extension: str) -> None:
-    document = simple()
-    document.json["bufferViews"][0]["extensions"] = {extension: {}}
-    with pytest.raises(MeshmarkError, match=extension) as caught:
-        read_accessor(document, 0)
-    assert caught.value.code is ErrorCode.UNSUPPORTED_FEATURE
