@@ -28,9 +28,9 @@ from core.rendering.preview import contact_sheet
 
 if TYPE_CHECKING:
     from core.embossing.emboss import Mark
+    from core.ground.ground import Ground
     from core.placement.selection import Placement
     from core.report import Warnings
-    from core.spatial import SpatialIndex
 
 Progress = Callable[[str, float], None]
 Publish = Callable[[str, bytes], None]
@@ -51,10 +51,11 @@ class Job:
     # read
     format: Format = field(init=False)
     scene: Scene = field(init=False)
-    index: "SpatialIndex" = field(init=False)
+    ground: "Ground" = field(init=False)
     # letter
     lettering: Lettering = field(init=False)
     # place
+    usable: NDArray[np.bool_] = field(init=False)  # (F,) faces a watermark may be cut into
     placement: "Placement" = field(init=False)
     # emboss
     mesh: WorkingMesh = field(init=False)
@@ -98,9 +99,9 @@ def _read(job: Job) -> None:
             }
         )
 
-    from core.spatial import SpatialIndex
+    from core.ground.ground import survey
 
-    job.index = SpatialIndex(job.scene.surface.positions, job.scene.surface.faces)
+    job.ground = survey(job.scene)
 
 
 def _letter(job: Job) -> None:
@@ -110,8 +111,27 @@ def _letter(job: Job) -> None:
 def _place(job: Job) -> None:
     from core.placement.place import place
 
-    rng = np.random.default_rng(job.parameters.seed)
-    job.placement = place(job.scene.surface, job.index, job.lettering.aspect, job.parameters, rng, job.report_progress)
+    def on(usable: NDArray[np.bool_]) -> "Placement":
+        rng = np.random.default_rng(job.parameters.seed)
+        ground, aspect = job.ground, job.lettering.aspect
+        return place(ground.surface, ground.index, aspect, job.parameters, rng, job.report_progress, usable)
+
+    job.usable = job.ground.solid
+    try:
+        job.placement = on(job.usable)
+    except MeshmarkError as error:
+        if error.code is not ErrorCode.NO_PLACEMENT or (job.ground.possible == job.ground.solid).all():
+            raise
+        job.usable = job.ground.possible
+        job.placement = on(job.usable)
+        job.warnings.append(
+            {
+                "code": "see_through_surface",
+                "message": "Nothing opaque has room for the text; it stands on masked, blended or transmitting "
+                "materials, where it may be hard to see.",
+                "remedy": "Make the materials opaque, or use a shorter text.",
+            }
+        )
 
 
 def _emboss(job: Job) -> None:
@@ -121,7 +141,7 @@ def _emboss(job: Job) -> None:
     from core.placement.selection import select
 
     assert job.parameters.count is not None
-    job.mesh = WorkingMesh(job.scene.surface, _editable(job.scene))
+    job.mesh = WorkingMesh(job.ground.surface, job.usable, job.ground.distinct)
     job.marks, job.refusals = {}, Counter()
     letters = stamp(job.lettering)
     dead: set[int] = set()
@@ -132,7 +152,7 @@ def _emboss(job: Job) -> None:
             break
         for box in fresh:
             one = job.placement.boxes[np.array([box])]
-            outcome = emboss(job.mesh, one, letters, job.parameters.relief_at(one.size[0, 0]), job.index)
+            outcome = emboss(job.mesh, one, letters, job.parameters.relief_at(one.size[0, 0]), job.ground.index)
             if isinstance(outcome, Mark):
                 job.marks[box] = outcome
             else:
@@ -148,13 +168,8 @@ def _emboss(job: Job) -> None:
         )
 
 
-def _editable(scene: Scene) -> NDArray[np.bool_]:
-    invertible = np.array([primitive.invertible for primitive in scene.primitives])
-    return np.asarray(invertible[scene.surface.face_primitive])
-
-
 def _write(job: Job) -> None:
-    job.model = write(job.scene, job.mesh.edit(), job.parameters.color)
+    job.model = write(job.scene, job.ground.as_in_file(job.mesh.edit()), job.parameters.color)
     job.publish("model", job.model)
 
 
@@ -169,8 +184,8 @@ def _evaluate(job: Job) -> None:
         data=job.data,
         file_format=job.format,
         parameters=job.parameters,
-        surface=job.scene.surface,
-        index=job.index,
+        surface=job.ground.surface,
+        index=job.ground.index,
         model=job.model,
         written=written,
         placement=job.placement,

@@ -18,12 +18,15 @@ class SpatialIndex:
 
     Args:
         positions: (V, 3) float64.
-        faces: (F, 3) int64, F >= 1.
+        faces: (F, 3) int64.
+        ids: the rows of ``faces`` that count, ascending, at least one; all of them if None. Answers are rows of
+            ``faces`` in either case.
     """
 
-    def __init__(self, positions: Float, faces: Int) -> None:
+    def __init__(self, positions: Float, faces: Int, ids: Int | None = None) -> None:
         self.positions = np.ascontiguousarray(positions, dtype=np.float64)
-        self.faces = np.ascontiguousarray(faces, dtype=np.int64)
+        self._ids = ids if ids is not None and len(ids) < len(faces) else None
+        self.faces = np.ascontiguousarray(faces if self._ids is None else faces[self._ids], dtype=np.int64)
 
     @cached_property
     def _tree(self) -> igl.AABB:
@@ -44,7 +47,7 @@ class SpatialIndex:
         squared, face, nearest = self._tree.squared_distance(
             self.positions, self.faces, np.ascontiguousarray(points, dtype=np.float64)
         )
-        return np.sqrt(squared), np.asarray(face, dtype=np.int64), nearest
+        return np.sqrt(squared), self._row(np.asarray(face, dtype=np.int64)), nearest
 
     def first_hit(self, origins: Float, directions: Float) -> tuple[Float, Int]:
         """First hit of each ray: distance in multiples of the direction's length (N,), inf where there is none,
@@ -58,4 +61,7 @@ class SpatialIndex:
         )
         face = np.asarray(result["primID"], dtype=np.int64)
         distance = np.where(face >= 0, np.asarray(result["tfar"], dtype=np.float64), np.inf)
-        return distance, face
+        return distance, np.where(face >= 0, self._row(face), -1)
+
+    def _row(self, face: Int) -> Int:
+        return face if self._ids is None else self._ids[face]

@@ -60,9 +60,11 @@ class WorkingMesh:
     Args:
         surface: the asset.
         editable: (F,) bool, faces that may carry a watermark.
+        distinct: (F,) bool, faces that count; the others (collapsed ones, coincident copies, hidden ones) stay in
+            the file as they are, and no query finds them. All faces if None.
     """
 
-    def __init__(self, surface: Surface, editable: Bool) -> None:
+    def __init__(self, surface: Surface, editable: Bool, distinct: Bool | None = None) -> None:
         self.surface = surface
         self.original_faces = len(surface.faces)
         corners = surface.weld[surface.faces]
@@ -74,6 +76,7 @@ class WorkingMesh:
         self._corners = corners
         self._alive = np.ones(self.original_faces, dtype=bool)
         self._editable = editable
+        self._distinct = np.ones(self.original_faces, dtype=bool) if distinct is None else distinct
         self._grid = FaceGrid(*_bounds(self.points[corners]))
         self._new_corners = np.empty((0, 3), dtype=np.int64)
         self._new_source = np.empty(0, dtype=np.int64)
@@ -87,7 +90,7 @@ class WorkingMesh:
     def near(self, low: Float, high: Float) -> Int:
         """Ids of the living faces whose bounding box meets ``low``-``high``."""
         old = self._grid.overlapping(low, high)
-        old = old[self._alive[old]]
+        old = old[self._alive[old] & self._distinct[old]]
         new = np.flatnonzero(self._new_alive)
         if len(new):
             new = new[np.all((self._new_high[new] >= low) & (self._new_low[new] <= high), axis=1)]

@@ -1,6 +1,7 @@
 """The whole of placement for one text: candidates, fine-tuning, filters, and what selection needs."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -57,6 +58,7 @@ def place(
     parameters: Parameters,
     rng: np.random.Generator,
     progress: Callable[[float], None] = lambda _: None,
+    usable: NDArray[np.bool_] | None = None,
 ) -> Placement:
     """All boxes on ``surface`` that may carry the text; :func:`core.placement.selection.select` picks among them.
 
@@ -68,11 +70,29 @@ def place(
             where none does, what survived of all of them.
         rng: the source of every draw.
         progress: called with the share done, 0 to 1.
+        usable: (F,) the faces that boxes may stand on; all if None. The others still stand in the way.
 
     Raises:
         MeshmarkError: ``no_placement`` when no box survives, saying what removed most; ``no_faces``.
     """
     assert parameters.count is not None
+    if usable is not None and not usable.any():
+        raise MeshmarkError(
+            ErrorCode.NO_PLACEMENT,
+            f"None of the {len(surface.faces)} faces of this asset can carry a watermark: their nodes flatten them, or "
+            "their materials are masked, blended or transmit light.",
+            "Send an asset with an opaque surface.",
+        )
+    # Boxes stand on the ground; a ray that meets any other face meets nothing that looks at it.
+    ground, normals = surface, surface.normals
+    if usable is not None and not usable.all():
+        ground = replace(
+            surface,
+            faces=surface.faces[usable],
+            face_primitive=surface.face_primitive[usable],
+            face_triangle=surface.face_triangle[usable],
+        )
+        normals = np.where(usable[:, None], normals, 0.0)
     if parameters.size is not None:
         widths = [parameters.size]
     else:
@@ -85,7 +105,7 @@ def place(
         def share(done: float, step: int = step) -> None:
             progress((step + done) / len(widths))
 
-        placement, counts = place_width(surface, index, width, aspect, parameters, rng, wanted, share)
+        placement, counts = place_width(ground, normals, index, width, aspect, parameters, rng, wanted, share)
         placements.append(placement)
         left.append(counts)
         share(1.0)
@@ -101,7 +121,8 @@ def place(
 
 
 def place_width(
-    surface: Surface,
+    ground: Surface,
+    normals: Float,
     index: SpatialIndex,
     width: float,
     aspect: float,
@@ -112,6 +133,7 @@ def place_width(
 ) -> tuple[Placement, dict[str, int]]:
     """The survivors for one text width, and how many boxes were left after each stage, by stage.
 
+    Boxes stand on ``ground``; ``normals`` (F, 3) are those of the faces in ``index``, zero where no box may stand.
     Only candidates that look towards one of the directions ``wanted`` (K, 3), within 45 degrees, are fitted.
     """
     relief = abs(parameters.relief_at(width))
@@ -119,8 +141,8 @@ def place_width(
     if parameters.preset is Preset.PAPER:
         number, radius = PAPER_SAMPLES, PAPER_RADIUS
     else:
-        number, radius = SAMPLES, float(np.sqrt(PACKING * surface.areas.sum() / CANDIDATES))
-    boxes = candidates(surface, size, number, radius, rng)
+        number, radius = SAMPLES, float(np.sqrt(PACKING * ground.areas.sum() / CANDIDATES))
+    boxes = candidates(ground, size, number, radius, rng)
     left = {"candidates": len(boxes)}
     boxes = boxes[np.flatnonzero(facing(boxes, wanted).any(axis=1))]
     left["wanted"] = len(boxes)
@@ -136,18 +158,18 @@ def place_width(
     boxes, loss = boxes[kept], loss[kept]
     left["distinct"] = len(boxes)
 
-    met = footprint(boxes, index, surface.normals, clearance=relief)
+    met = footprint(boxes, index, normals, clearance=relief)
     kept = np.flatnonzero(covered(met, boxes))
     boxes, loss = boxes[kept], loss[kept]
     left["covered"] = len(boxes)
 
-    points, face = sample(surface, _roughness_samples(surface, size), rng)
-    rough = roughness(boxes, points, surface.normals[face])
+    points, face = sample(ground, _roughness_samples(ground, size), rng)
+    rough = roughness(boxes, points, ground.normals[face])
     kept = np.flatnonzero(smooth(rough))
     boxes, loss, rough = boxes[kept], loss[kept], rough[kept]
     left["smooth"] = len(boxes)
 
-    met = footprint(boxes, index, surface.normals, relief, SIGHT_GRID, margin=0.0)
+    met = footprint(boxes, index, normals, relief, SIGHT_GRID, margin=0.0)
     sight = above(boxes, met, LIFT * relief)
     blocked = occluded(boxes, sight, index, reach=width)
     if parameters.mode is Mode.DEBOSS:

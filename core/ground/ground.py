@@ -1,0 +1,72 @@
+"""The ground that watermarks are placed on and embossed into."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.asset.edit import SurfaceEdit
+from core.asset.flatten import Scene
+from core.asset.surface import Surface
+from core.errors import ErrorCode, MeshmarkError
+from core.ground.editable import editable
+from core.ground.orientation import reversed_faces
+from core.ground.sheets import distinct_faces
+from core.spatial import SpatialIndex
+
+Bool = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """An asset's surface, as seen from outside.
+
+    Attributes:
+        surface: the scene's, with the faces in ``turned`` wound the other way round, so that all normals look out.
+        turned: (F,) faces that the file winds inside out.
+        distinct: (F,) faces that make up the surface: shown, not collapsed, and one of coincident ones.
+        solid: (F,) those of ``distinct`` to place watermarks on.
+        possible: (F,) those of ``distinct`` to fall back to: ``solid`` and the see-through ones.
+        index: over the distinct faces; it answers with face numbers of ``surface``.
+    """
+
+    surface: Surface
+    turned: Bool
+    distinct: Bool
+    solid: Bool
+    possible: Bool
+    index: SpatialIndex
+
+    def as_in_file(self, edit: SurfaceEdit) -> SurfaceEdit:
+        """An edit of ``surface`` as one of the scene's own: every triangle wound like the face it was cut from."""
+        turned = self.turned[edit.source_face]
+        order = np.where(turned[:, None], [0, 2, 1], [0, 1, 2])
+        rows = np.arange(len(order))[:, None]
+        return replace(
+            edit,
+            vertex=edit.vertex[rows, order],
+            position=edit.position[rows, order],
+            barycentric=edit.barycentric[rows[:, :, None], order[:, :, None], order[:, None, :]],
+            original=edit.original[rows, order],
+        )
+
+
+def survey(scene: Scene) -> Ground:
+    """The :class:`Ground` of a scene.
+
+    Raises:
+        MeshmarkError: ``no_faces`` when every face is collapsed.
+    """
+    surface, mask = scene.surface, editable(scene)
+    distinct = distinct_faces(surface, mask.shown.astype(np.int64) + mask.possible + mask.solid) & mask.shown
+    if not distinct.any():
+        raise MeshmarkError(
+            ErrorCode.NO_FACES,
+            f"All {len(surface.faces)} faces of this file are collapsed: two of their corners are one point.",
+            "Export the model with its surface, not only points, lines or collapsed triangles.",
+        )
+    index = SpatialIndex(surface.positions, surface.faces, np.flatnonzero(distinct))
+    turned = reversed_faces(surface, distinct, index)
+    if turned.any():
+        surface = replace(surface, faces=np.where(turned[:, None], surface.faces[:, [0, 2, 1]], surface.faces))
+    return Ground(surface, turned, distinct, mask.solid & distinct, mask.possible & distinct, index)

@@ -1,0 +1,106 @@
+"""Which faces are wound inside out: neighbours are made to agree, then each part is looked at from outside."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from core.asset.surface import Surface
+from core.rendering.views import fibonacci_directions
+from core.spatial import SpatialIndex
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+Bool = NDArray[np.bool_]
+
+PARTS, SAMPLES, DIRECTIONS = 1024, 16, 24  # parts asked, the largest first; points on each; rays from each point
+GRAZING = 0.1  # cosine under which a ray tells nothing about a side
+CLEAR = 1e-3  # where rays start off the surface, size-30 units
+# A part is inside out when its back is seen from outside this many times as often as its front. Both sides of an
+# open sheet are seen about equally: its winding is the file's to say.
+CLEARLY = 4
+
+
+def reversed_faces(surface: Surface, distinct: Bool, index: SpatialIndex) -> Bool:
+    """(F,) the faces whose winding must be turned for their normals to look out.
+
+    Parts are faces connected through edges of exactly two. Within a part the winding of most of its area is right,
+    and whoever disagrees with it is turned; then the part as a whole is turned if rays leave the asset from its
+    back rather than from its front. A one-sided (Moebius) part stays as it is.
+
+    Args:
+        surface: the asset.
+        distinct: (F,) the faces that count (``sheets.distinct_faces``); the others are never reversed.
+        index: over the asset.
+    """
+    ids = np.flatnonzero(distinct)
+    one, two, agree = _neighbours(surface.weld[surface.faces[ids]])
+    part, turned = _consistent(len(ids), one, two, agree)
+    area = surface.areas[ids]
+    total = np.asarray(np.bincount(part, weights=area), dtype=np.float64)
+    turned ^= (np.bincount(part, weights=area * turned) > total / 2)[part]
+    turned ^= _inside_out(surface, ids, turned, part, total, index)[part]
+    result = np.zeros(len(surface.faces), dtype=bool)
+    result[ids] = turned
+    return result
+
+
+def _neighbours(corners: Int) -> tuple[Int, Int, Bool]:
+    """Pairs of faces (P,), (P,) that share an edge of exactly two faces, and whether they agree on its sides."""
+    start, end = corners.ravel(), np.roll(corners, -1, axis=1).ravel()
+    key = np.minimum(start, end) * (corners.max(initial=0) + 1) + np.maximum(start, end)
+    order = np.argsort(key)
+    key = key[order]
+    same = key[1:] == key[:-1]
+    lone = same & ~np.append(same[1:], False) & ~np.insert(same[:-1], 0, False)
+    first, second = order[:-1][lone], order[1:][lone]
+    return first // 3, second // 3, start[first] != start[second]
+
+
+def _consistent(count: int, one: Int, two: Int, agree: Bool) -> tuple[Int, Bool]:
+    """The part (F,) of each of ``count`` faces, and which (F,) to turn for the faces of a part to agree."""
+    if agree.all():
+        return _connected(count, one, two), np.zeros(count, dtype=bool)
+    # Every face twice, as it is and turned: neighbours that disagree connect crosswise. An orientable part then
+    # falls into two mirror images, of which one is chosen.
+    across = np.where(agree, 0, count)
+    both = _connected(
+        2 * count, np.concatenate([one, one + count]), np.concatenate([two + across, two + count - across])
+    )
+    image = np.minimum(both[:count], both[count:])
+    _, part = np.unique(image, return_inverse=True)
+    return part, both[:count] != image
+
+
+def _connected(count: int, one: Int, two: Int) -> Int:
+    graph = coo_array((np.ones(len(one), dtype=np.int8), (one, two)), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+
+
+def _inside_out(surface: Surface, ids: Int, turned: Bool, part: Int, total: Float, index: SpatialIndex) -> Bool:
+    """(P,) which parts are seen by their backs, from the outside, clearly more than by their fronts."""
+    asked = np.argsort(-total, kind="stable")[:PARTS]
+    asked = asked[total[asked] > 0]
+    by_part = np.argsort(part, kind="stable")
+    cumulative = np.cumsum(surface.areas[ids[by_part]])
+    ends = np.cumsum(total)
+    # Even steps along each part's area; the golden section spreads the points over their triangles.
+    along = (ends - total)[asked, None] + (np.arange(SAMPLES) + 0.5) / SAMPLES * total[asked, None]
+    picked = by_part[np.minimum(np.searchsorted(cumulative, along.ravel()), len(ids) - 1)]
+    picked_part = np.repeat(asked, SAMPLES)
+    root = np.sqrt((np.arange(len(picked)) * 0.618034 + 0.5) % 1.0)[:, None]
+    second = ((np.arange(len(picked)) * 0.754878 + 0.5) % 1.0)[:, None]
+    a, b, c = (surface.positions[surface.faces[ids[picked], corner]] for corner in range(3))
+    points = (1 - root) * a + root * (1 - second) * b + root * second * c
+    normals = surface.normals[ids[picked]] * np.where(turned[picked], -1.0, 1.0)[:, None]
+
+    directions = fibonacci_directions(DIRECTIONS)
+    cosine = normals @ directions.T
+    point, direction = np.nonzero(np.abs(cosine) > GRAZING)
+    side = np.sign(cosine[point, direction])
+    _, face = index.first_hit(points[point] + CLEAR * side[:, None] * normals[point], directions[direction])
+    seen = face < 0
+    owner = picked_part[point]
+    front = np.bincount(owner, weights=seen & (side > 0), minlength=len(total))
+    back = np.bincount(owner, weights=seen & (side < 0), minlength=len(total))
+    return np.asarray(back > CLEARLY * front)

@@ -1,0 +1,194 @@
+"""Meshes as they come: every kind of disorder either carries a whole watermark or is told there is no room."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import trimesh
+from numpy.typing import NDArray
+
+from core.asset.surface import Surface
+from core.errors import ErrorCode, MeshmarkError
+from core.parameters import Parameters
+from core.pipeline import Result, watermark
+from tests.core.shapes import box, grid, join, moved, sphere, surface
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+FEW = Parameters(text="watermark", count=3)
+RNG = np.random.default_rng(7)
+
+
+def _file(shape: Surface, file_type: str = "ply") -> bytes:
+    data = trimesh.Trimesh(shape.positions, shape.faces, process=False).export(file_type=file_type)
+    return data.encode() if isinstance(data, str) else bytes(data)
+
+
+def _marked(data: bytes) -> Result:
+    result = watermark(data, FEW, preview=False)
+    asset, model = result.report["asset"], result.report["model"]
+    assert 1 <= len(result.report["watermarks"]) <= 3
+    for fact in ("components", "boundary_edges"):
+        assert model[fact] == asset[fact], fact
+    assert model["nonmanifold_edges"] <= asset["nonmanifold_edges"]
+    return result
+
+
+def _with(shape: Surface, faces: Int) -> Surface:
+    return surface(shape.positions, np.concatenate([shape.faces, faces]))
+
+
+def _turned(shape: Surface, which: NDArray[np.bool_] | slice = slice(None)) -> Surface:
+    faces = shape.faces.copy()
+    faces[which] = faces[which][:, ::-1]
+    return surface(shape.positions, faces)
+
+
+BALL = sphere(5.0, 4)
+BLOCK = box(8.0, 6.0, 4.0)
+SLAB = grid(10.0, 6.0, 30, 18)
+
+
+def _duplicates() -> Surface:
+    return _with(BALL, BALL.faces[RNG.permutation(len(BALL.faces))[:800]])
+
+
+def _double_sided_shell() -> Surface:
+    return _with(BALL, BALL.faces[:, ::-1])
+
+
+def _shuffled_double_sided_shell() -> Surface:
+    both = _double_sided_shell()
+    return surface(both.positions, both.faces[RNG.permutation(len(both.faces))])
+
+
+def _double_sided_sheet() -> Surface:
+    return _with(SLAB, SLAB.faces[:, ::-1])
+
+
+def _three_coincident_layers() -> Surface:
+    return _with(_with(BALL, BALL.faces[:, ::-1]), BALL.faces[:, [1, 2, 0]])
+
+
+def _collapsed_faces() -> Surface:
+    corner = BALL.faces[:400]
+    return _with(BALL, np.concatenate([corner[:, [0, 0, 1]], corner[:, [2, 1, 2]], corner[:, [0, 0, 0]]]))
+
+
+def _unused_and_collinear() -> Surface:
+    """Faces without area whose three corners differ, hung on edges that exist already."""
+    middle = (SLAB.positions[SLAB.faces[:60, 0]] + SLAB.positions[SLAB.faces[:60, 1]]) / 2
+    number = len(SLAB.positions) + np.arange(60)
+    added = np.column_stack([SLAB.faces[:60, 0], number, SLAB.faces[:60, 1]])
+    return surface(np.concatenate([SLAB.positions, middle]), np.concatenate([SLAB.faces, added]))
+
+
+def _closed_collinear() -> Surface:
+    """A closed block whose top is split along one edge by a vertex that a face without area ties in."""
+    positions = np.concatenate([BLOCK.positions, BLOCK.positions[BLOCK.faces[0, :2]].mean(axis=0)[None]])
+    a, b, c = BLOCK.faces[0]
+    faces = np.concatenate([BLOCK.faces[1:], [[a, 8, c], [8, b, c], [a, b, 8]]])
+    return surface(positions, faces)
+
+
+def _inside_out() -> Surface:
+    return _turned(BALL)
+
+
+def _inside_out_block() -> Surface:
+    return _turned(BLOCK)
+
+
+def _one_part_inside_out() -> Surface:
+    return join(BALL, moved(_turned(BALL), 14.0, 0.0, 0.0))
+
+
+def _random_winding() -> Surface:
+    return _turned(BALL, RNG.random(len(BALL.faces)) < 0.3)
+
+
+def _half_of_it_turned() -> Surface:
+    return _turned(BALL, BALL.positions[BALL.faces].mean(axis=1)[:, 1] > 0)
+
+
+def _t_junctions() -> Surface:
+    """Coarse and fine strips side by side: the fine one's vertices lie in the middle of the coarse one's edges."""
+    return join(grid(10.0, 3.0, 10, 3), moved(grid(10.0, 3.0, 17, 5), 0.0, 3.0, 0.0))
+
+
+def _hundreds_of_parts() -> Surface:
+    return join(*(moved(box(3.0, 1.5, 1.0), 3.5 * x, 2.0 * y, 1.5 * z) for x in range(5) for y in range(8) for z in (0, 1, 2, 3, 4)))
+
+
+def _slivers() -> Surface:
+    return surface(SLAB.positions * [1.0, 1.0, 1.0], SLAB.faces) if False else grid(10.0, 6.0, 2000, 1)
+
+
+def _layered() -> Surface:
+    return join(*(moved(grid(10.0, 6.0, 6, 4), 0.0, 0.0, 0.002 * layer) for layer in range(30)))
+
+
+def _everything() -> Surface:
+    parts = (
+        _duplicates(),
+        _double_sided_shell(),
+        _inside_out(),
+        _random_winding(),
+        _collapsed_faces(),
+        _t_junctions(),
+        _inside_out_block(),
+    )
+    return join(*(moved(part, 14.0 * number, 0.0, 0.0) for number, part in enumerate(parts)))
+
+
+MESSES: dict[str, Callable[[], Surface]] = {
+    name.removeprefix("_"): build
+    for name, build in (
+        (build.__name__, build)
+        for build in (
+            _duplicates,
+            _double_sided_shell,
+            _shuffled_double_sided_shell,
+            _double_sided_sheet,
+            _three_coincident_layers,
+            _collapsed_faces,
+            _unused_and_collinear,
+            _closed_collinear,
+            _inside_out,
+            _inside_out_block,
+            _one_part_inside_out,
+            _random_winding,
+            _half_of_it_turned,
+            _t_junctions,
+            _hundreds_of_parts,
+            _slivers,
+            _layered,
+            _everything,
+        )
+    )
+}
+
+
+@pytest.mark.parametrize("file_type", ["glb", "ply", "obj"])
+@pytest.mark.parametrize("name", MESSES)
+def test_a_messy_mesh_is_marked_without_being_torn(name: str, file_type: str) -> None:
+    _marked(_file(MESSES[name](), file_type))
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e-3, 1e4, 1e7])
+def test_any_unit_will_do(scale: float) -> None:
+    _marked(_file(surface(BALL.positions * scale, BALL.faces), "glb"))
+
+
+@pytest.mark.parametrize("sizes", [10.0, 1000.0])
+def test_a_model_far_from_the_origin_is_marked(sizes: float) -> None:
+    far = surface((BALL.positions + np.array([sizes * 10.0, 0.0, 0.0])).astype(np.float32).astype(np.float64), BALL.faces)
+    _marked(_file(far, "glb"))
+
+
+def test_dust_has_no_room() -> None:
+    dust = join(*(moved(box(0.05, 0.05, 0.05), *RNG.random(3) * 10) for _ in range(500)))
+    with pytest.raises(MeshmarkError) as caught:
+        watermark(_file(dust), FEW, preview=False)
+    assert caught.value.code is ErrorCode.NO_PLACEMENT
