@@ -80,8 +80,26 @@ class Archive:
         except (zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError, ValueError, RuntimeError):
             content = b""
         if len(content) != entry.file_size:
-            raise malformed(f"{_quote(name)} of the ZIP archive does not unpack to the {entry.file_size:,} declared bytes.")
+            raise malformed(
+                f"{_quote(name)} of the ZIP archive does not unpack to the {entry.file_size:,} declared bytes."
+            )
         return content
+
+    def only(self, *endings: str) -> str:
+        """The one file with one of these endings, the main file of the archive.
+
+        Raises:
+            MeshmarkError: ``unsupported_feature`` where there are several, ``malformed_file`` where there is none.
+        """
+        found = [name for name in self._entries if name.lower().endswith(endings)]
+        if not found:
+            raise malformed(f"The ZIP archive has no {endings[0]} file.")
+        if len(found) > 1:
+            names = ", ".join(_quote(name) for name in found[:3]) + (", ..." if len(found) > 3 else "")
+            raise _unsupported(
+                f"The ZIP archive holds {len(found):,} models: {names}.", "Send each model in an archive of its own."
+            )
+        return found[0]
 
     def find(self, uri: str, beside: str) -> str | None:
         """The name of the file that a relative URI in the file ``beside`` means; ``None`` where there is none.
@@ -153,7 +171,8 @@ def _check_entry(entry: zipfile.ZipInfo, budgets: Budgets) -> None:
     if entry.compress_type not in _METHODS:
         method = zipfile.compressor_names.get(entry.compress_type, f"method {entry.compress_type}")
         raise _unsupported(
-            f"The entry {name} of the ZIP archive is compressed by {method}.", "Pack the files with plain ZIP (deflate)."
+            f"The entry {name} of the ZIP archive is compressed by {method}.",
+            "Pack the files with plain ZIP (deflate).",
         )
     if _NESTED.search(entry.filename):
         raise _unsupported(

@@ -3,8 +3,10 @@
 import re
 
 from core.asset import off, ply, stl
+from core.asset.archive import Archive
 from core.asset.budgets import DEFAULT_BUDGETS, Budgets, within
-from core.asset.glb_check import check_glb
+from core.asset.glb_check import check_document, check_glb
+from core.asset.pack import pack_archive, pack_json
 from core.asset.refusals import malformed, no_faces, truncated
 from core.asset.sniff import Format, sniff
 from core.errors import ErrorCode, MeshmarkError
@@ -31,12 +33,21 @@ def admit(data: bytes, budgets: Budgets = DEFAULT_BUDGETS) -> Format:
     if not data:
         raise MeshmarkError(ErrorCode.EMPTY_FILE, "The file is empty: it has 0 bytes.", "Upload the file again.")
     within(len(data), budgets.bytes, "bytes")
-    file_format = sniff(data)
+    file_format = sniff(data, budgets)
     match file_format:
         case Format.GLB:
             check_glb(data, budgets)
+        case Format.GLTF:
+            check_document(pack_json(data, budgets), budgets)
+        case Format.GLTF_ZIP:
+            check_document(pack_archive(Archive(data, budgets), budgets), budgets)
         case Format.OBJ:
             _check_obj(data, budgets)
+        case Format.OBJ_ZIP:
+            archive = Archive(data, budgets)
+            _check_obj(archive.read(archive.only(".obj")), budgets)
+        case Format.THREEMF | Format.DAE | Format.DAE_ZIP:
+            pass
         case Format.STL:
             _check_stl(data, budgets)
         case Format.PLY:

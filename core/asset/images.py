@@ -1,10 +1,22 @@
-"""The size of an image from its header; nothing is decoded."""
+"""The kind and size of an image from its header; nothing is decoded."""
 
 import struct
 
 _PNG = b"\x89PNG\r\n\x1a\n"
 _JPEG_SEGMENTS = 1000  # before the frame; a colour profile or a thumbnail takes a few dozen at most
 _KTX2 = b"\xabKTX 20\xbb\r\n\x1a\n"
+
+
+def mime_type(data: bytes | memoryview) -> str | None:
+    """The media type of an image that a glTF can hold, by its content; ``None`` for anything else."""
+    head = bytes(data[:16])
+    if head[:8] == _PNG:
+        return "image/png"
+    if head[:3] == b"\xff\xd8\xff":
+        return "image/jpeg"
+    if head[:4] == b"RIFF" and head[8:12] == b"WEBP":
+        return "image/webp"
+    return "image/ktx2" if head[:12] == _KTX2 else None
 
 
 def image_size(data: memoryview) -> tuple[int, int] | None:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.asset.budgets import Budgets, within
-from core.asset.polygons import Attribute, Float, Int, PolygonMesh, check_sizes
+from core.asset.polygons import Attribute, Float, Int, Material, PolygonMesh, check_sizes
 from core.asset.refusals import malformed
 from core.asset.text import Lines, parse_numbers, token_starts, tokens_per_line
 
@@ -52,6 +52,16 @@ def read_obj(data: bytes, budgets: Budgets) -> PolygonMesh:
     return PolygonMesh(positions, corner[:, 0], sizes, group, attributes, materials)
 
 
+def material_libraries(data: bytes) -> list[str]:
+    """The paths of the MTL files that an OBJ names; one line may name several, or one with blanks in its name."""
+    found: list[str] = []
+    for match in re.finditer(rb"(?m)^[ \t]*mtllib[ \t]+([^\r\n]+)", data):
+        line = match[1].decode("utf-8", "replace").strip()
+        names = re.findall(r"\S.*?\.mtl(?=\s|$)", line, re.IGNORECASE) or [line]
+        found += [name.strip('"') for name in names]
+    return list(dict.fromkeys(found))
+
+
 def _rows(text: bytes, width: int, what: str) -> tuple[Float, Int, Float]:
     """The first ``width`` numbers of each line, how many it has, and all of them."""
     counts = tokens_per_line(text)
@@ -90,7 +100,7 @@ def _corners(text: bytes, budgets: Budgets) -> tuple[Int, Int]:
     ), sizes
 
 
-def _materials(lines: Lines, is_face: NDArray[np.bool_], budgets: Budgets) -> tuple[Int, tuple[str, ...]]:
+def _materials(lines: Lines, is_face: NDArray[np.bool_], budgets: Budgets) -> tuple[Int, tuple[Material, ...]]:
     """(P,) the material of each face and the names, of which the first is that of faces before any ``usemtl``."""
     names = {b"": 0}
     switches = np.flatnonzero(lines.keyword(b"usemtl"))
@@ -99,4 +109,4 @@ def _materials(lines: Lines, is_face: NDArray[np.bool_], budgets: Budgets) -> tu
         current.append(names.setdefault(lines[line][len(b"usemtl") :].strip(), len(names)))
         within(len(names) - 1, budgets.materials, "materials")
     group = np.asarray(current, np.int64)[np.searchsorted(switches, np.flatnonzero(is_face))]
-    return group, tuple(name.decode("utf-8", "replace") for name in names)
+    return group, tuple(Material(name.decode("utf-8", "replace")) for name in names)

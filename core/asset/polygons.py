@@ -28,6 +28,31 @@ class Attribute:
     index: Int
 
 
+@dataclass(frozen=True)
+class Material:
+    """How a group of polygons looks; all colours are linear.
+
+    Attributes:
+        name: as in the file, empty where it has none.
+        color: base colour with alpha; ``None`` where the file says nothing.
+        metallic: 0 to 1.
+        roughness: 0 to 1, as perceived.
+        emissive: light of its own.
+        texture: an encoded image that gives the base colour on TEXCOORD_0; its bytes are never changed.
+        normal_map: an encoded tangent-space normal map.
+        masked: whether the alpha of the texture cuts the surface out.
+    """
+
+    name: str = ""
+    color: tuple[float, float, float, float] | None = None
+    metallic: float = 0.0
+    roughness: float = 0.7
+    emissive: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    texture: bytes | None = None
+    normal_map: bytes | None = None
+    masked: bool = False
+
+
 @dataclass(frozen=True, eq=False)
 class PolygonMesh:
     """Polygons in file order.
@@ -38,7 +63,7 @@ class PolygonMesh:
         sizes: (P,) int64, corners of each polygon.
         attributes: by glTF name: NORMAL (K, 3), TEXCOORD_0 (K, 2) with V downwards, COLOR_0 (K, 4) sRGB in 0-1.
         group: (P,) int64 into ``materials``.
-        materials: material names; one empty name where the format has none.
+        materials: one without a name where the format has none.
     """
 
     positions: Float
@@ -46,7 +71,15 @@ class PolygonMesh:
     sizes: Int
     group: Int
     attributes: dict[str, Attribute] = field(default_factory=dict)
-    materials: tuple[str, ...] = ("",)
+    materials: tuple[Material, ...] = (Material(),)
+
+
+def linear(colors: Float) -> Float:
+    """Colours (..., 3 or 4) in 0-1 from sRGB, as files store them, to linear, as glTF does; alpha stays."""
+    rgb = colors[..., :3]
+    result = colors.copy()
+    result[..., :3] = np.where(rgb <= 0.04045, rgb / 12.92, ((np.maximum(rgb, 0) + 0.055) / 1.055) ** 2.4)
+    return result
 
 
 def check_sizes(sizes: Int, budgets: Budgets) -> None:

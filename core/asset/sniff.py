@@ -1,11 +1,11 @@
 """What a file is, from its content alone; its name is never asked."""
 
-import io
 import re
-import zipfile
 from enum import StrEnum
 
 from core.asset import stl
+from core.asset.archive import MAGIC, Archive
+from core.asset.budgets import DEFAULT_BUDGETS, Budgets
 from core.errors import ErrorCode, MeshmarkError
 
 
@@ -13,6 +13,12 @@ class Format(StrEnum):
     """The formats that are read."""
 
     GLB = "glb"
+    GLTF = "gltf"
+    GLTF_ZIP = "gltf+zip"
+    OBJ_ZIP = "obj+zip"
+    THREEMF = "3mf"
+    DAE = "dae"
+    DAE_ZIP = "dae+zip"
     OBJ = "obj"
     STL = "stl"
     PLY = "ply"
@@ -21,7 +27,6 @@ class Format(StrEnum):
 
 _HEAD = 4096
 _SEARCHED = 2**20  # how far the first vertex or face of an OBJ is looked for
-_ARCHIVE_DIRECTORY = 2**20  # bytes of names: some ten thousand files
 
 # (pattern at the start, what it is); 3D formats that are recognised but not read
 _OTHER_MODELS = (
@@ -31,8 +36,6 @@ _OTHER_MODELS = (
     (rb"DRACO", "a bare Draco mesh"),
     (rb"ISO-10303-21", "a STEP model"),
     (rb"#VRML|#X3D", "a VRML scene"),
-    (rb"(?s)\s*(?:<\?xml.{0,2000}?)?<COLLADA\b", "a COLLADA (DAE) scene"),
-    (rb'(?s)\s*\{.{0,3900}?"(?:asset|scenes|nodes|meshes|accessors|buffers|bufferViews)"\s*:', "a plain-JSON glTF"),
 )
 _OTHER_CONTENT = (
     (rb"\x89PNG\r\n", "a PNG image"),
@@ -49,14 +52,16 @@ _OTHER_CONTENT = (
     (rb"\s*<\?xml", "an XML document"),
     (rb"\s*[{\[]", "JSON"),
 )
+_DAE = re.compile(rb"(?s)\s*(?:<\?xml.{0,2000}?)?<(?:\w+:)?COLLADA\b")
+_GLTF = re.compile(rb'(?s)\s*\{.{0,3900}?"(?:asset|scenes|nodes|meshes|accessors|buffers|bufferViews)"\s*:')
 _OBJ_LINE = re.compile(rb"(?:^|[\r\n])[ \t]*(?:v[ \t]+[-+.\d]|f[ \t]+-?\d)")
 
 
-def sniff(data: bytes) -> Format:
+def sniff(data: bytes, budgets: Budgets = DEFAULT_BUDGETS) -> Format:
     """The format of a non-empty file.
 
     Raises:
-        MeshmarkError: ``unsupported_format`` for other 3D formats, ``unknown_format`` for anything else; both say what
+        MeshmarkError: as :class:`core.asset.archive.Archive` for an archive; ``unsupported_format`` for other 3D formats, ``unknown_format`` for anything else; both say what
             the file looks like.
     """
     head = data[:_HEAD].removeprefix(b"\xef\xbb\xbf")
@@ -66,8 +71,12 @@ def sniff(data: bytes) -> Format:
         return Format.PLY
     if re.match(rb"(?:\s|#[^\n]*\n)*(?:ST)?C?N?4?n?OFF\b", head):
         return Format.OFF
-    if head.startswith((b"PK\x03\x04", b"PK\x05\x06")):
-        raise _unsupported(_archive_kind(data))
+    if head.startswith(MAGIC):
+        return _archive_format(Archive(data, budgets))
+    if _DAE.match(head):
+        return Format.DAE
+    if _GLTF.match(head):
+        return Format.GLTF
     for pattern, kind in _OTHER_MODELS:
         if re.match(pattern, head):
             raise _unsupported(kind)
@@ -97,40 +106,40 @@ def _is_printable(data: bytes) -> bool:
     return re.search(rb"[\x00-\x08\x0e-\x1f\x7f]", data) is None
 
 
-def _archive_kind(data: bytes) -> str:
+def _archive_format(archive: Archive) -> Format:
     """What a ZIP holds, by the names in its directory; nothing is unpacked."""
-    try:
-        end = data.rindex(b"PK\x05\x06")
-        if (
-            int.from_bytes(data[end + 12 : end + 16], "little") > _ARCHIVE_DIRECTORY
-            or b"PK\x06\x07" in data[end - 20 : end]
-        ):
-            return "a ZIP archive of very many files"
-        names = [name.lower() for name in zipfile.ZipFile(io.BytesIO(data)).namelist()]
-    except (ValueError, OSError, RuntimeError, zipfile.BadZipFile):
-        return "a damaged ZIP archive"
-    for suffixes, kind in (
-        ((".usdc", ".usda", ".usd"), "a USDZ package"),
-        ((".model",), "a 3MF package"),
-        ((".gltf", ".glb"), "a ZIP archive with a glTF in it"),
-        ((".obj",), "a ZIP archive with an OBJ in it"),
+    names = [name.lower() for name in archive.names]
+    for suffixes, file_format in (
+        ((".model",), Format.THREEMF),
+        ((".gltf",), Format.GLTF_ZIP),
+        ((".obj",), Format.OBJ_ZIP),
+        ((".dae",), Format.DAE_ZIP),
     ):
         if any(name.endswith(suffixes) for name in names):
-            return kind
-    return "a ZIP archive"
+            return file_format
+    if any(name.endswith((".usdc", ".usda", ".usd")) for name in names):
+        raise _unsupported("a USDZ package")
+    if single := [name for name in names if name.endswith((".glb", ".stl", ".ply", ".off"))]:
+        raise MeshmarkError(
+            ErrorCode.UNSUPPORTED_FORMAT,
+            f"The file is a ZIP archive of {len(names):,} files with {single[0][:60]!r} in it, "
+            "a kind of model that needs no archive.",
+            "Unpack it and send that file.",
+        )
+    raise _unsupported("a ZIP archive without a model that is read")
 
 
 def _unsupported(kind: str) -> MeshmarkError:
     return MeshmarkError(
         ErrorCode.UNSUPPORTED_FORMAT,
         f"The file is {kind}, which this release does not read.",
-        "Convert it to a single GLB, OBJ, STL, PLY or OFF file and send that.",
+        "Convert it to a GLB and send that.",
     )
 
 
 def _unknown(what: str) -> MeshmarkError:
     return MeshmarkError(
         ErrorCode.UNKNOWN_FORMAT,
-        f"The content of the file is not a GLB, OBJ, STL, PLY or OFF: {what}.",
+        f"The content of the file is not a 3D model that is read: {what}.",
         "Send the 3D model itself, best as a GLB.",
     )

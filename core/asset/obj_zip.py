@@ -1,0 +1,85 @@
+"""An OBJ in an archive with its MTL and textures."""
+
+from dataclasses import replace
+from urllib.parse import quote
+
+from core.asset.archive import Archive, outside
+from core.asset.assembly import Assembly, Instance, dropped
+from core.asset.budgets import Budgets
+from core.asset.mtl import read_mtl
+from core.asset.obj import material_libraries, read_obj
+from core.asset.polygons import Material
+from core.asset.textures import check_pixels, usable_image
+from core.errors import MeshmarkError
+
+_IMAGE_ENDINGS = (".png", ".jpg", ".jpeg", ".webp")
+
+
+def read_obj_zip(archive: Archive, budgets: Budgets) -> Assembly:
+    """The one OBJ of an archive; its materials from the MTL files it names, or from the only one there is.
+
+    Textures are looked for where the MTL says, then by their bare name anywhere in the archive, since exporters write
+    the paths of their own machine. Without any MTL the only image of the archive is the base colour.
+
+    Raises:
+        MeshmarkError: as :func:`core.asset.obj.read_obj`; ``unsupported_feature`` where there are several OBJs;
+            ``external_reference`` for textures on the network.
+    """
+    name = archive.only(".obj")
+    data = archive.read(name)
+    mesh = read_obj(data, budgets)
+    warnings: list[MeshmarkError] = []
+    materials: dict[str, Material] = {}
+    libraries = _libraries(archive, name, data, warnings)
+    for library in libraries:
+        found, lost = read_mtl(archive.read(library), lambda path, beside=library: _load(archive, path, beside))
+        materials = found | materials
+        warnings += lost
+    if not libraries:
+        images = [entry for entry in archive.names if entry.lower().endswith(_IMAGE_ENDINGS)]
+        if len(images) == 1:
+            image = usable_image(images[0], archive.read(images[0]), warnings)
+            materials = {material.name: Material(material.name, texture=image) for material in mesh.materials}
+        elif images:
+            warnings.append(
+                dropped(
+                    f"The archive has {len(images)} images but no MTL that says where they belong; none is used.",
+                    "Add the MTL file to the archive.",
+                )
+            )
+    mesh = replace(mesh, materials=tuple(materials.get(material.name, material) for material in mesh.materials))
+    if "TEXCOORD_0" not in mesh.attributes and any(material.texture for material in mesh.materials):
+        warnings.append(dropped("The OBJ has no texture coordinates, so its textures are dropped."))
+    check_pixels(mesh.materials, budgets)
+    return Assembly([mesh], ["model"], [Instance("model", 0)], warnings=warnings)
+
+
+def _libraries(archive: Archive, name: str, data: bytes, warnings: list[MeshmarkError]) -> list[str]:
+    """The names of the MTL files to read; a later one does not override an earlier one."""
+    found = []
+    for path in material_libraries(data):
+        library = _locate(archive, path, name)
+        if library is None:
+            warnings.append(dropped(f"The materials {path[:60]!r} are not in the archive.", "Add them to the archive."))
+        else:
+            found.append(library)
+    all_there_are = [entry for entry in archive.names if entry.lower().endswith(".mtl")]
+    if not found and len(all_there_are) == 1:
+        warnings.clear()
+        return all_there_are
+    return list(dict.fromkeys(found))
+
+
+def _locate(archive: Archive, path: str, beside: str) -> str | None:
+    if "://" in path:
+        raise outside(path, beside)
+    try:
+        found = archive.find(quote(path.replace("\\", "/")), beside)  # these are paths, not URIs
+    except MeshmarkError:  # a path on the machine that wrote the file: nothing to open, but its name may help
+        found = None
+    return found or archive.find_by_name(path)
+
+
+def _load(archive: Archive, path: str, beside: str) -> bytes | None:
+    found = _locate(archive, path, beside)
+    return None if found is None else archive.read(found)

@@ -1,0 +1,169 @@
+"""A model part of a 3MF as tables (3MF Core Specification 1.3; Materials and Properties Extension 1.2)."""
+
+from array import array
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from core.asset.budgets import Budgets, within
+from core.asset.polygons import Float
+from core.asset.refusals import malformed
+from core.asset.xml import parse_xml
+
+METRES = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "inch": 0.0254, "foot": 0.3048, "meter": 1.0}
+GROUPS = ("basematerials", "colorgroup", "texture2dgroup", "compositematerials", "multiproperties")
+
+_PATH = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06 path"
+
+
+@dataclass(frozen=True, eq=False)
+class Use:
+    """A component or a build item: which object, in which part (``None``: this one), and its (4, 4) matrix."""
+
+    part: str | None
+    object_id: str
+    matrix: Float
+
+
+@dataclass(eq=False)
+class Object:
+    """A mesh or a list of components.
+
+    Attributes:
+        name: as in the file, else by its id.
+        group, row: the property of triangles that name none; an empty group where there is none.
+        vertices: x, y, z of each.
+        triangles: three vertex numbers of each.
+        properties: for each triangle with a property its number, the number of the group, and a row for each corner.
+        groups: the ids of the groups, by their number.
+        components: what it is made of.
+    """
+
+    name: str
+    group: str
+    row: int
+    vertices: "array[float]" = field(default_factory=lambda: array("d"))
+    triangles: "array[int]" = field(default_factory=lambda: array("q"))
+    properties: "array[int]" = field(default_factory=lambda: array("q"))
+    groups: dict[str, int] = field(default_factory=dict)
+    components: list[Use] = field(default_factory=list)
+
+
+@dataclass(eq=False)
+class Group:
+    """A table of ``kind``: its rows are attributes of the elements in it; ``texture`` is the id of its texture."""
+
+    kind: str
+    texture: str
+    rows: list[dict[str, str]] = field(default_factory=list)
+
+
+class Model:
+    """A model part.
+
+    Args:
+        data: the XML.
+        what: the part in errors.
+        budgets: bounds vertices, triangles, objects and uses of the part.
+
+    Attributes:
+        metres: the length of its unit.
+        objects, groups, textures: by id; of a texture its path in the package.
+        items: what is built.
+
+    Raises:
+        MeshmarkError: ``malformed_file``, ``budget_exceeded``, ``unsupported_feature``.
+    """
+
+    def __init__(self, data: bytes, what: str, budgets: Budgets) -> None:
+        self.metres = METRES["millimeter"]
+        self.objects: dict[str, Object] = {}
+        self.groups: dict[str, Group] = {}
+        self.textures: dict[str, str] = {}
+        self.items: list[Use] = []
+        self._what, self._budgets = what, budgets
+        self._vertices = self._triangles = self._uses = 0
+        self._object = Object("", "", 0)  # the one being read; elements outside of any go nowhere
+        self._group = Group("", "")
+        handlers = {
+            **{"vertex": self._vertex, "triangle": self._triangle, "object": self._start_object},
+            **{"component": self._component, "item": self._item, "model": self._unit, "texture2d": self._texture},
+            **{"color": self._row, "base": self._row, "tex2coord": self._row},
+            **{name: lambda attributes, kind=name: self._start_group(kind, attributes) for name in GROUPS},
+        }
+
+        def start(name: str, attributes: dict[str, str]) -> None:
+            if (handle := handlers.get(name)) is not None:
+                handle(attributes)
+
+        try:
+            parse_xml(data, what, budgets, start)
+        except KeyError as error:
+            raise malformed(f"An element of {what} lacks its attribute {error}.") from None
+        except (ValueError, OverflowError) as error:
+            raise malformed(f"{what} has a number that is none: {str(error)[:80]}.") from None
+
+    def _vertex(self, attributes: dict[str, str]) -> None:
+        self._object.vertices.extend((float(attributes["x"]), float(attributes["y"]), float(attributes["z"])))
+        self._vertices += 1
+        if self._vertices > self._budgets.vertices:
+            within(self._vertices, self._budgets.vertices, "vertices")
+
+    def _triangle(self, attributes: dict[str, str]) -> None:
+        thing = self._object
+        if len(attributes) > 3 or thing.group:
+            pid = attributes.get("pid", thing.group)
+            first = int(attributes.get("p1", thing.row))
+            second, third = int(attributes.get("p2", first)), int(attributes.get("p3", first))
+            group = thing.groups.setdefault(pid, len(thing.groups))
+            thing.properties.extend((len(thing.triangles) // 3, group, first, second, third))
+        thing.triangles.extend((int(attributes["v1"]), int(attributes["v2"]), int(attributes["v3"])))
+        self._triangles += 1
+        if self._triangles > self._budgets.faces:
+            within(self._triangles, self._budgets.faces, "triangles")
+
+    def _start_object(self, attributes: dict[str, str]) -> None:
+        number = attributes["id"]
+        name = attributes.get("name") or f"object {number[:20]}"
+        self._object = Object(name, attributes.get("pid", ""), int(attributes.get("pindex", 0)))
+        if number in self.objects:
+            raise malformed(f"{self._what} has two objects of the id {number[:20]!r}.")
+        self.objects[number] = self._object
+        within(len(self.objects), self._budgets.nodes, "objects")
+
+    def _component(self, attributes: dict[str, str]) -> None:
+        self._object.components.append(self._use(attributes))
+
+    def _item(self, attributes: dict[str, str]) -> None:
+        self.items.append(self._use(attributes))
+
+    def _use(self, attributes: dict[str, str]) -> Use:
+        self._uses += 1
+        within(self._uses, self._budgets.nodes, "components and build items")
+        return Use(attributes.get(_PATH), attributes["objectid"], _matrix(attributes.get("transform", "")))
+
+    def _unit(self, attributes: dict[str, str]) -> None:
+        unit = attributes.get("unit", "millimeter")
+        if unit not in METRES:
+            raise malformed(f"{self._what} is in {unit[:20]!r}, which is no unit of a 3MF.")
+        self.metres = METRES[unit]
+
+    def _start_group(self, kind: str, attributes: dict[str, str]) -> None:
+        self._group = self.groups[attributes["id"]] = Group(kind, attributes.get("texid", ""))
+
+    def _row(self, attributes: dict[str, str]) -> None:
+        self._group.rows.append(attributes)
+
+    def _texture(self, attributes: dict[str, str]) -> None:
+        self.textures[attributes["id"]] = attributes["path"]
+
+
+def _matrix(text: str) -> Float:
+    """(4, 4) for column vectors from the twelve numbers of a 3MF, which are for row vectors."""
+    matrix = np.eye(4)
+    if text:
+        numbers = np.array([float(word) for word in text.split()])
+        if len(numbers) != 12 or not np.abs(numbers).max() <= 1e12:
+            raise ValueError(f"transform {text[:40]!r}")
+        matrix[:3] = numbers.reshape(4, 3).T
+    return matrix
