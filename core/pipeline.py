@@ -141,7 +141,7 @@ def _emboss(job: Job) -> None:
     from core.placement.selection import select
 
     assert job.parameters.count is not None
-    job.mesh = WorkingMesh(job.ground.surface, job.usable, job.ground.distinct)
+    job.mesh = WorkingMesh(job.ground.surface, job.usable, job.ground.sheets)
     job.marks, job.refusals = {}, Counter()
     letters = stamp(job.lettering)
     dead: set[int] = set()

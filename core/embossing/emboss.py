@@ -64,6 +64,8 @@ def emboss(mesh: WorkingMesh, box: Boxes, letters: Stamp, relief: float, index: 
         if standing is None:
             return Refusal.NOT_WHOLE
         used = [(patch, text) for patch, text in zip(found, standing, strict=True) if not text.is_empty()]
+        if relief < 0 and any(mesh.covered(patch.faces).any() for patch, _ in used):
+            return Refusal.SECOND_LAYER
         for name, cut in CUTS:
             outcome = _apply(mesh, moved, used, cut, relief, index)
             if not isinstance(outcome, Refusal):

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from core.asset.edit import Kind, SurfaceEdit
 from core.asset.surface import Surface
+from core.ground.sheets import Sheets, single_layer
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -60,11 +61,11 @@ class WorkingMesh:
     Args:
         surface: the asset.
         editable: (F,) bool, faces that may carry a watermark.
-        distinct: (F,) bool, faces that count; the others (collapsed ones, coincident copies, hidden ones) stay in
-            the file as they are, and no query finds them. All faces if None.
+        sheets: faces that are not distinct stay in the file as they are and no query finds them, but for duplicates,
+            which go with the face they duplicate. A single layer if None.
     """
 
-    def __init__(self, surface: Surface, editable: Bool, distinct: Bool | None = None) -> None:
+    def __init__(self, surface: Surface, editable: Bool, sheets: Sheets | None = None) -> None:
         self.surface = surface
         self.original_faces = len(surface.faces)
         corners = surface.weld[surface.faces]
@@ -76,7 +77,7 @@ class WorkingMesh:
         self._corners = corners
         self._alive = np.ones(self.original_faces, dtype=bool)
         self._editable = editable
-        self._distinct = np.ones(self.original_faces, dtype=bool) if distinct is None else distinct
+        self._sheets = sheets if sheets is not None else single_layer(self.original_faces)
         self._grid = FaceGrid(*_bounds(self.points[corners]))
         self._new_corners = np.empty((0, 3), dtype=np.int64)
         self._new_source = np.empty(0, dtype=np.int64)
@@ -90,7 +91,7 @@ class WorkingMesh:
     def near(self, low: Float, high: Float) -> Int:
         """Ids of the living faces whose bounding box meets ``low``-``high``."""
         old = self._grid.overlapping(low, high)
-        old = old[self._alive[old] & self._distinct[old]]
+        old = old[self._alive[old] & self._sheets.distinct[old]]
         new = np.flatnonzero(self._new_alive)
         if len(new):
             new = new[np.all((self._new_high[new] >= low) & (self._new_low[new] <= high), axis=1)]
@@ -108,6 +109,18 @@ class WorkingMesh:
         """(N,) whether a watermark may cut these faces: never letters or their walls."""
         return self._read(ids, self._editable, self._new_kind == Kind.SURFACE)
 
+    def twinned(self, ids: Int) -> Bool:
+        """(N,) whether a second layer with the opposite winding lies on these faces, sharing their vertices."""
+        return np.asarray(self._sheets.twinned[self.source(ids)])
+
+    def duplicated(self, ids: Int) -> Bool:
+        """(N,) whether these are original faces that have duplicates."""
+        return np.isin(ids, self._sheets.duplicates[:, 0])
+
+    def covered(self, ids: Int) -> Bool:
+        """(N,) whether another layer stays exactly on these faces when they are cut."""
+        return np.asarray(self._sheets.covered[self.source(ids)])
+
     def _read(self, ids: Int, old: NDArray[Any], new: NDArray[Any]) -> NDArray[Any]:
         is_old = ids < self.original_faces
         result = np.empty((len(ids), *old.shape[1:]), dtype=old.dtype)
@@ -124,7 +137,10 @@ class WorkingMesh:
 
     def replace(self, removed: Int, corners: Int, source: Int, kind: NDArray[np.int8]) -> None:
         """Retire the faces ``removed`` and add (M, 3) ``corners`` cut from the surface faces ``source``."""
-        self._alive[removed[removed < self.original_faces]] = False
+        original = removed[removed < self.original_faces]
+        self._alive[original] = False
+        duplicated, duplicate = self._sheets.duplicates.T
+        self._alive[duplicate[np.isin(duplicated, original)]] = False
         self._new_alive[removed[removed >= self.original_faces] - self.original_faces] = False
         self._new_corners = np.concatenate([self._new_corners, corners])
         self._new_source = np.concatenate([self._new_source, source])

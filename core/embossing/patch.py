@@ -110,7 +110,7 @@ def _loops(edges: Int, points: Float) -> list[Float]:
 def patches(mesh: WorkingMesh, box: Boxes, hidden: Int | None = None) -> list[Patch]:
     """Every edge-connected piece of surface that meets the one ``box`` and faces it.
 
-    Pieces end where an edge has no neighbour, has more than two faces, or where neighbours disagree on which side
+    Pieces end where an edge has no neighbour, has more than two faces, where a coincident layer ends, or where neighbours disagree on which side
     is out; a watermark never crosses such an edge.
 
     Args:
@@ -139,6 +139,8 @@ def patches(mesh: WorkingMesh, box: Boxes, hidden: Int | None = None) -> list[Pa
     count = len(vertices)
     edges = directed_edges(triangles)
     _, which, uses = np.unique(edges.min(axis=1) * count + edges.max(axis=1), return_inverse=True, return_counts=True)
+    # A duplicate goes with its face; at the rim of a sheet it would leave an edge behind that had two faces.
+    chosen &= ~(mesh.duplicated(ids) & (uses[which] == 1).reshape(-1, 3).any(axis=1))
     is_plain = uses[which] == 2
     face = np.repeat(np.arange(len(ids)), 3)
     usable = chosen[face] & is_plain
@@ -148,7 +150,11 @@ def patches(mesh: WorkingMesh, box: Boxes, hidden: Int | None = None) -> list[Pa
     place = np.searchsorted(forward[order], backward)
     place = np.minimum(place, max(len(forward) - 1, 0))
     matched = forward[order][place] == backward if len(forward) else np.empty(0, dtype=bool)
-    first, second = face[usable][matched], face[usable][order[place[matched]]]
+    first, second = face[usable], face[usable][order[place]]
+    # A second layer below stays where it is, so that its rim must be the rim of a patch too.
+    twinned = mesh.twinned(ids)
+    matched &= twinned[first] == twinned[second]
+    first, second = first[matched], second[matched]
     is_open = chosen[face]
     is_open[np.flatnonzero(usable)[matched]] = False
     pairs = np.column_stack([first, second])[first < second]

@@ -11,7 +11,7 @@ from core.asset.surface import Surface
 from core.errors import ErrorCode, MeshmarkError
 from core.ground.editable import editable
 from core.ground.orientation import reversed_faces
-from core.ground.sheets import distinct_faces
+from core.ground.sheets import Sheets, find_sheets
 from core.spatial import SpatialIndex
 
 Bool = NDArray[np.bool_]
@@ -24,15 +24,15 @@ class Ground:
     Attributes:
         surface: the scene's, with the faces in ``turned`` wound the other way round, so that all normals look out.
         turned: (F,) faces that the file winds inside out.
-        distinct: (F,) faces that make up the surface: shown, not collapsed, and one of coincident ones.
-        solid: (F,) those of ``distinct`` to place watermarks on.
-        possible: (F,) those of ``distinct`` to fall back to: ``solid`` and the see-through ones.
+        sheets: its layers; hidden faces are not distinct.
+        solid: (F,) distinct faces to place watermarks on.
+        possible: (F,) distinct faces to fall back to: ``solid`` and the see-through ones.
         index: over the distinct faces; it answers with face numbers of ``surface``.
     """
 
     surface: Surface
     turned: Bool
-    distinct: Bool
+    sheets: Sheets
     solid: Bool
     possible: Bool
     index: SpatialIndex
@@ -58,7 +58,8 @@ def survey(scene: Scene) -> Ground:
         MeshmarkError: ``no_faces`` when every face is collapsed.
     """
     surface, mask = scene.surface, editable(scene)
-    distinct = distinct_faces(surface, mask.shown.astype(np.int64) + mask.possible + mask.solid) & mask.shown
+    sheets = find_sheets(surface, mask.shown.astype(np.int64) + mask.possible + mask.solid)
+    distinct = sheets.distinct & mask.shown
     if not distinct.any():
         raise MeshmarkError(
             ErrorCode.NO_FACES,
@@ -69,4 +70,4 @@ def survey(scene: Scene) -> Ground:
     turned = reversed_faces(surface, distinct, index)
     if turned.any():
         surface = replace(surface, faces=np.where(turned[:, None], surface.faces[:, [0, 2, 1]], surface.faces))
-    return Ground(surface, turned, distinct, mask.solid & distinct, mask.possible & distinct, index)
+    return Ground(surface, turned, replace(sheets, distinct=distinct), mask.solid & distinct, mask.possible & distinct, index)

@@ -1,10 +1,13 @@
 """The faces that make up the surface: neither collapsed ones nor second copies."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from core.asset.surface import Surface
 
+Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 Hash = NDArray[np.uint64]
 
@@ -12,36 +15,67 @@ Hash = NDArray[np.uint64]
 _MIX = tuple(np.uint64(constant) for constant in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
 
 
-def distinct_faces(surface: Surface, rank: NDArray[np.int64]) -> Bool:
-    """(F,) the faces left when collapsed faces and all but one of coincident faces are set aside.
+@dataclass(frozen=True, eq=False)
+class Sheets:
+    """A surface seen as one layer where several coincide.
 
-    A face is collapsed when two of its corners are one welded vertex. Faces are coincident when their corners lie
-    at exactly the same three places, whatever their order and whatever node draws them: the two layers of a
-    "double-sided" shell, or duplicates. Edges of such layers have four faces and no neighbours; those of one layer
-    have two. What is set aside stays in the file as it is.
+    Faces are coincident when their corners lie at exactly the same three places, whatever their order and whatever
+    node draws them: the two layers of a "double-sided" shell, or duplicates. Edges of such layers have four faces
+    and no neighbours; those of one layer have two.
 
-    Args:
-        surface: the asset.
-        rank: (F,) of coincident faces the one with the highest rank stays, else the first one.
+    Attributes:
+        distinct: (F,) faces left when collapsed ones (two corners are one welded vertex) and all but one of
+            coincident ones are set aside.
+        duplicates: (D, 2) a distinct face, and one with the same welded corners and winding: nothing is lost when it
+            goes together with the distinct one. Sorted.
+        twinned: (F,) distinct faces with a coincident one of the same welded corners and the opposite winding: a
+            second layer that stays where it is.
+        covered: (F,) distinct faces on which any coincident face stays.
     """
+
+    distinct: Bool
+    duplicates: Int
+    twinned: Bool
+    covered: Bool
+
+
+def single_layer(faces: int) -> Sheets:
+    """Every one of ``faces`` faces is distinct."""
+    none = np.zeros(faces, dtype=bool)
+    return Sheets(~none, np.empty((0, 2), dtype=np.int64), none, none)
+
+
+def find_sheets(surface: Surface, rank: Int) -> Sheets:
+    """The :class:`Sheets` of a surface; of coincident faces the one with the highest ``rank`` (F,) is the distinct
+    one, else the first."""
     corners = surface.weld[surface.faces]
-    solid = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
-    ids = np.flatnonzero(solid)
-    key = _mixed(surface.positions)[surface.faces[ids]].sum(axis=1, dtype=np.uint64)
-    order = np.argsort(key)
-    repeated = key[order][1:] == key[order][:-1]
-    if not repeated.any():
-        return np.asarray(solid)
-    # A few candidates: told apart exactly, by the corners' sorted coordinates.
-    involved = np.zeros(len(ids), dtype=bool)
-    involved[order[1:][repeated]] = involved[order[:-1][repeated]] = True
-    some = ids[involved]
+    distinct = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
+    twinned, covered = np.zeros(len(corners), dtype=bool), np.zeros(len(corners), dtype=bool)
+    some = _repeated(surface, np.flatnonzero(distinct))
     some = some[np.argsort(-rank[some], kind="stable")]
     _, point = np.unique(surface.positions[surface.faces[some]].reshape(-1, 3), axis=0, return_inverse=True)
-    _, first = np.unique(np.sort(point.reshape(-1, 3), axis=1), axis=0, return_index=True)
-    solid[some] = False
-    solid[some[first]] = True
-    return np.asarray(solid)
+    _, first, group = np.unique(np.sort(point.reshape(-1, 3), axis=1), axis=0, return_index=True, return_inverse=True)
+    kept = some[first][group.ravel()]
+    copy, of = some[some != kept], kept[some != kept]
+    distinct[copy] = False
+
+    turns = np.stack([np.roll(corners[of], turn, axis=1) for turn in range(3)])
+    is_duplicate = (turns == corners[copy]).all(axis=2).any(axis=0)
+    is_twin = (turns == corners[copy][:, ::-1]).all(axis=2).any(axis=0)
+    twinned[of[is_twin]] = True
+    covered[of[~is_duplicate]] = True
+    pairs = np.column_stack([of, copy])[is_duplicate]
+    return Sheets(distinct, pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))], twinned, covered)
+
+
+def _repeated(surface: Surface, ids: Int) -> Int:
+    """Those of the faces ``ids`` that some other face shares its three places with; a hash may add a few more."""
+    key = _mixed(surface.positions)[surface.faces[ids]].sum(axis=1, dtype=np.uint64)
+    order = np.argsort(key)
+    same = key[order][1:] == key[order][:-1]
+    involved = np.zeros(len(ids), dtype=bool)
+    involved[order[1:][same]] = involved[order[:-1][same]] = True
+    return ids[involved]
 
 
 def _mixed(points: NDArray[np.float64]) -> Hash:
