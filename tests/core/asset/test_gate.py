@@ -245,10 +245,6 @@ def test_a_file_cut_short_anywhere_is_read_or_refused_but_never_anything_else(na
 _REFUSED = {
     ".zip": ErrorCode.UNSUPPORTED_FORMAT,
     ".3mf": ErrorCode.UNSUPPORTED_FORMAT,
-    "box-textured-meshopt.glb": ErrorCode.UNSUPPORTED_FEATURE,
-    "chess-board.glb": ErrorCode.UNSUPPORTED_FEATURE,
-    "lamborghini.glb": ErrorCode.UNSUPPORTED_FEATURE,
-    "nasa-ingenuity.glb": ErrorCode.UNSUPPORTED_FEATURE,
 }
 _FILES = sorted(path for path in MESHES.glob("*.*") if path.suffix not in (".csv", ".md"))
 
