@@ -113,10 +113,6 @@ class WorkingMesh:
         """(N,) whether a second layer with the opposite winding lies on these faces, sharing their vertices."""
         return np.asarray(self._sheets.twinned[self.source(ids)])
 
-    def duplicated(self, ids: Int) -> Bool:
-        """(N,) whether these are original faces that have duplicates."""
-        return np.isin(ids, self._sheets.duplicates[:, 0])
-
     def covered(self, ids: Int) -> Bool:
         """(N,) whether another layer stays exactly on these faces when they are cut."""
         return np.asarray(self._sheets.covered[self.source(ids)])

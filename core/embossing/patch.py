@@ -139,8 +139,6 @@ def patches(mesh: WorkingMesh, box: Boxes, hidden: Int | None = None) -> list[Pa
     count = len(vertices)
     edges = directed_edges(triangles)
     _, which, uses = np.unique(edges.min(axis=1) * count + edges.max(axis=1), return_inverse=True, return_counts=True)
-    # A duplicate goes with its face; at the rim of a sheet it would leave an edge behind that had two faces.
-    chosen &= ~(mesh.duplicated(ids) & (uses[which] == 1).reshape(-1, 3).any(axis=1))
     is_plain = uses[which] == 2
     face = np.repeat(np.arange(len(ids)), 3)
     usable = chosen[face] & is_plain

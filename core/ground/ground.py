@@ -70,4 +70,5 @@ def survey(scene: Scene) -> Ground:
     turned = reversed_faces(surface, distinct, index)
     if turned.any():
         surface = replace(surface, faces=np.where(turned[:, None], surface.faces[:, [0, 2, 1]], surface.faces))
-    return Ground(surface, turned, replace(sheets, distinct=distinct), mask.solid & distinct, mask.possible & distinct, index)
+    free = distinct & ~sheets.pinned
+    return Ground(surface, turned, replace(sheets, distinct=distinct), mask.solid & free, mask.possible & free, index)

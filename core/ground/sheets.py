@@ -31,18 +31,21 @@ class Sheets:
         twinned: (F,) distinct faces with a coincident one of the same welded corners and the opposite winding: a
             second layer that stays where it is.
         covered: (F,) distinct faces on which any coincident face stays.
+        pinned: (F,) distinct faces not to be cut: they have duplicates at the rim of a sheet, and where both go, an
+            edge of two faces would be left with one.
     """
 
     distinct: Bool
     duplicates: Int
     twinned: Bool
     covered: Bool
+    pinned: Bool
 
 
 def single_layer(faces: int) -> Sheets:
     """Every one of ``faces`` faces is distinct."""
     none = np.zeros(faces, dtype=bool)
-    return Sheets(~none, np.empty((0, 2), dtype=np.int64), none, none)
+    return Sheets(~none, np.empty((0, 2), dtype=np.int64), none, none, none)
 
 
 def find_sheets(surface: Surface, rank: Int) -> Sheets:
@@ -65,7 +68,19 @@ def find_sheets(surface: Surface, rank: Int) -> Sheets:
     twinned[of[is_twin]] = True
     covered[of[~is_duplicate]] = True
     pairs = np.column_stack([of, copy])[is_duplicate]
-    return Sheets(distinct, pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))], twinned, covered)
+    pinned = np.zeros(len(corners), dtype=bool)
+    if len(pairs):
+        pinned[pairs[:, 0]] = True
+        pinned[distinct] &= _at_rim(corners[distinct])
+    return Sheets(distinct, pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))], twinned, covered, pinned)
+
+
+def _at_rim(corners: Int) -> Bool:
+    """(F,) which faces have an edge that no other face has."""
+    start, end = corners, np.roll(corners, -1, axis=1)
+    key = np.minimum(start, end) * (corners.max(initial=0) + 1) + np.maximum(start, end)
+    _, which, uses = np.unique(key, return_inverse=True, return_counts=True)
+    return np.asarray((uses[which] == 1).reshape(-1, 3).any(axis=1))
 
 
 def _repeated(surface: Surface, ids: Int) -> Int:
