@@ -73,6 +73,8 @@ def emboss(mesh: WorkingMesh, box: Boxes, letters: Stamp, relief: float, index: 
             if outcome in (Refusal.SECOND_LAYER, Refusal.THIN_WALL, Refusal.FOLDED):
                 return outcome
             refusal = outcome
+            if refusal is Refusal.TOO_FINE:
+                break  # the outlines lie too close to vertices, however they are cut
     return refusal
 
 
@@ -133,45 +135,47 @@ def _apply(
         first += len(surgery.points)
         surgeries.append(surgery)
 
-    on_surface = np.concatenate([mesh.points, *(s.points for s in surgeries)])
+    known = len(mesh.points)
+    new = np.concatenate([s.points for s in surgeries])
     feet = np.concatenate([s.feet for s in surgeries])
     letters = np.concatenate([s.letters for s in surgeries])
     letter_source = np.concatenate([s.letter_source for s in surgeries])
     normals = np.concatenate([s.normals for s in surgeries])
     normal = box.axes[0, 2]
 
-    # Tops are numbered after everything on the surface, in the order of `feet`.
-    rank = np.full(len(on_surface), -1)
-    rank[feet] = np.arange(len(feet))
-    caps = rank[letters]
-    tops = lift(on_surface[feet], normals, relief, index)
+    # Tops are numbered after everything on the surface, in the order of `feet`. Nothing here is as long as the mesh.
+    order = np.argsort(feet)
+    feet, normals = feet[order], normals[order]
+    caps = np.searchsorted(feet, letters)
+    standing = _positions(mesh, new, feet)
+    tops = lift(standing, normals, relief, index)
     if folded(tops, caps, normal):
-        tops = lift(on_surface[feet], np.broadcast_to(normal, normals.shape), relief, index)
+        tops = lift(standing, np.broadcast_to(normal, normals.shape), relief, index)
         if folded(tops, caps, normal):
             return Refusal.FOLDED
-    if obstructed(on_surface[feet], tops, relief, index):
+    if obstructed(standing, tops, relief, index):
         return Refusal.SECOND_LAYER if relief > 0 else Refusal.THIN_WALL
 
     outline = boundary_edges(letters)
-    top = rank[outline] + len(on_surface)
+    first_top = known + len(new)
+    top = np.searchsorted(feet, outline) + first_top
     walls = np.concatenate(
         [np.column_stack([outline, top[:, 1]]), np.column_stack([outline[:, 0], top[:, 1], top[:, 0]])]
     )
     wall_source = np.tile(_source_of_edges(letters, letter_source, outline), 2)
     rest = np.concatenate([s.rest for s in surgeries])
     rest_source = np.concatenate([s.rest_source for s in surgeries])
-    corners = np.concatenate([rest, caps + len(on_surface), walls])
+    corners = np.concatenate([rest, caps + first_top, walls])
     removed = np.concatenate([s.removed for s in surgeries])
     removed_corners = np.concatenate([s.removed_corners for s in surgeries])
     boundary = np.concatenate([s.boundary for s in surgeries])
     if not is_closed(removed_corners, boundary, corners):
         return Refusal.NOT_CLOSED
-    points = np.concatenate([on_surface, tops])
-    if _too_fine(points, corners, removed_corners, mesh.resolution):
+    added_points = np.concatenate([new, tops])
+    if _too_fine(_positions(mesh, added_points, corners), corners, removed_corners, mesh.resolution):
         return Refusal.TOO_FINE
 
-    known = len(mesh.points)
-    mesh.add_points(points[known:], np.concatenate([on_surface[known:], on_surface[feet]]))
+    mesh.add_points(added_points, np.concatenate([new, standing]))
     kind = np.repeat([Kind.SURFACE, Kind.CAP, Kind.WALL], [len(rest), len(caps), len(walls)]).astype(np.int8)
     mesh.replace(removed, corners, np.concatenate([rest_source, letter_source, wall_source]), kind)
     return len(corners) - len(removed)
@@ -221,9 +225,18 @@ def _source_of_edges(triangles: Int, sources: Int, edges: Int) -> Int:
     return np.asarray(sources[order[np.searchsorted(key[order], edges[:, 0] * size + edges[:, 1])] // 3])
 
 
+def _positions(mesh: WorkingMesh, new: Float, vertices: Int) -> Float:
+    """(..., 3) positions of ``vertices`` (...); those past the mesh's own are rows of ``new``."""
+    known = len(mesh.points)
+    is_new = vertices >= known
+    result = mesh.points[np.where(is_new, 0, vertices)]
+    result[is_new] = new[vertices[is_new] - known]
+    return result
+
+
 def _too_fine(points: Float, corners: Int, removed_corners: Int, resolution: float) -> bool:
-    """Whether a new edge is so short that its ends may round to one point in the file."""
-    edges = directed_edges(corners)
-    is_new = ~np.isin(edges, removed_corners).all(axis=1)
-    length = np.linalg.norm(points[edges[is_new, 0]] - points[edges[is_new, 1]], axis=1)
-    return bool(np.any(length < 4 * resolution))
+    """Whether a new edge of triangles with ``points`` (M, 3, 3) is so short that its ends may round to one point in
+    the file."""
+    is_new = ~np.isin(directed_edges(corners), removed_corners).all(axis=1)
+    length = np.linalg.norm(points - np.roll(points, -1, axis=1), axis=2).ravel()
+    return bool(np.any(length[is_new] < 4 * resolution))

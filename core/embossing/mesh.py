@@ -25,7 +25,7 @@ class FaceGrid:
 
     def __init__(self, low: Float, high: Float) -> None:
         self._low, self._high = low, high
-        is_large = np.any(high - low > CELL, axis=1)
+        is_large = (high - low).max(axis=1) > CELL
         self._large = np.flatnonzero(is_large)
         small = np.flatnonzero(~is_large)
         center = (low[small] + high[small]) / 2
@@ -52,6 +52,28 @@ class FaceGrid:
         return np.sort(faces[meets])
 
 
+class Rows:
+    """Rows of three numbers with room to grow, so that a watermark costs its own points and not all of them."""
+
+    def __init__(self, rows: Float) -> None:
+        self._buffer, self._length = rows, len(rows)
+
+    @property
+    def rows(self) -> Float:
+        """(N, 3) a view of the rows there are."""
+        return self._buffer[: self._length]
+
+    def append(self, rows: Float) -> None:
+        """Add (M, 3) ``rows``."""
+        length = self._length + len(rows)
+        if length > len(self._buffer):
+            grown = np.empty((length + length // 4, 3))
+            grown[: self._length] = self.rows
+            self._buffer = grown
+        self._buffer[self._length : length] = rows
+        self._length = length
+
+
 class WorkingMesh:
     """An asset's triangles by topological vertex: original rows welded, new vertices appended.
 
@@ -70,15 +92,15 @@ class WorkingMesh:
         self.original_faces = len(surface.faces)
         corners = surface.weld[surface.faces]
         vertices = int(surface.weld.max()) + 1
-        self.points = np.zeros((vertices, 3))
-        self.points[surface.weld] = surface.positions
-        self.feet = self.points
+        original = np.zeros((vertices, 3))
+        original[surface.weld] = surface.positions
+        self._points, self._feet = Rows(original), Rows(original)
         self.original_vertices = vertices
         self._corners = corners
         self._alive = np.ones(self.original_faces, dtype=bool)
         self._editable = editable
         self._sheets = sheets if sheets is not None else single_layer(self.original_faces)
-        self._grid = FaceGrid(*_bounds(self.points[corners]))
+        self._grid = FaceGrid(*_bounds(original, corners))
         self._new_corners = np.empty((0, 3), dtype=np.int64)
         self._new_source = np.empty(0, dtype=np.int64)
         self._new_kind = np.empty(0, dtype=np.int8)
@@ -87,6 +109,16 @@ class WorkingMesh:
         # The spacing of float32 at the asset's largest world coordinate: closer points may become one in the file.
         largest = np.abs(surface.positions / surface.scale + surface.offset).max()
         self.resolution = float(np.spacing(np.float32(largest))) * surface.scale
+
+    @property
+    def points(self) -> Float:
+        """(N, 3) vertex positions, size-30 frame."""
+        return self._points.rows
+
+    @property
+    def feet(self) -> Float:
+        """(N, 3) where the vertices stand on the original surface."""
+        return self._feet.rows
 
     def near(self, low: Float, high: Float) -> Int:
         """Ids of the living faces whose bounding box meets ``low``-``high``."""
@@ -127,8 +159,8 @@ class WorkingMesh:
     def add_points(self, points: Float, feet: Float) -> Int:
         """Append (N, 3) vertices; returns their ids."""
         first = len(self.points)
-        self.points = np.concatenate([self.points, points])
-        self.feet = np.concatenate([self.feet, feet])
+        self._points.append(points)
+        self._feet.append(feet)
         return np.arange(first, first + len(points))
 
     def replace(self, removed: Int, corners: Int, source: Int, kind: NDArray[np.int8]) -> None:
@@ -142,7 +174,7 @@ class WorkingMesh:
         self._new_source = np.concatenate([self._new_source, source])
         self._new_kind = np.concatenate([self._new_kind, kind])
         self._new_alive = np.concatenate([self._new_alive, np.ones(len(corners), dtype=bool)])
-        low, high = _bounds(self.points[corners])
+        low, high = _bounds(self.points, corners)
         self._new_low, self._new_high = np.concatenate([self._new_low, low]), np.concatenate([self._new_high, high])
 
     def edit(self) -> SurfaceEdit:
@@ -165,8 +197,10 @@ class WorkingMesh:
         )
 
 
-def _bounds(triangles: Float) -> tuple[Float, Float]:
-    return triangles.min(axis=1), triangles.max(axis=1)
+def _bounds(points: Float, corners: Int) -> tuple[Float, Float]:
+    """(K, 3) lowest and highest coordinates of (K, 3) ``corners``; a reduction over so short an axis would be slow."""
+    a, b, c = (points[corners[:, k]] for k in range(3))
+    return np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
 
 
 def barycentric(points: Float, triangles: Float) -> Float:

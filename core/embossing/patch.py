@@ -110,8 +110,8 @@ def _loops(edges: Int, points: Float) -> list[Float]:
 def patches(mesh: WorkingMesh, box: Boxes, hidden: Int | None = None) -> list[Patch]:
     """Every edge-connected piece of surface that meets the one ``box`` and faces it.
 
-    Pieces end where an edge has no neighbour, has more than two faces, where a coincident layer ends, or where neighbours disagree on which side
-    is out; a watermark never crosses such an edge.
+    Pieces end where an edge has no neighbour, has more than two faces, where a coincident layer ends, or where
+    neighbours disagree on which side is out; a watermark never crosses such an edge.
 
     Args:
         mesh: the working mesh.

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from core.embossing.patch import Patch, boundary_edges, directed_edges
+from core.embossing.patch import Patch, directed_edges
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -39,10 +39,11 @@ def mend_t_vertices(triangles: Int, faces: Int, points: Float, opposite: Int) ->
     outline that the other still has.
     """
     edges = directed_edges(triangles)
-    on_boundary = {(int(a), int(b)) for a, b in boundary_edges(triangles)}
-    twins = {(int(b), int(a)) for a, b in opposite}
-    loose = [k for k, (a, b) in enumerate(edges.tolist()) if (a, b) in on_boundary and (a, b) not in twins]
     candidates = np.unique(opposite)
+    # Boundary edges whose opposite is neither among these triangles nor in ``opposite``.
+    size = len(points)
+    backward = np.concatenate([edges[:, 1] * size + edges[:, 0], opposite[:, 1] * size + opposite[:, 0]])
+    loose = np.flatnonzero(~np.isin(edges[:, 0] * size + edges[:, 1], backward)).tolist()
     if not loose or not len(candidates):
         return triangles, faces
     breaks: dict[int, list[list[int]]] = {}
