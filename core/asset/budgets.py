@@ -12,6 +12,7 @@ class Budgets:
     Attributes:
         faces: triangles drawn; a mesh drawn by several nodes counts once per node.
         vertices: vertices drawn, counted likewise.
+        draws: mesh primitives drawn, counted likewise; each costs time of its own, however small it is.
         bytes: of the file, and of all values its accessors declare.
         image_pixels: pixels of all textures together (the default is sixteen of 4096 x 4096).
         json_bytes: of the JSON chunk of a GLB.
@@ -27,6 +28,7 @@ class Budgets:
 
     faces: int = 5_000_000
     vertices: int = 15_000_000
+    draws: int = 100_000
     bytes: int = 200 * 2**20
     image_pixels: int = 2**28
     json_bytes: int = 16 * 2**20

@@ -70,14 +70,16 @@ def check_document(document: Document, budgets: Budgets) -> None:
     _check_images(json, buffers, budgets)
     _check_skins(json)
     drawn = [_mesh_counts(json, number) for number in range(len(entries(json, "meshes")))]
-    faces = vertices = 0
+    faces = vertices = primitives = 0
     for mesh, draws in _draws(document):
         faces += drawn[mesh][0] * draws
         vertices += drawn[mesh][1] * draws
+        primitives += len(json["meshes"][mesh]["primitives"]) * draws
     if faces == 0:
         raise no_faces(f"The scene of the GLB draws no triangle ({len(drawn):,} meshes in the file).")
     within(faces, budgets.faces, "triangles")
     within(vertices, budgets.vertices, "vertices")
+    within(primitives, budgets.draws, "mesh primitives to draw")
 
 
 def check_json_text(text: bytes, budgets: Budgets) -> None:

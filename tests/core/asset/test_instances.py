@@ -171,8 +171,8 @@ def test_instances_that_cannot_be_placed_are_malformed(attributes: dict[str, Any
 
 
 def test_instances_count_in_the_budget() -> None:
-    admit(_three().to_glb(), Budgets(faces=36, vertices=24))
-    for budgets in (Budgets(faces=35), Budgets(vertices=23)):
+    admit(_three().to_glb(), Budgets(faces=36, vertices=24, draws=3))
+    for budgets in (Budgets(faces=35), Budgets(vertices=23), Budgets(draws=2)):
         with pytest.raises(MeshmarkError) as caught:
             admit(_three().to_glb(), budgets)
         assert caught.value.code is ErrorCode.BUDGET_EXCEEDED
