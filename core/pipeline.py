@@ -89,12 +89,15 @@ def _read(job: Job) -> None:
     job.format = admit(job.data)
     document = to_document(job.data, job.format)
     job.scene = flatten(document)
+    job.warnings += [
+        {"code": lost.code.value, "message": lost.message, "remedy": lost.remedy} for lost in document.warnings
+    ]
     beside = [image["uri"] for image in document.json.get("images", []) if is_beside(image)]
     if beside:
         job.warnings.append(
             {
                 "code": ErrorCode.EXTERNAL_REFERENCE.value,
-                "message": f"The GLB's textures lie in other files ({', '.join(beside[:3])}); they were not opened.",
+                "message": f"The asset's textures lie in other files ({', '.join(beside[:3])}); they were not opened.",
                 "remedy": "Keep these files beside the result, or embed them before the upload.",
             }
         )
@@ -232,7 +235,7 @@ def watermark(
     """Embosses a watermark into a mesh file.
 
     Args:
-        data: a GLB, OBJ, STL, PLY or OFF file; the content decides, not a name.
+        data: the content of a file; it decides what the file is, not a name.
         parameters: what is asked for.
         font: a TrueType or OpenType file; None for the bundled one.
         preview: whether to render a contact sheet.

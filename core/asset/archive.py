@@ -19,7 +19,8 @@ MAGIC = (b"PK\x03\x04", b"PK\x05\x06")
 # What operating systems add to a folder before they pack it.
 _IGNORED = re.compile(r"(^|/)(__MACOSX/|\.DS_Store$|Thumbs\.db$|desktop\.ini$|\._)", re.IGNORECASE)
 _NESTED = re.compile(r"\.(zip|7z|rar|gz|tgz|bz2|xz|zst|tar|3mf|usdz|zae)$", re.IGNORECASE)
-_METHODS = {zipfile.ZIP_STORED: "stored", zipfile.ZIP_DEFLATED: "deflated"}
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+_OTHER_METHODS = {1: "shrinking", 6: "imploding", 9: "Deflate64", 12: "bzip2", 14: "LZMA", 93: "Zstandard", 95: "XZ"}
 _SMALL = 2**20  # an entry of up to a megabyte may be as repetitive as it likes
 _LOCAL_HEADER_BYTES = 30
 
@@ -169,7 +170,7 @@ def _check_entry(entry: zipfile.ZipInfo, budgets: Budgets) -> None:
     if entry.flag_bits & 0x1:
         raise _unsupported(f"The entry {name} of the ZIP archive is encrypted.", "Pack the files without a password.")
     if entry.compress_type not in _METHODS:
-        method = zipfile.compressor_names.get(entry.compress_type, f"method {entry.compress_type}")
+        method = _OTHER_METHODS.get(entry.compress_type, f"method {entry.compress_type}")
         raise _unsupported(
             f"The entry {name} of the ZIP archive is compressed by {method}.",
             "Pack the files with plain ZIP (deflate).",

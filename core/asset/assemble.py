@@ -13,7 +13,6 @@ from core.asset.polygons import Attribute, Float, Int, Material, PolygonMesh, li
 from core.asset.refusals import no_faces, non_finite
 from core.errors import ErrorCode, MeshmarkError
 
-
 # Beyond this ratio of coordinate to size, float32 leaves less than four digits of shape after the decimal point.
 FAR_FROM_ORIGIN = 1e3
 GREY = (0.8, 0.8, 0.8, 1.0)
@@ -155,7 +154,7 @@ class _Writer:
         return self.json["meshes"]
 
     def mesh(self, name: str, body: PolygonMesh) -> tuple[int, Float] | None:
-        """Add a body; returns its number and the point (3,) it is stored relative to, ``None`` if it has no triangle."""
+        """Add a body; returns its number and the point (3,) it is stored relative to; ``None`` without triangles."""
         _check_references(body.corners, len(body.positions), "vertex")
         _check_positions(body.positions, body.corners)
         triangles, polygon = triangulate(body.positions, body.corners, body.sizes)
@@ -177,7 +176,9 @@ class _Writer:
             material = self.material(
                 body.materials[value >> len(attributes)], "COLOR_0" in present, "TEXCOORD_0" in present, double_sided
             )
-            primitives.append(self.primitive(body, triangles[rows], present, origin) | {"material": material, "mode": 4})
+            primitives.append(
+                self.primitive(body, triangles[rows], present, origin) | {"material": material, "mode": 4}
+            )
         self.meshes.append({"name": name, "primitives": primitives})
         return len(self.meshes) - 1, origin
 

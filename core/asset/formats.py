@@ -4,6 +4,7 @@ from core.asset.archive import Archive
 from core.asset.assemble import assemble
 from core.asset.assembly import Assembly, Instance
 from core.asset.budgets import DEFAULT_BUDGETS, Budgets
+from core.asset.dae import read_dae, read_dae_zip
 from core.asset.gltf import Document
 from core.asset.obj import read_obj
 from core.asset.obj_zip import read_obj_zip
@@ -43,6 +44,10 @@ def to_document(data: bytes, file_format: Format, budgets: Budgets = DEFAULT_BUD
             return assemble(read_obj_zip(Archive(data, budgets), budgets))
         case Format.THREEMF:
             return assemble(read_3mf(Archive(data, budgets), budgets))
+        case Format.DAE:
+            return assemble(read_dae(data, budgets))
+        case Format.DAE_ZIP:
+            return assemble(read_dae_zip(Archive(data, budgets), budgets))
         case _:
             return assemble(Assembly([_read(data, file_format, budgets)], ["model"], [Instance("model", 0)]))
 

@@ -9,6 +9,7 @@ from core.asset.glb_check import check_document, check_glb
 from core.asset.pack import pack_archive, pack_json
 from core.asset.refusals import malformed, no_faces, truncated
 from core.asset.sniff import Format, sniff
+from core.asset.xml import check_xml
 from core.errors import ErrorCode, MeshmarkError
 
 
@@ -46,8 +47,13 @@ def admit(data: bytes, budgets: Budgets = DEFAULT_BUDGETS) -> Format:
         case Format.OBJ_ZIP:
             archive = Archive(data, budgets)
             _check_obj(archive.read(archive.only(".obj")), budgets)
-        case Format.THREEMF | Format.DAE | Format.DAE_ZIP:
-            pass
+        case Format.THREEMF:
+            _check_3mf(Archive(data, budgets), budgets)
+        case Format.DAE:
+            check_xml(data, "The DAE")
+        case Format.DAE_ZIP:
+            archive = Archive(data, budgets)
+            check_xml(archive.read(archive.only(".dae")), "The DAE")
         case Format.STL:
             _check_stl(data, budgets)
         case Format.PLY:
@@ -100,18 +106,12 @@ def _check_stl(data: bytes, budgets: Budgets) -> None:
 
 def _check_ply(data: bytes, budgets: Budgets) -> None:
     header = ply.parse_header(data)
-    vertex, face = header.element("vertex"), header.element("face")
+    vertex, surface = header.element("vertex"), header.surface
     if vertex is None or not set("xyz") <= {column.name for column in vertex.properties if not column.count_kind}:
         raise malformed("The PLY declares no vertices with x, y and z.")
-    if header.element("tristrips") is not None and (face is None or face.count == 0):
-        raise MeshmarkError(
-            ErrorCode.UNSUPPORTED_FEATURE,
-            "The PLY stores its surface as triangle strips, which are not read.",
-            "Export it with faces, or as a GLB.",
-        )
-    if face is None or face.count == 0:
+    if surface is None:
         raise no_faces(f"The PLY has {vertex.count:,} vertices but no face.")
-    if not any(column.name in ply.FACE_LISTS and column.count_kind for column in face.properties):
+    if not any(column.name in ply.FACE_LISTS and column.count_kind for column in surface.properties):
         raise malformed("The faces of the PLY have no list of vertex indices.")
     for element in header.elements:
         names = [column.name for column in element.properties]
@@ -120,7 +120,7 @@ def _check_ply(data: bytes, budgets: Budgets) -> None:
     if len({element.name for element in header.elements}) != len(header.elements):
         raise malformed("The PLY declares an element twice.")
     within(vertex.count, budgets.vertices, "vertices")
-    within(face.count, budgets.faces, "faces")
+    within(surface.count, budgets.faces, "faces")
     # in a text every number takes at least a digit and a blank
     least = sum(
         element.count * (2 * len(element.properties) if header.format == "ascii" else element.least_row_bytes)
@@ -131,13 +131,28 @@ def _check_ply(data: bytes, budgets: Budgets) -> None:
         raise truncated(f"What the PLY declares takes at least {least:,} bytes, but {present:,} follow its header.")
 
 
+def _check_3mf(archive: Archive, budgets: Budgets) -> None:
+    """Parts may write their elements with a prefix: then only the loader counts them."""
+    vertices = triangles = 0
+    for name in archive.names:
+        if name.lower().endswith(".model"):
+            part = archive.read(name)
+            check_xml(part, f"The 3MF model {name[:60]!r}")
+            vertices += part.count(b"<vertex ")
+            triangles += part.count(b"<triangle ")
+    within(vertices, budgets.vertices, "vertices")
+    within(triangles, budgets.faces, "triangles")
+
+
 def _check_off(data: bytes, budgets: Budgets) -> None:
     header = off.parse_header(data)
     if header.faces == 0:
         raise no_faces(f"The OFF has {header.vertices:,} vertices but no face.")
     within(header.vertices, budgets.vertices, "vertices")
     within(header.faces, budgets.faces, "faces")
-    least = len("0 0 0\n") * header.vertices + len("0\n") * header.faces - 1
+    least = 12 * header.vertices + 8 * header.faces
+    if not header.binary:
+        least = len("0 0 0\n") * header.vertices + len("0\n") * header.faces - 1
     if least > len(data) - header.end:
         raise truncated(
             f"The OFF declares {header.vertices:,} vertices and {header.faces:,} faces, "

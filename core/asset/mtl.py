@@ -13,13 +13,30 @@ Load = Callable[[str], bytes | None]
 
 # How many arguments an option of a texture map takes; -o, -s and -t take one to three numbers.
 _OPTIONS = {
-    **{"-blendu": 1, "-blendv": 1, "-boost": 1, "-bm": 1, "-cc": 1, "-clamp": 1, "-imfchan": 1, "-mm": 2},
-    **{"-o": 3, "-s": 3, "-t": 3, "-texres": 1, "-type": 1},
+    "-blendu": 1,
+    "-blendv": 1,
+    "-boost": 1,
+    "-bm": 1,
+    "-cc": 1,
+    "-clamp": 1,
+    "-imfchan": 1,
+    "-mm": 2,
+    "-o": 3,
+    "-s": 3,
+    "-t": 3,
+    "-texres": 1,
+    "-type": 1,
 }
-_IMAGES = {"map_kd": "base colour", "map_d": "opacity", "norm": "normals"}
+_CARRIED = ("map_kd", "map_d", "norm")
 _NOT_CARRIED = {
-    **{"map_pr": "roughness", "map_pm": "metallic", "map_ke": "emission", "map_bump": "bump", "bump": "bump"},
-    **{"map_ks": "specular", "map_ns": "gloss", "disp": "displacement"},
+    "map_pr": "roughness",
+    "map_pm": "metallic",
+    "map_ke": "emission",
+    "map_bump": "bump",
+    "bump": "bump",
+    "map_ks": "specular",
+    "map_ns": "gloss",
+    "disp": "displacement",
 }
 
 
@@ -43,7 +60,7 @@ def read_mtl(data: bytes, load: Load) -> tuple[dict[str, Material], list[Meshmar
         if key.lower() == "newmtl":
             current = tables.setdefault(value.strip(), {})
         elif key and not key.startswith("#"):
-            current[key.lower()] = value if key.lower() in (*_IMAGES, *_NOT_CARRIED) else value.partition("#")[0]
+            current[key.lower()] = value if key.lower() in (*_CARRIED, *_NOT_CARRIED) else value.partition("#")[0]
     warnings: list[MeshmarkError] = []
     images = _Images(load, warnings)
     return {name: _material(name, table, images, warnings) for name, table in tables.items()}, warnings
@@ -100,7 +117,7 @@ def _roughness(table: dict[str, str]) -> float:
     specular, exponent = _numbers(table.get("ks"), 3), _numbers(table.get("ns"), 1, 1000.0)
     if exponent is None or specular is None or not specular.any():
         return 0.7
-    return float((2 / (exponent[0] + 2)) ** 0.25)  # alpha of Beckmann from Phong's exponent; glTF's roughness is its root
+    return float((2 / (exponent[0] + 2)) ** 0.25)  # Beckmann's alpha for Phong's exponent is the square of glTF's
 
 
 def _rgb(color: np.ndarray[tuple[int], np.dtype[np.float64]]) -> tuple[float, float, float]:
@@ -108,9 +125,7 @@ def _rgb(color: np.ndarray[tuple[int], np.dtype[np.float64]]) -> tuple[float, fl
     return red, green, blue
 
 
-def _numbers(
-    text: str | None, count: int, most: float = 1.0
-) -> np.ndarray[tuple[int], np.dtype[np.float64]] | None:
+def _numbers(text: str | None, count: int, most: float = 1.0) -> np.ndarray[tuple[int], np.dtype[np.float64]] | None:
     """The first numbers of a line, clipped to 0 and ``most``; one number stands for all of a colour."""
     try:
         values = np.array([float(word) for word in (text or "").split()[:count]], np.float64)

@@ -1,6 +1,7 @@
 """An OBJ in an archive with its MTL and textures."""
 
 from dataclasses import replace
+from functools import partial
 from urllib.parse import quote
 
 from core.asset.archive import Archive, outside
@@ -32,7 +33,7 @@ def read_obj_zip(archive: Archive, budgets: Budgets) -> Assembly:
     materials: dict[str, Material] = {}
     libraries = _libraries(archive, name, data, warnings)
     for library in libraries:
-        found, lost = read_mtl(archive.read(library), lambda path, beside=library: _load(archive, path, beside))
+        found, lost = read_mtl(archive.read(library), partial(_load, archive, library))
         materials = found | materials
         warnings += lost
     if not libraries:
@@ -80,6 +81,6 @@ def _locate(archive: Archive, path: str, beside: str) -> str | None:
     return found or archive.find_by_name(path)
 
 
-def _load(archive: Archive, path: str, beside: str) -> bytes | None:
+def _load(archive: Archive, beside: str, path: str) -> bytes | None:
     found = _locate(archive, path, beside)
     return None if found is None else archive.read(found)

@@ -18,15 +18,18 @@ _HEADER = re.compile(
 )
 _HEADER_LIMIT = 2**16
 
+Polygons = tuple[Int, Int, Float | None]  # sizes, corners, and colours where some have one
+
 
 @dataclass(frozen=True)
 class Header:
-    """Which vertex columns an OFF declares, its counts, and where the line of the counts starts to be body."""
+    """Which vertex columns an OFF declares, its counts, and where its body starts: behind them."""
 
     prefix: str
     vertices: int
     faces: int
     end: int
+    binary: bool = False
 
 
 def parse_header(data: bytes) -> Header:
@@ -39,39 +42,38 @@ def parse_header(data: bytes) -> Header:
     if match is None:
         raise malformed("The file does not start with an OFF header.")
     prefix = match["prefix"].decode()
-    if match["binary"] or "4" in prefix or "n" in prefix:
+    if "4" in prefix or "n" in prefix:
         raise MeshmarkError(
             ErrorCode.UNSUPPORTED_FEATURE,
-            f"The file is a {prefix}OFF{' BINARY' if match['binary'] else ''}; only three-dimensional text is read.",
+            f"The file is a {prefix}OFF; only three-dimensional files are read.",
             "Export it as a plain OFF or as a GLB.",
         )
+    if match["binary"]:
+        start = data.find(b"\n", match.end("binary")) + 1
+        counts = data[start : start + 12]
+        if start == 0 or len(counts) < 12:
+            raise truncated("The binary OFF ends before its counts.")
+        return Header(prefix, int.from_bytes(counts[:4]), int.from_bytes(counts[4:8]), start + 12, binary=True)
     if match[3] is None:
         raise malformed("The OFF header does not declare how many vertices and faces follow.")
     return Header(prefix, int(match[3]), int(match[4]), match.end())
 
 
 def read_off(data: bytes, budgets: Budgets) -> PolygonMesh:
-    """Read an OFF with one vertex or polygon on each line.
+    """Read an OFF, text or binary.
+
+    A text with one vertex or polygon on each line may have colours of faces; one whose numbers run on freely may not,
+    since nothing but the end of its line tells where a polygon ends.
 
     Raises:
         MeshmarkError: ``malformed_file``, ``truncated_file`` or ``budget_exceeded``.
     """
     header = parse_header(data)
-    body = data[header.end :].replace(b"\r\n", b"\n").replace(b"\r", b"\n").partition(b"\n")[2] + b"\n"
-    body = re.sub(rb"#[^\n]*", b"", body) if b"#" in body else body
-    counts = tokens_per_line(body)
-    counts = counts[counts > 0]
-    if len(counts) < header.vertices + header.faces:
-        raise truncated(
-            f"The OFF declares {header.vertices:,} vertices and {header.faces:,} faces, each on a line of its own, "
-            f"but only {len(counts):,} lines follow."
-        )
-    values = parse_numbers(body, np.float64, "vertex or face")
-    start = np.cumsum(counts) - counts
-    vertex_rows, face_rows = slice(header.vertices), slice(header.vertices, header.vertices + header.faces)
-    columns, width = _vertex_columns(header, counts[vertex_rows])
-    table = values[start[vertex_rows][:, None] + np.arange(width)]
-    sizes, corners, face_colors = _polygons(values, start[face_rows], counts[face_rows], budgets)
+    if header.binary:
+        table, columns, polygons = _read_binary(header, data, budgets)
+    else:
+        table, columns, polygons = _read_text(header, data, budgets)
+    sizes, corners, face_colors = polygons
     attributes = {}
     if "NORMAL" in columns:
         attributes["NORMAL"] = Attribute(table[:, columns["NORMAL"]], corners)
@@ -87,9 +89,83 @@ def read_off(data: bytes, budgets: Budgets) -> PolygonMesh:
     return PolygonMesh(table[:, :3], corners, sizes, np.zeros(header.faces, np.int64), attributes)
 
 
-def _vertex_columns(header: Header, counts: Int) -> tuple[dict[str, slice], int]:
-    """Where each attribute lies in a vertex line, in the order position, normal, colour, texture; and its width."""
-    width = int(counts.min()) if len(counts) else 3
+def _read_text(header: Header, data: bytes, budgets: Budgets) -> tuple[Float, dict[str, slice], Polygons]:
+    body = data[header.end :].replace(b"\r\n", b"\n").replace(b"\r", b"\n").partition(b"\n")[2] + b"\n"
+    body = re.sub(rb"#[^\n]*", b"", body) if b"#" in body else body
+    counts = tokens_per_line(body)
+    counts = counts[counts > 0]
+    values = parse_numbers(body, np.float64, "vertex or face")
+    by_line = len(counts) >= header.vertices + header.faces and counts[: header.vertices].min(initial=3) >= 3
+    if not by_line:
+        return _read_free(header, values, budgets)
+    start = np.cumsum(counts) - counts
+    vertex_rows, face_rows = slice(header.vertices), slice(header.vertices, header.vertices + header.faces)
+    columns, width = _vertex_columns(header, int(counts[vertex_rows].min(initial=2**31)))
+    table = values[start[vertex_rows][:, None] + np.arange(width)]
+    return table, columns, _polygons(values, start[face_rows], counts[face_rows], budgets)
+
+
+def _read_free(header: Header, values: Float, budgets: Budgets) -> tuple[Float, dict[str, slice], Polygons]:
+    """Numbers without regard to lines; colours of vertices have four components."""
+    columns, width = _vertex_columns(header, 2**31)
+    faces = values[header.vertices * width :]
+    table = values[: header.vertices * width].reshape(-1, width) if len(faces) else values[:0].reshape(0, width)
+    start, at = np.empty(header.faces, np.int64), 0
+    numbers = faces.data
+    for face in range(header.faces):
+        if at >= len(numbers) or not 0 <= numbers[at] < 2**31:
+            raise _cut_off(header, len(values))
+        start[face] = at
+        at += 1 + int(numbers[at])
+    if at > len(numbers):
+        raise _cut_off(header, len(values))
+    if at < len(numbers):
+        raise malformed(f"The OFF has {len(numbers) - at:,} numbers behind its last face; their lines do not tell why.")
+    return table, columns, _polygons(faces, start, np.diff(start, append=at), budgets)
+
+
+def _read_binary(header: Header, data: bytes, budgets: Budgets) -> tuple[Float, dict[str, slice], Polygons]:
+    """Big-endian words: the vertices as floats, then each polygon with its size, its corners, and its colour."""
+    columns, width = _vertex_columns(header, 2**31)
+    words = np.frombuffer(data, ">i4", (len(data) - header.end) // 4, header.end).astype(np.int32)
+    table = words[: header.vertices * width].view(np.float32)
+    faces = words[header.vertices * width :].data
+    start, colors, at = np.empty(header.faces, np.int64), np.empty(header.faces, np.int64), 0
+    for face in range(header.faces):
+        start[face] = at
+        for _ in range(2):  # the corners, then the components of the colour
+            if at >= len(faces) or faces[at] < 0:
+                raise _cut_off(header, len(words))
+            colors[face] = faces[at]
+            at += 1 + faces[at]
+    if at > len(faces) or np.any(colors > 4):
+        raise _cut_off(header, len(words))
+    # as in a text: without the number of components, colours as numbers
+    values = np.asarray(faces, np.float64)
+    count = np.diff(start, append=at)
+    color = np.zeros(len(values), np.bool_)
+    behind = (start + count)[:, None] - 1 - np.arange(4)
+    color[behind[np.arange(4) < colors[:, None]]] = True
+    values[color] = words[header.vertices * width :].view(np.float32)[color]
+    keep = np.ones(len(values), np.bool_)
+    keep[start + count - 1 - colors] = False
+    keep[at:] = False
+    polygons = _polygons(values[keep], start - np.arange(header.faces), count - 1, budgets)
+    return table.reshape(-1, width).astype(np.float64), columns, polygons
+
+
+def _cut_off(header: Header, found: int) -> MeshmarkError:
+    return truncated(
+        f"The OFF declares {header.vertices:,} vertices and {header.faces:,} faces, "
+        f"but the {found:,} numbers that follow do not hold them."
+    )
+
+
+def _vertex_columns(header: Header, width: int) -> tuple[dict[str, slice], int]:
+    """Where each attribute lies in a vertex of ``width`` numbers, in the order position, normal, colour, texture.
+
+    Also how many of the numbers they take.
+    """
     columns, end = {}, 3
     if "N" in header.prefix:
         columns["NORMAL"] = slice(end, end := end + 3)
@@ -103,7 +179,7 @@ def _vertex_columns(header: Header, counts: Int) -> tuple[dict[str, slice], int]
     return columns, end
 
 
-def _polygons(values: Float, start: Int, counts: Int, budgets: Budgets) -> tuple[Int, Int, Float | None]:
+def _polygons(values: Float, start: Int, counts: Int, budgets: Budgets) -> Polygons:
     """(P,) sizes, (C,) corners and (P, 4) colours (NaN where a face has none, ``None`` where no face has one)."""
     declared = values[start]
     if not np.all((declared >= 0) & (declared == np.floor(declared)) & (declared < counts)):

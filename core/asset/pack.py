@@ -53,7 +53,7 @@ def _pack(text: bytes, name: str, load: Load, budgets: Budgets) -> Document:
     document = Document(parse_json(text), b"")
     binary = bytearray()
     _pack_buffers(document, binary, name, load)
-    _pack_images(document, binary, name, load)
+    _pack_images(document, binary, load)
     if binary:
         buffers = document.json["buffers"]
         buffers[0]["byteLength"] = len(binary)
@@ -74,7 +74,7 @@ def _pack_buffers(document: Document, binary: bytearray, name: str, load: Load) 
             kept.append(buffer)
             place.append((len(kept), 0))
             continue
-        content = _content(uri, name, load, f"buffers[{number}]")
+        content = _content(uri, load, f"buffers[{number}]")
         if content is None:
             raise outside(uri, name)
         declared = buffer.get("byteLength")
@@ -103,7 +103,7 @@ def _move(owner: Json, place: list[tuple[int, int]]) -> None:
         owner["byteOffset"] = start + offset
 
 
-def _pack_images(document: Document, binary: bytearray, name: str, load: Load) -> None:
+def _pack_images(document: Document, binary: bytearray, load: Load) -> None:
     views = typed(document.json, "bufferViews", list)
     stored: dict[bytes, int] = {}
     for number in range(len(typed(document.json, "images", list))):
@@ -111,7 +111,7 @@ def _pack_images(document: Document, binary: bytearray, name: str, load: Load) -
         uri = image.get("uri")
         if uri is None:
             continue
-        content = _content(uri, name, load, f"images[{number}]")
+        content = _content(uri, load, f"images[{number}]")
         if content is None:
             continue  # carried as it is: the file may lie beside the result
         if not document.json.setdefault("buffers", []):
@@ -128,7 +128,7 @@ def _pack_images(document: Document, binary: bytearray, name: str, load: Load) -
         document.json["bufferViews"] = views
 
 
-def _content(uri: Any, name: str, load: Load, where: str) -> bytes | None:
+def _content(uri: Any, load: Load, where: str) -> bytes | None:
     """The bytes behind a URI; ``None`` where the file is not in the upload."""
     if not isinstance(uri, str):
         raise malformed(f"The URI of {where} is not a text.")

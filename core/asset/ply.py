@@ -16,6 +16,7 @@ from core.asset.text import parse_numbers
 from core.errors import MeshmarkError
 
 FACE_LISTS = ("vertex_indices", "vertex_index")
+STRIPS = "tristrips"
 
 _HEADER_LIMIT = 2**20
 _BYTE_ORDERS = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
@@ -69,6 +70,12 @@ class Header:
         """The element of this name, if any."""
         return next((element for element in self.elements if element.name == name), None)
 
+    @property
+    def surface(self) -> Element | None:
+        """The element that holds the surface: faces, or triangle strips where there are none."""
+        named = (self.element(name) for name in ("face", STRIPS))
+        return next((element for element in named if element is not None and element.count), None)
+
 
 def parse_header(data: bytes) -> Header:
     """Read a PLY header.
@@ -103,7 +110,7 @@ def parse_header(data: bytes) -> Header:
 
 
 def read_ply(data: bytes, budgets: Budgets) -> PolygonMesh:
-    """Read the vertices and faces of a PLY that passed the gate; every other element is skipped.
+    """Read the vertices and faces (or triangle strips) of a PLY that passed the gate; every other element is skipped.
 
     Vertex colours win over face colours. Texture files named in comments are never opened.
 
@@ -115,21 +122,42 @@ def read_ply(data: bytes, budgets: Budgets) -> PolygonMesh:
     if header.format == "ascii":
         body, offset = memoryview(parse_numbers(data[header.end :], np.float64, "data").tobytes()), 0
         elements = tuple(_as_doubles(element) for element in elements)
+    surface = header.surface
+    assert surface is not None, "the gate refuses a PLY without"
     tables: dict[str, dict[str, Any]] = {}
     for element in elements:
-        if {"vertex", "face"} <= tables.keys():
+        if {"vertex", surface.name} <= tables.keys():
             break
         tables[element.name], offset = _read_element(element, body, offset, _BYTE_ORDERS[header.format])
-    vertex, face = tables["vertex"], tables["face"]
+    vertex, face = tables["vertex"], tables[surface.name]
     sizes, corners = next(face[name] for name in FACE_LISTS if name in face)
-    check_sizes(sizes, budgets)
     if corners.dtype.kind == "f" and not np.all(np.isfinite(corners) & (corners == np.floor(corners))):
         raise malformed("A face of the PLY has a vertex number that is not an integer.")
     corners = np.clip(corners, -1, 2**53).astype(np.int64)
+    if surface.name == STRIPS:
+        corners, face = _strip_corners(sizes, corners), {}
+        sizes = np.full(len(corners) // 3, 3)
+    check_sizes(sizes, budgets)
     positions = _matrix(vertex, "xyz")
     mesh = PolygonMesh(positions, corners, sizes, np.zeros(len(sizes), np.int64))
     mesh.attributes.update(_attributes(header, vertex, face, mesh))
     return mesh
+
+
+def _strip_corners(sizes: Int, corners: Int) -> Int:
+    """(3 T,) the triangles of strips, each row one strip or several with -1 between them.
+
+    Triangles with two equal corners only lead a strip to its next place, and are left out.
+    """
+    flat = np.insert(corners, np.cumsum(sizes), -1)
+    at = np.arange(len(flat))
+    rank = at - np.maximum.accumulate(np.where(flat == -1, at, -1))  # 1, 2, 3, ... in each strip
+    third = np.flatnonzero((rank >= 3) & (flat != -1))
+    triangles = flat[third[:, None] + np.array([-2, -1, 0])]
+    turned = rank[third] % 2 == 0  # every second triangle of a strip is wound the other way
+    triangles[turned, :2] = triangles[turned, 1::-1]
+    a, b, c = triangles.T
+    return np.asarray(triangles[(a != b) & (b != c) & (c != a)].ravel())
 
 
 def _as_doubles(element: Element) -> Element:

@@ -61,8 +61,8 @@ def sniff(data: bytes, budgets: Budgets = DEFAULT_BUDGETS) -> Format:
     """The format of a non-empty file.
 
     Raises:
-        MeshmarkError: as :class:`core.asset.archive.Archive` for an archive; ``unsupported_format`` for other 3D formats, ``unknown_format`` for anything else; both say what
-            the file looks like.
+        MeshmarkError: ``unsupported_format`` for other 3D formats, ``unknown_format`` for anything else; both say what
+            the file looks like. For an archive also as :class:`core.asset.archive.Archive`.
     """
     head = data[:_HEAD].removeprefix(b"\xef\xbb\xbf")
     if head.startswith(b"glTF"):

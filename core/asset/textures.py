@@ -12,7 +12,9 @@ from core.errors import MeshmarkError
 def usable_image(path: str, image: bytes | None, warnings: list[MeshmarkError]) -> bytes | None:
     """An encoded image if a glTF can hold it; otherwise a warning and ``None``."""
     if image is None:
-        warnings.append(dropped(f"The texture {path[:60]!r} is not in the archive.", "Add it to the archive."))
+        warnings.append(
+            dropped(f"The texture {path[:60]!r} is not in the upload.", "Send it in one ZIP archive with the model.")
+        )
     elif mime_type(image) is None:
         warnings.append(
             dropped(

@@ -8,9 +8,9 @@ import numpy as np
 from core.asset.archive import Archive
 from core.asset.assembly import Assembly, Instance, dropped
 from core.asset.budgets import Budgets, within
-from core.asset.textures import check_pixels, usable_image
 from core.asset.polygons import Attribute, Float, Int, Material, PolygonMesh, linear
 from core.asset.refusals import malformed, no_faces
+from core.asset.textures import check_pixels, usable_image
 from core.asset.threemf_model import Group, Model, Object
 from core.asset.xml import parse_xml
 from core.errors import MeshmarkError
@@ -148,9 +148,7 @@ def _mesh(thing: Object, package: _Package, part: str, warnings: list[MeshmarkEr
             lost[_NO_COLOR[group.kind]] += len(rows)
     for what, triangles in lost.items():
         warnings.append(dropped(f"{triangles:,} triangles of {thing.name[:60]!r} have {what}, which are dropped."))
-    return PolygonMesh(
-        positions, corners, np.full(count, 3), look.group, look.attributes(), tuple(look.materials)
-    )
+    return PolygonMesh(positions, corners, np.full(count, 3), look.group, look.attributes(), tuple(look.materials))
 
 
 def _image(package: _Package, path: str, warnings: list[MeshmarkError]) -> bytes | None:
@@ -207,7 +205,7 @@ class _Table:
 
 
 def _rgba(text: str) -> tuple[float, float, float, float]:
-    """"#RRGGBB" or "#RRGGBBAA", sRGB, as fractions; grey where it is neither."""
+    """ "#RRGGBB" or "#RRGGBBAA", sRGB, as fractions; grey where it is neither."""
     if not re.fullmatch(r"#[0-9A-Fa-f]{6}(?:[0-9A-Fa-f]{2})?", text.strip()):
         return 0.8, 0.8, 0.8, 1.0
     red, green, blue, alpha = bytes.fromhex(text.strip()[1:].ljust(8, "f"))

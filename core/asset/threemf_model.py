@@ -1,7 +1,9 @@
 """A model part of a 3MF as tables (3MF Core Specification 1.3; Materials and Properties Extension 1.2)."""
 
 from array import array
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -85,11 +87,18 @@ class Model:
         self._vertices = self._triangles = self._uses = 0
         self._object = Object("", "", 0)  # the one being read; elements outside of any go nowhere
         self._group = Group("", "")
-        handlers = {
-            **{"vertex": self._vertex, "triangle": self._triangle, "object": self._start_object},
-            **{"component": self._component, "item": self._item, "model": self._unit, "texture2d": self._texture},
-            **{"color": self._row, "base": self._row, "tex2coord": self._row},
-            **{name: lambda attributes, kind=name: self._start_group(kind, attributes) for name in GROUPS},
+        handlers: dict[str, Callable[[dict[str, str]], None]] = {
+            "vertex": self._vertex,
+            "triangle": self._triangle,
+            "object": self._start_object,
+            "component": self._component,
+            "item": self._item,
+            "model": self._unit,
+            "texture2d": self._texture,
+            "color": self._row,
+            "base": self._row,
+            "tex2coord": self._row,
+            **{kind: partial(self._start_group, kind) for kind in GROUPS},
         }
 
         def start(name: str, attributes: dict[str, str]) -> None:

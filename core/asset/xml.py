@@ -13,8 +13,33 @@ _ENCODINGS = ("utf-8", "utf8", "us-ascii", "iso-8859-1")
 _PIECE = 2**20  # bytes parsed at a time, so that a handler can stop a long file
 
 
-def parse_xml(data: bytes, what: str, budgets: Budgets, start: Start, end: Callable[[str], None] | None = None) -> None:
-    """Call ``start`` with the name and attributes of each element, and ``end`` with its name.
+def check_xml(data: bytes, what: str) -> None:
+    """Refuse a document type before anything parses the document; comments may not mention one either.
+
+    Raises:
+        MeshmarkError: ``unsupported_feature``.
+    """
+    if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
+        raise _document_type(what)
+
+
+def _document_type(what: str) -> MeshmarkError:
+    return MeshmarkError(
+        ErrorCode.UNSUPPORTED_FEATURE,
+        f"{what} declares a document type, which is not read: its entities can grow without end.",
+        "Export the model again without a DOCTYPE.",
+    )
+
+
+def parse_xml(
+    data: bytes,
+    what: str,
+    budgets: Budgets,
+    start: Start,
+    end: Callable[[str], None] | None = None,
+    text: Callable[[str], None] | None = None,
+) -> None:
+    """Call ``start`` with the name and attributes of each element, ``end`` with its name, ``text`` with what is inside.
 
     Names are without their namespace; attributes keep their prefix only where they have a namespace
     ("uri name"). Nothing outside of ``data`` is ever opened.
@@ -25,6 +50,7 @@ def parse_xml(data: bytes, what: str, budgets: Budgets, start: Start, end: Calla
         budgets: bounds the nesting.
         start: may raise.
         end: may raise.
+        text: gets a text in one piece or several; may raise.
 
     Raises:
         MeshmarkError: ``malformed_file`` for what is not well-formed or not in UTF-8, ``unsupported_feature`` for
@@ -38,11 +64,7 @@ def parse_xml(data: bytes, what: str, budgets: Budgets, start: Start, end: Calla
             raise malformed(f"{what} is in {encoding[:40]}, not in UTF-8.")
 
     def refuse(*_: object) -> None:
-        raise MeshmarkError(
-            ErrorCode.UNSUPPORTED_FEATURE,
-            f"{what} declares a document type, which is not read: its entities can grow without end.",
-            "Export the model again without a DOCTYPE.",
-        )
+        raise _document_type(what)
 
     def open_element(name: str, attributes: dict[str, str]) -> None:
         nonlocal depth
@@ -66,6 +88,8 @@ def parse_xml(data: bytes, what: str, budgets: Budgets, start: Start, end: Calla
     parser.EntityDeclHandler = refuse
     parser.StartElementHandler = open_element
     parser.EndElementHandler = close_element
+    if text is not None:
+        parser.CharacterDataHandler = text
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         raise malformed(f"{what} is in UTF-16, not in UTF-8.")
     try:
@@ -73,4 +97,6 @@ def parse_xml(data: bytes, what: str, budgets: Budgets, start: Start, end: Calla
             parser.Parse(data[at : at + _PIECE], False)
         parser.Parse(b"", True)
     except expat.ExpatError as error:
-        raise malformed(f"{what} is not well-formed XML: {expat.ErrorString(error.code)}, line {error.lineno:,}.") from None
+        raise malformed(
+            f"{what} is not well-formed XML: {expat.ErrorString(error.code)}, line {error.lineno:,}."
+        ) from None

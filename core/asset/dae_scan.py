@@ -1,0 +1,137 @@
+"""What a DAE draws, how often, and how large: counted before it is loaded."""
+
+from dataclasses import dataclass, field
+
+from core.asset.budgets import Budgets, within
+from core.asset.refusals import malformed
+from core.asset.xml import parse_xml
+from core.errors import ErrorCode, MeshmarkError
+
+READ = ("triangles", "polylist", "polygons")
+_NOT_READ = ("tristrips", "trifans")
+
+
+@dataclass(eq=False)
+class _Node:
+    children: list["_Node"] = field(default_factory=list)
+    uses: list[tuple[str, str]] = field(default_factory=list)  # instance_node or instance_geometry, and the id
+
+
+@dataclass(eq=False)
+class _Geometry:
+    name: str = ""
+    sets: int = 0  # of polygons that are read
+    triangles: int = 0  # at most
+
+
+class Scan:
+    """The facts of a DAE that its loader does not give.
+
+    Args:
+        data: the XML.
+        budgets: bounds triangles and nodes, instances of instances included.
+
+    Attributes:
+        metres: length of its unit.
+        up_axis: ``X_UP``, ``Y_UP`` or ``Z_UP``.
+        names: of the geometries, by id.
+        drawn: how many sets of polygons the scene draws.
+        not_read: names of elements with a surface that is not read.
+
+    Raises:
+        MeshmarkError: ``malformed_file``, ``budget_exceeded``, ``unsupported_feature``.
+    """
+
+    def __init__(self, data: bytes, budgets: Budgets) -> None:
+        self.metres = 1.0
+        self.up_axis = "Y_UP"
+        self.not_read: set[str] = set()
+        self._geometries: dict[str, _Geometry] = {}
+        self._nodes: dict[str, _Node] = {}
+        self._path: list[str] = []  # of the element being read
+        self._open = [_Node()]  # the nodes around it; the first is the scene
+        self._geometry = _Geometry()
+        self._stride = 1
+        self._text: list[str] = []
+        parse_xml(data, "The DAE", budgets, self._start, self._end, self._read_text)
+        try:
+            self.drawn, triangles = self._count(self._open[0], {})
+        except RecursionError:
+            raise malformed("The nodes of the DAE refer to each other too deeply.") from None
+        within(self.drawn, budgets.nodes, "things to draw, instances of instances included")
+        within(triangles, budgets.faces, "triangles")
+
+    @property
+    def names(self) -> dict[str, str]:
+        """The names of the geometries by id."""
+        return {key: geometry.name or key for key, geometry in self._geometries.items()}
+
+    def _start(self, name: str, attributes: dict[str, str]) -> None:
+        self._path.append(name)
+        if name == "node":
+            node = self._nodes[attributes.get("id", "")] = _Node()
+            if "library_nodes" not in self._path or len(self._open) > 1:
+                self._open[-1].children.append(node)
+            self._open.append(node)
+        elif name in ("instance_node", "instance_geometry"):
+            self._open[-1].uses.append((name, attributes.get("url", "").removeprefix("#")))
+        elif name == "instance_controller":
+            self.not_read.add("skinned or morphing meshes")
+        elif name == "geometry":
+            key = attributes.get("id", "")
+            self._geometry = self._geometries[key] = _Geometry(attributes.get("name", ""))
+        elif name in READ:
+            self._stride = 1
+            self._geometry.sets += 1
+        elif name in _NOT_READ:
+            self.not_read.add(name)
+        elif name == "input" and attributes.get("offset", "").isdecimal():
+            self._stride = max(self._stride, int(attributes["offset"][:6]) + 1)
+        elif name == "unit" and self._path[:2] == ["COLLADA", "asset"]:
+            self.metres = _positive(attributes.get("meter", "1"))
+
+    def _end(self, name: str) -> None:
+        self._path.pop()
+        if name == "node":
+            self._open.pop()
+        elif name == "up_axis" and self._path == ["COLLADA", "asset"]:
+            self.up_axis = "".join(self._text).strip()
+            if self.up_axis not in ("X_UP", "Y_UP", "Z_UP"):
+                raise malformed(f"The up axis of the DAE is {self.up_axis[:20]!r}.")
+        self._text.clear()
+
+    def _read_text(self, text: str) -> None:
+        element = self._path[-1]
+        if element == "up_axis":
+            self._text.append(text[:20])
+        elif element == "p":
+            corners = len(text.split()) // self._stride
+            self._geometry.triangles += corners // 3 if "triangles" in self._path else corners
+
+    def _count(self, node: _Node, known: dict[int, tuple[int, int] | None]) -> tuple[int, int]:
+        """How many sets of polygons and triangles a node draws."""
+        if id(node) in known:
+            if (counted := known[id(node)]) is None:
+                raise malformed("The nodes of the DAE refer to each other in a circle.")
+            return counted
+        known[id(node)] = None
+        counts = [self._count(child, known) for child in node.children]
+        for kind, key in node.uses:
+            if kind == "instance_node" and key in self._nodes:
+                counts.append(self._count(self._nodes[key], known))
+            elif kind == "instance_geometry" and key in self._geometries:
+                counts.append((self._geometries[key].sets, self._geometries[key].triangles))
+        known[id(node)] = total = sum(count[0] for count in counts), sum(count[1] for count in counts)
+        return total
+
+
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 1e-12 < value < 1e12:
+        raise MeshmarkError(
+            ErrorCode.MALFORMED_FILE, f"The unit of the DAE is {text[:20]!r} metres.", "Export it in metres."
+        )
+    return value
