@@ -14,14 +14,12 @@ from scipy.spatial import cKDTree
 
 from core.placement.boxes import Boxes
 from core.placement.finetune import LOSS_THRESHOLD
-from core.placement.sampling import thin
 from core.spatial import SpatialIndex
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
-COPY = 0.05
 ROUGHNESS_THRESHOLD = 1.25  # the paper's, mean of 1/cos
 ROUGHNESS_SAMPLES = 32  # the paper's H_r, its value not given
 # 1/cos has a pole at a right angle: steeper or opposed normals count as this rough.
@@ -76,17 +74,6 @@ def footprint(
 def well_aligned(loss: Float) -> Bool:
     """(B,) loss below the paper's 0.005."""
     return np.asarray(loss < LOSS_THRESHOLD)
-
-
-def distinct(boxes: Boxes, loss: Float) -> Int:
-    """Indices, in ascending order, of the boxes that are left when near copies of better ones are dropped.
-
-    Fitting draws many candidates to the same spot. Copies lie within a twentieth of the width, or turn by as many
-    radians, or a bit of both; the one with the lowest loss stays.
-    """
-    pose = np.concatenate([boxes.center / boxes.size[:, :1], boxes.axes[:, 0], boxes.axes[:, 2]], axis=1)
-    best_first = np.argsort(loss, kind="stable")
-    return np.sort(best_first[thin(pose[best_first], COPY)])
 
 
 def covered(met: Footprint, boxes: Boxes) -> Bool:

@@ -15,7 +15,6 @@ from core.placement.candidates import candidates, upright
 from core.placement.filters import (
     above,
     covered,
-    distinct,
     footprint,
     occluded,
     roughness,
@@ -23,9 +22,10 @@ from core.placement.filters import (
     thin_walled,
     well_aligned,
 )
-from core.placement.finetune import LOSS_THRESHOLD, adam, levenberg_marquardt
+from core.placement.finetune import LOSS_THRESHOLD, adam, distinct, levenberg_marquardt
 from core.placement.sampling import sample
 from core.placement.selection import Placement, facing, select, visibility
+from core.placement.surfels import Surfels
 from core.rendering.views import fibonacci_directions, view_directions
 from core.spatial import SpatialIndex
 
@@ -40,6 +40,7 @@ PAPER_SAMPLES, PAPER_RADIUS = 300, 1.0
 SAMPLES, CANDIDATES = 8000, 1100
 # Of that many random darts thinned to a radius r, about 0.5 area / r^2 stay.
 PACKING = 0.5
+COPY = 0.05  # fitted boxes closer than this are one (finetune.distinct)
 ROUGHNESS_DENSITY = 60  # area samples under one box
 LIFT = 1.5  # reliefs above the surface at which visibility starts: just clear of the letters
 SKIN = 0.01  # how far below the surface rays start that look for the other side of a wall
@@ -97,6 +98,7 @@ def place(
         widths = [parameters.size]
     else:
         widths = [min(width * float(np.sqrt(USUAL_ASPECT / aspect)), MODEL_SIZE) for width in WIDTHS]
+    surfels = Surfels(ground, rng)
     placements: list[Placement] = []
     left: list[dict[str, int]] = []
     wanted = _directions()[0]
@@ -105,7 +107,7 @@ def place(
         def share(done: float, step: int = step) -> None:
             progress((step + done) / len(widths))
 
-        placement, counts = place_width(ground, normals, index, width, aspect, parameters, rng, wanted, share)
+        placement, counts = place_width(ground, surfels, normals, index, width, aspect, parameters, rng, wanted, share)
         placements.append(placement)
         left.append(counts)
         share(1.0)
@@ -122,6 +124,7 @@ def place(
 
 def place_width(
     ground: Surface,
+    surfels: Surfels,
     normals: Float,
     index: SpatialIndex,
     width: float,
@@ -133,8 +136,9 @@ def place_width(
 ) -> tuple[Placement, dict[str, int]]:
     """The survivors for one text width, and how many boxes were left after each stage, by stage.
 
-    Boxes stand on ``ground``; ``normals`` (F, 3) are those of the faces in ``index``, zero where no box may stand.
-    Only candidates that look towards one of the directions ``wanted`` (K, 3), within 45 degrees, are fitted.
+    Boxes stand on ``ground``, of which ``surfels`` are the stand-in; ``normals`` (F, 3) are those of the faces in
+    ``index``, zero where no box may stand. Only candidates that look towards one of the directions ``wanted`` (K, 3),
+    within 45 degrees, are fitted.
     """
     relief = abs(parameters.relief_at(width))
     size = (width, width * aspect, float(np.clip(THICKNESS * width, THINNEST, THICKEST)))
@@ -150,11 +154,11 @@ def place_width(
     if parameters.solver is Solver.ADAM:
         boxes, loss = adam(boxes, index, progress)
     else:
-        boxes, loss = levenberg_marquardt(boxes, index)
+        boxes, loss = levenberg_marquardt(boxes, index, surfels)
     kept = np.flatnonzero(well_aligned(loss))
     boxes, loss = boxes[kept], loss[kept]
     left["aligned"] = len(boxes)
-    kept = distinct(boxes, loss)
+    kept = distinct(boxes, loss, COPY)
     boxes, loss = boxes[kept], loss[kept]
     left["distinct"] = len(boxes)
 

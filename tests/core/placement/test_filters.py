@@ -9,7 +9,6 @@ from core.placement.boxes import Boxes
 from core.placement.filters import (
     above,
     covered,
-    distinct,
     footprint,
     occluded,
     overlapping,
@@ -18,6 +17,7 @@ from core.placement.filters import (
     thin_walled,
     well_aligned,
 )
+from core.placement.finetune import distinct
 from core.placement.sampling import sample
 from tests.core.placement.shapes import (
     box,
@@ -209,4 +209,4 @@ def test_spacing_keeps_boxes_apart() -> None:
 
 def test_of_near_copies_the_best_aligned_one_stays() -> None:
     several = boxes(box((0, 0, 0)), box((0.2, 0, 0)), box((9, 0, 0)), box((0, 0.1, 0), axes=rotation((0, 0, 1), 60)))
-    assert distinct(several, np.array([0.004, 0.001, 0.004, 0.004])).tolist() == [1, 2, 3]
+    assert distinct(several, np.array([0.004, 0.001, 0.004, 0.004]), copy=0.05).tolist() == [1, 2, 3]
