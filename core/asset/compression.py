@@ -14,8 +14,8 @@ from core.asset.refusals import malformed
 
 DRACO = "KHR_draco_mesh_compression"
 MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
-# The Draco bitstream, section 3: what precedes the counts.
-_DRACO_HEADER_BYTES, _DRACO_METADATA_FLAG = 11, 0x8000
+_DRACO_2_2 = b"DRACO\2\2"
+_DRACO_HEADER_BYTES, _DRACO_METADATA_FLAG, _DRACO_METADATA_LIMIT = 11, 0x8000, 10_000
 
 
 def meshopt_of(entry: dict[str, Any]) -> dict[str, Any] | None:
@@ -41,7 +41,7 @@ def decode_meshopt(data: bytes, declared: dict[str, Any], where: str) -> bytes:
         decoded = meshopt.decode_gltf_buffer(
             data, declared["count"], declared["byteStride"], declared["mode"], declared.get("filter")
         )
-    except (KeyError, TypeError, ValueError, RuntimeError, OverflowError):
+    except Exception:  # whatever a native library raises, it is about this file
         raise malformed(f"The compressed bytes of {where} are damaged: they cannot be decoded.") from None
     plain = np.ascontiguousarray(decoded).tobytes()
     if len(plain) != declared["count"] * declared["byteStride"]:
@@ -54,7 +54,8 @@ def decode_draco(data: bytes, faces: int, where: str) -> tuple[NDArray[np.uint32
 
     Args:
         data: the stream.
-        faces: how many triangles the file declares; a stream that claims others is refused before it is decoded.
+        faces: how many triangles the file declares; a stream that claims others is refused before it is
+            decoded, for a few kilobytes can hold millions.
         where: names the stream in errors.
 
     Returns:
@@ -65,34 +66,75 @@ def decode_draco(data: bytes, faces: int, where: str) -> tuple[NDArray[np.uint32
     """
     import DracoPy
 
-    claimed = _draco_faces(data)
-    if claimed is not None and claimed != faces:
+    claimed = _draco_faces(data, where)
+    if claimed != faces:
         raise malformed(f"{where} holds {claimed:,} triangles, but its accessor declares {faces:,}.")
     try:
-        mesh = DracoPy.decode(bytes(data))
+        mesh = DracoPy.decode(data)
         indices = np.asarray(mesh.faces, dtype=np.uint32).reshape(-1)
         attributes = {int(entry["unique_id"]): np.asarray(entry["data"]) for entry in mesh.attributes}
-    except (DracoPy.FileTypeException, AttributeError, TypeError, ValueError, RuntimeError, OverflowError, MemoryError):
+    except Exception:  # whatever a native library raises, it is about this file
         raise malformed(f"{where} is damaged: it cannot be decoded as a Draco mesh.") from None
     if indices.size != 3 * faces:
         raise malformed(f"{where} decodes to {indices.size // 3:,} triangles, but its accessor declares {faces:,}.")
     return indices, attributes
 
 
-def _draco_faces(data: bytes) -> int | None:
-    """The triangles that the head of a Draco stream claims; ``None`` where metadata stand before the number."""
-    head = bytes(data[: _DRACO_HEADER_BYTES + 16])
-    if len(head) < _DRACO_HEADER_BYTES + 2 or int.from_bytes(head[9:11], "little") & _DRACO_METADATA_FLAG:
-        return None
-    is_edgebreaker = head[8] == 1
-    numbers: list[int] = []
-    at = _DRACO_HEADER_BYTES + is_edgebreaker
-    while len(numbers) < 2:  # of an edgebreaker stream: vertices, faces; of a sequential one: faces, points
-        number = shift = 0
-        while at < len(head):
-            number |= (head[at] & 0x7F) << shift
-            shift, at = shift + 7, at + 1
-            if not head[at - 1] & 0x80:
-                break
-        numbers.append(number)
-    return numbers[is_edgebreaker]
+def _draco_faces(data: bytes, where: str) -> int:
+    """The triangles that a Draco stream claims (Draco bitstream specification, sections 4 and 5)."""
+    if data[:7] != _DRACO_2_2:
+        raise malformed(f"{where} is not in version 2.2 of the Draco format, the one that a glTF may contain.")
+    head = _DracoHead(data, where)
+    if int.from_bytes(data[9:11], "little") & _DRACO_METADATA_FLAG:
+        head.skip_metadata()
+    if data[8:9] != b"\1":  # sequential: faces, points
+        return head.number()
+    head.skip(1)  # edgebreaker: how it is traversed, vertices, faces
+    head.number()
+    return head.number()
+
+
+class _DracoHead:
+    """A cursor over the head of a Draco stream."""
+
+    def __init__(self, data: bytes, where: str) -> None:
+        self._data, self._where, self._at = data, where, _DRACO_HEADER_BYTES
+
+    def skip(self, count: int) -> None:
+        self._at += count
+
+    def byte(self) -> int:
+        if self._at >= len(self._data):
+            raise malformed(f"{self._where} ends inside its head.")
+        self._at += 1
+        return self._data[self._at - 1]
+
+    def number(self) -> int:
+        """An integer of seven bits a byte, the lowest first."""
+        value = 0
+        for shift in range(0, 35, 7):
+            byte = self.byte()
+            value |= (byte & 0x7F) << shift
+            if byte < 0x80:
+                return value
+        raise malformed(f"{self._where} has a number in its head that is too long.")
+
+    def skip_metadata(self) -> None:
+        """The metadata of each attribute, then that of the whole: names, values and nested metadata."""
+        left = _DRACO_METADATA_LIMIT
+        for attribute in range(self.number() + 1, 0, -1):
+            if attribute > 1:
+                self.number()  # its identifier
+            pending, nested = 1, False
+            while pending:
+                if nested:
+                    self.skip(self.byte())  # a name
+                entries = self.number()
+                left -= entries + 1
+                if left < 0:
+                    raise malformed(f"{self._where} has more than {_DRACO_METADATA_LIMIT:,} entries of metadata.")
+                for _ in range(entries):
+                    self.skip(self.byte())
+                    self.skip(self.number())
+                pending += self.number() - 1
+                nested = True

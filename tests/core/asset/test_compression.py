@@ -157,19 +157,42 @@ _COMPRESSED = [
 ]
 
 
-def test_a_draco_stream_that_claims_half_a_billion_triangles_costs_no_memory() -> None:
-    points, faces = np.array(CUBE, dtype=np.float64), np.array(CUBE_FACES).reshape(-1, 3)
-    for preserve_order, at in ((True, 11), (False, 13)):
-        stream = DracoPy.encode(points, faces, preserve_order=preserve_order)
-        assert stream[at] == len(faces)
-        bomb = stream[:at] + b"\x80\xca\xb5\xee\x01" + stream[at + 1 :]
-        tracemalloc.start()
-        try:
-            with pytest.raises(MeshmarkError, match="500,000,000") as caught:
-                decode_draco(bomb, len(faces), "A stream")
-            assert tracemalloc.get_traced_memory()[1] < 2**20
-        finally:
-            tracemalloc.stop()
+@pytest.mark.parametrize("metadata", [False, True])
+@pytest.mark.parametrize("preserve_order", [False, True])
+def test_a_draco_stream_of_more_triangles_than_declared_is_not_decoded(preserve_order: bool, metadata: bool) -> None:
+    positions, faces = grid(300)
+    stream = DracoPy.encode(
+        positions.astype(np.float64),
+        faces,
+        preserve_order=preserve_order,
+        create_metadata=metadata,
+        compression_level=10,
+        generic_attributes={"a name": positions} if metadata else None,
+    )
+    tracemalloc.start()
+    try:
+        with pytest.raises(MeshmarkError, match="180,000 triangles") as caught:
+            decode_draco(stream, 12, "A stream")
+        assert tracemalloc.get_traced_memory()[1] < 2**20
+    finally:
+        tracemalloc.stop()
+    assert caught.value.code is ErrorCode.MALFORMED_FILE
+    assert len(decode_draco(stream, len(faces), "A stream")[0]) == 3 * len(faces)
+
+
+@pytest.mark.parametrize("head", [b"", b"DRACO", b"DRACO\2\1\1\1\0\0", b"glTF" * 9])
+def test_only_the_draco_version_of_gltf_is_read(head: bytes) -> None:
+    with pytest.raises(MeshmarkError, match=r"2\.2") as caught:
+        decode_draco(head + bytes(20), 12, "A stream")
+    assert caught.value.code is ErrorCode.MALFORMED_FILE
+
+
+@pytest.mark.parametrize("rest", [b"", b"\xff" * 40, b"\x80" * 40, b"\x00" + b"\x00\x01\x00" * 20_000, b"\x7f\x00" * 3])
+@pytest.mark.parametrize("flags", [b"\0\0", b"\0\x80"])
+def test_a_draco_head_that_leads_nowhere_is_refused(flags: bytes, rest: bytes) -> None:
+    for method in (b"\0", b"\1"):
+        with pytest.raises(MeshmarkError) as caught:
+            decode_draco(b"DRACO\2\2\1" + method + flags + rest, 12, "A stream")
         assert caught.value.code is ErrorCode.MALFORMED_FILE
 
 
