@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from core.placement.selection import Placement
     from core.report import Warnings
 
+FAILED_CUTS = 10  # for each mark that is asked for
+
 Progress = Callable[[str, float], None]
 Publish = Callable[[str, bytes], None]
 
@@ -140,15 +142,18 @@ def _place(job: Job) -> None:
 def _emboss(job: Job) -> None:
     """Embosses the selected boxes; where one is refused, selects again among those not tried yet."""
     from core.embossing.emboss import Mark, emboss
+    from core.embossing.refusal import BEFORE_CUTTING, Refusal
     from core.embossing.stamp import stamp
     from core.placement.selection import select
 
     assert job.parameters.count is not None
-    job.mesh = WorkingMesh(job.ground.surface, job.usable, job.ground.sheets)
+    job.mesh = WorkingMesh(job.ground.surface, job.usable, job.ground.sheets, job.ground.resolution)
     job.marks, job.refusals = {}, Counter()
     letters = stamp(job.lettering)
     dead: set[int] = set()
-    while True:
+    # A cut is the costly part; where this many fail, the rest of the asset is no better.
+    cuts_left = FAILED_CUTS * job.parameters.count
+    while cuts_left > 0:
         chosen = select(job.placement, job.parameters.count, fixed=list(job.marks), dead=dead)
         fresh = [box for box in chosen if box not in job.marks]
         if not fresh:
@@ -161,13 +166,18 @@ def _emboss(job: Job) -> None:
             else:
                 job.refusals[outcome.value] += 1
                 dead.add(box)
+                cuts_left -= outcome not in BEFORE_CUTTING
             job.report_progress(len(job.marks) / job.parameters.count)
     if not job.marks:
         reasons = ", ".join(f"{count} {reason}" for reason, count in job.refusals.most_common())
+        coarse = job.refusals.most_common(1)[0][0] == Refusal.TOO_FINE
         raise MeshmarkError(
             ErrorCode.NO_PLACEMENT,
-            f"The text could not be cut whole into any of the {sum(job.refusals.values())} places found ({reasons}).",
-            "Ask for a smaller `size` or `relief`, or use a shorter text.",
+            f"The text could not be cut whole into any of the {sum(job.refusals.values())} places found ({reasons})."
+            + (" The file's 32-bit coordinates are too coarse for letters this far from the origin." * coarse),
+            "Move the model to the origin of its own coordinates."
+            if coarse
+            else "Ask for a smaller `size` or `relief`, or use a shorter text.",
         )
 
 

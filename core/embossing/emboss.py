@@ -28,6 +28,8 @@ CUTS: tuple[tuple[str, Cut], ...] = (("split", split), ("arrangement", arrange))
 # In-plane shifts in text widths, far below what an eye sees: they break coincidences of outline and mesh.
 SHIFTS = ((0.0, 0.0), (0.0013, 0.0009), (-0.0011, 0.0017))
 
+FINEST = 4  # spacings of the file's coordinates that an edge must be long
+
 
 @dataclass(frozen=True)
 class Mark:
@@ -54,12 +56,14 @@ def emboss(mesh: WorkingMesh, box: Boxes, letters: Stamp, relief: float, index: 
         relief: size-30 units; negative sinks the letters.
         index: of the original surface.
     """
+    if box.size[0, 0] * letters.finest < FINEST * mesh.resolution:
+        return Refusal.TOO_FINE
     refusal = Refusal.NOT_WHOLE
     for shift in SHIFTS:
         moved = Boxes(box.center + box.size[0, 0] * np.array(shift) @ box.axes[0, :2], box.axes, box.size)
         found = _injective(mesh, moved, index)
-        if found is None:
-            return Refusal.NOT_WHOLE
+        if isinstance(found, Refusal):
+            return found
         standing = stand(letters, found, [mesh.source(patch.faces) for patch in found], moved, index)
         if standing is None:
             return Refusal.NOT_WHOLE
@@ -78,9 +82,11 @@ def emboss(mesh: WorkingMesh, box: Boxes, letters: Stamp, relief: float, index: 
     return refusal
 
 
-def _injective(mesh: WorkingMesh, box: Boxes, index: SpatialIndex) -> list[Patch] | None:
+def _injective(mesh: WorkingMesh, box: Boxes, index: SpatialIndex) -> list[Patch] | Refusal:
     """The patches under ``box``, none of which covers itself; what is hidden behind another layer is left out."""
     found = patches(mesh, box)
+    if found is None:
+        return Refusal.TOO_DENSE
     layered = [patch for patch in found if _covers_itself(patch)]
     if not layered:
         return found
@@ -90,7 +96,8 @@ def _injective(mesh: WorkingMesh, box: Boxes, index: SpatialIndex) -> list[Patch
     start = 1e-3 * thickness
     distance, _ = index.first_hit(centers + start * normal, np.broadcast_to(normal, centers.shape))
     found = patches(mesh, box, hidden=faces[distance <= thickness])
-    return None if any(_covers_itself(patch) for patch in found) else found
+    assert found is not None  # fewer faces than before
+    return Refusal.NOT_WHOLE if any(_covers_itself(patch) for patch in found) else found
 
 
 def _covers_itself(patch: Patch) -> bool:
@@ -239,4 +246,4 @@ def _too_fine(points: Float, corners: Int, removed_corners: Int, resolution: flo
     the file."""
     is_new = ~np.isin(directed_edges(corners), removed_corners).all(axis=1)
     length = np.linalg.norm(points - np.roll(points, -1, axis=1), axis=2).ravel()
-    return bool(np.any(length[is_new] < 4 * resolution))
+    return bool(np.any(length[is_new] < FINEST * resolution))

@@ -85,9 +85,13 @@ class WorkingMesh:
         editable: (F,) bool, faces that may carry a watermark.
         sheets: faces that are not distinct stay in the file as they are and no query finds them, but for duplicates,
             which go with the face they duplicate. A single layer if None.
+        resolution: the spacing of the file's coordinates, size-30 units; closer points may become one in the file. If
+            None, that of float32 at the largest world coordinate.
     """
 
-    def __init__(self, surface: Surface, editable: Bool, sheets: Sheets | None = None) -> None:
+    def __init__(
+        self, surface: Surface, editable: Bool, sheets: Sheets | None = None, resolution: float | None = None
+    ) -> None:
         self.surface = surface
         self.original_faces = len(surface.faces)
         corners = surface.weld[surface.faces]
@@ -106,9 +110,10 @@ class WorkingMesh:
         self._new_kind = np.empty(0, dtype=np.int8)
         self._new_alive = np.empty(0, dtype=bool)
         self._new_low = self._new_high = np.empty((0, 3))
-        # The spacing of float32 at the asset's largest world coordinate: closer points may become one in the file.
-        largest = np.abs(surface.positions / surface.scale + surface.offset).max()
-        self.resolution = float(np.spacing(np.float32(largest))) * surface.scale
+        if resolution is None:
+            largest = np.abs(surface.to_world(surface.positions)).max()
+            resolution = float(np.spacing(np.float32(largest))) * surface.scale
+        self.resolution = resolution
 
     @property
     def points(self) -> Float:

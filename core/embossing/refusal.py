@@ -18,5 +18,11 @@ class Refusal(StrEnum):
     """The lifted letters would turn over: the surface is too strongly curved for the relief."""
     TOO_FINE = "too_fine"
     """The cut has edges that the file's 32-bit coordinates cannot tell apart."""
+    TOO_DENSE = "too_dense"
+    """More triangles or parts lie under the text than can be cut in reasonable time."""
     NOT_CLOSED = "not_closed"
     """The new faces do not meet the old ones edge by edge."""
+
+
+BEFORE_CUTTING = (Refusal.NOT_WHOLE, Refusal.TOO_DENSE)
+"""Refusals that cost next to nothing."""

@@ -26,16 +26,20 @@ class Stamp:
     Attributes:
         islands: one cross-section for each connected shape, holes included.
         samples: for each island (N, 2) points of its outlines.
+        finest: the length of the shortest side of any outline.
     """
 
     islands: tuple[CrossSection, ...]
     samples: tuple[Float, ...]
+    finest: float
 
 
 def stamp(lettering: Lettering) -> Stamp:
     """The islands of ``lettering``."""
     islands = CrossSection(list(lettering.polygons), FillRule.Positive).decompose()
-    return Stamp(tuple(islands), tuple(np.concatenate(island.to_polygons()) for island in islands))
+    rings = [island.to_polygons() for island in islands]
+    finest = min(float(np.linalg.norm(r - np.roll(r, 1, axis=0), axis=1).min()) for ring in rings for r in ring)
+    return Stamp(tuple(islands), tuple(np.concatenate(ring) for ring in rings), finest)
 
 
 def stand(

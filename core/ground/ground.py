@@ -28,6 +28,7 @@ class Ground:
         solid: (F,) distinct faces to place watermarks on.
         possible: (F,) distinct faces to fall back to: ``solid`` and the see-through ones.
         index: over the distinct faces; it answers with face numbers of ``surface``.
+        resolution: the spacing of the file's 32-bit coordinates where it is widest, size-30 units.
     """
 
     surface: Surface
@@ -36,6 +37,7 @@ class Ground:
     solid: Bool
     possible: Bool
     index: SpatialIndex
+    resolution: float
 
     def as_in_file(self, edit: SurfaceEdit) -> SurfaceEdit:
         """An edit of ``surface`` as one of the scene's own: every triangle wound like the face it was cut from."""
@@ -71,4 +73,28 @@ def survey(scene: Scene) -> Ground:
     if turned.any():
         surface = replace(surface, faces=np.where(turned[:, None], surface.faces[:, [0, 2, 1]], surface.faces))
     free = distinct & ~sheets.pinned
-    return Ground(surface, turned, replace(sheets, distinct=distinct), mask.solid & free, mask.possible & free, index)
+    return Ground(
+        surface,
+        turned,
+        replace(sheets, distinct=distinct),
+        mask.solid & free,
+        mask.possible & free,
+        index,
+        _resolution(scene),
+    )
+
+
+def _resolution(scene: Scene) -> float:
+    """The spacing of float32 at the largest local coordinate of any primitive, as long as it is in the world."""
+    surface, widest = scene.surface, 0.0
+    for drawn in scene.primitives:
+        used = surface.positions[drawn.first_vertex : drawn.first_vertex + int(drawn.triangles.max()) + 1]
+        low, high = surface.to_world(np.stack([used.min(axis=0), used.max(axis=0)]))
+        corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+        stretch = 1.0
+        if len(drawn.matrices) == 1 and drawn.invertible:
+            matrix, shift = drawn.matrices[0, :, :3], drawn.matrices[0, :, 3]
+            corners = np.linalg.solve(matrix, (corners - shift).T).T
+            stretch = float(np.linalg.norm(matrix, axis=0).max())
+        widest = max(widest, float(np.spacing(np.float32(np.abs(corners).max()))) * stretch)
+    return widest * surface.scale

@@ -33,8 +33,8 @@ ADAM_RATE = 0.1
 COARSE_GRID, COARSE_STEPS = (8, 2), 8
 # Mean squared distances after the coarse and the fine pass above which a box is given up. Of the boxes that end well
 # aligned, all but about one in twenty-five and one in a hundred are below.
-COARSE_LIMIT, FINE_LIMIT = 0.02, 2 * LOSS_THRESHOLD
-COARSE_COPY = 0.1  # boxes closer than this after the coarse pass end as copies of one another (see distinct)
+COARSE_LIMIT, FINE_LIMIT = 0.03, 2 * LOSS_THRESHOLD
+COARSE_COPY = 0.06  # boxes closer than this after the coarse pass end as copies of one another (see distinct)
 FINE_GRID, FINE_STEPS = (15, 4), 6
 CONVERGED, NEGLIGIBLE = 0.01, 1e-6  # relative decrease of the cost; the cost itself
 LONGEST_MOVE, LARGEST_TURN = 1.0, 0.5  # per step: size-30 units, radians
