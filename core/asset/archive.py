@@ -46,9 +46,9 @@ class Archive:
             if b"PK\x05\x06" not in data:
                 raise truncated("The ZIP archive is cut off: its directory, which comes last, is missing.") from None
             raise malformed("The directory of the ZIP archive is damaged.") from None
-        entries = [entry for entry in self._zip.infolist() if not entry.is_dir()]
         for entry in self._zip.infolist():
             _check_name(entry)
+        entries = [entry for entry in self._zip.infolist() if not entry.is_dir()]
         self._entries = {_normal(entry.filename): entry for entry in entries if not _IGNORED.search(entry.filename)}
         names = [_normal(entry.filename) for entry in entries]
         if len(set(names)) != len(names):

@@ -79,8 +79,7 @@ def _read(data: bytes, load: Load, budgets: Budgets) -> Assembly:
     for what in sorted(scan.not_read):
         warnings.append(dropped(f"The DAE has {what}, which are not read."))
     if not assembly.bodies:
-        also = f"; it has {', '.join(sorted(scan.not_read))}, which are not read" if scan.not_read else ""
-        raise no_faces(f"The scene of the DAE draws no polygon{also}.")
+        raise no_faces(scan.why_nothing_is_drawn)
     if len(assembly.bodies) < scan.drawn:
         missing = scan.drawn - len(assembly.bodies)
         warnings.append(dropped(f"{missing:,} of {scan.drawn:,} sets of polygons of the DAE are damaged, and dropped."))

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 from core.asset.budgets import Budgets, within
-from core.asset.refusals import malformed
+from core.asset.refusals import malformed, non_finite
 from core.asset.xml import parse_xml
 from core.errors import ErrorCode, MeshmarkError
 
@@ -66,6 +66,12 @@ class Scan:
         """The names of the geometries by id."""
         return {key: geometry.name or key for key, geometry in self._geometries.items()}
 
+    @property
+    def why_nothing_is_drawn(self) -> str:
+        """A sentence for a scene without polygons that are read."""
+        also = f" It has {', '.join(sorted(self.not_read))}, which are not read." if self.not_read else ""
+        return f"The scene of the DAE draws none of its {len(self._geometries):,} geometries.{also}"
+
     def _start(self, name: str, attributes: dict[str, str]) -> None:
         self._path.append(name)
         if name == "node":
@@ -102,6 +108,8 @@ class Scan:
 
     def _read_text(self, text: str) -> None:
         element = self._path[-1]
+        if element == "float_array" and "geometry" in self._path and "nan" in text.lower():
+            raise non_finite("A geometry of the DAE has values that are not numbers.")  # its loader would take 0
         if element == "up_axis":
             self._text.append(text[:20])
         elif element == "p":

@@ -5,6 +5,7 @@ import re
 from core.asset import off, ply, stl
 from core.asset.archive import Archive
 from core.asset.budgets import DEFAULT_BUDGETS, Budgets, within
+from core.asset.dae_scan import Scan
 from core.asset.glb_check import check_document, check_glb
 from core.asset.pack import pack_archive, pack_json
 from core.asset.refusals import malformed, no_faces, truncated
@@ -50,10 +51,10 @@ def admit(data: bytes, budgets: Budgets = DEFAULT_BUDGETS) -> Format:
         case Format.THREEMF:
             _check_3mf(Archive(data, budgets), budgets)
         case Format.DAE:
-            check_xml(data, "The DAE")
+            _check_dae(data, budgets)
         case Format.DAE_ZIP:
             archive = Archive(data, budgets)
-            check_xml(archive.read(archive.only(".dae")), "The DAE")
+            _check_dae(archive.read(archive.only(".dae")), budgets)
         case Format.STL:
             _check_stl(data, budgets)
         case Format.PLY:
@@ -142,6 +143,12 @@ def _check_3mf(archive: Archive, budgets: Budgets) -> None:
             triangles += part.count(b"<triangle ")
     within(vertices, budgets.vertices, "vertices")
     within(triangles, budgets.faces, "triangles")
+
+
+def _check_dae(data: bytes, budgets: Budgets) -> None:
+    scan = Scan(data, budgets)
+    if scan.drawn == 0:
+        raise no_faces(scan.why_nothing_is_drawn)
 
 
 def _check_off(data: bytes, budgets: Budgets) -> None:

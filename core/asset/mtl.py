@@ -90,7 +90,7 @@ def _material(name: str, table: dict[str, str], images: _Images, warnings: list[
     if lost:
         uses = ", ".join(dict.fromkeys(lost))
         warnings.append(dropped(f"The textures for {uses} of material {name[:60]!r} have no counterpart in a GLB."))
-    if texture is not None and any(option in table["map_kd"].split() for option in ("-s", "-o", "-t")):
+    if texture is not None and _is_moved(table["map_kd"]):
         warnings.append(dropped(f"The texture of material {name[:60]!r} is drawn without its scale and offset."))
     alpha = _numbers(table.get("d"), 1)
     if alpha is None and (transparency := _numbers(table.get("tr"), 1)) is not None:
@@ -134,6 +134,20 @@ def _numbers(text: str | None, count: int, most: float = 1.0) -> np.ndarray[tupl
     if len(values) not in (1, count) or not np.isfinite(values).all():
         return None
     return np.clip(np.resize(values, count), 0, most)
+
+
+def _is_moved(value: str) -> bool:
+    """Whether the options of a texture map scale it or move it."""
+    words, neutral = value.split(), 0.0
+    is_option = False
+    for word in words:
+        if _is_number(word):
+            if is_option and float(word) != neutral:
+                return True
+            continue
+        is_option = word in ("-s", "-o", "-t")
+        neutral = 1.0 if word == "-s" else 0.0
+    return False
 
 
 def _path(value: str) -> str:

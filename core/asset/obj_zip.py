@@ -49,7 +49,8 @@ def read_obj_zip(archive: Archive, budgets: Budgets) -> Assembly:
                 )
             )
     mesh = replace(mesh, materials=tuple(materials.get(material.name, material) for material in mesh.materials))
-    if "TEXCOORD_0" not in mesh.attributes and any(material.texture for material in mesh.materials):
+    mapped = mesh.attributes.get("TEXCOORD_0")
+    if any(material.texture for material in mesh.materials) and (mapped is None or not (mapped.index >= 0).any()):
         warnings.append(dropped("The OBJ has no texture coordinates, so its textures are dropped."))
     check_pixels(mesh.materials, budgets)
     return Assembly([mesh], ["model"], [Instance("model", 0)], warnings=warnings)

@@ -124,7 +124,7 @@ def _archive_format(archive: Archive) -> Format:
             ErrorCode.UNSUPPORTED_FORMAT,
             f"The file is a ZIP archive of {len(names):,} files with {single[0][:60]!r} in it, "
             "a kind of model that needs no archive.",
-            "Unpack it and send that file.",
+            "Unpack it and send the GLB, STL, PLY or OFF itself.",
         )
     raise _unsupported("a ZIP archive without a model that is read")
 

@@ -56,7 +56,7 @@ def test_a_glb_is_taken_as_it_is() -> None:
     assert to_document(GLB, Format.GLB).to_glb() == GLB
 
 
-@pytest.mark.parametrize("name", [name for name in SAMPLES if name != "glb"])
+@pytest.mark.parametrize("name", [name for name in SAMPLES if not name.startswith("gl")])
 def test_every_format_gives_the_same_closed_cube_as_a_valid_glb(name: str) -> None:
     document = _convert(SAMPLES[name])
 
@@ -287,7 +287,7 @@ def test_a_real_file_keeps_all_its_faces(row: dict[str, str]) -> None:
     assert triangle_count(document) == _MANIFEST_FACES_OF_THE_FILE.get(path.name, int(row["n_faces"]))
     surface = flatten(Document.from_glb(document.to_glb())).surface
     assert len(surface.faces) == int(row["n_faces"])
-    if file_format is not Format.GLB:
+    if file_format not in (Format.GLB, Format.GLTF_ZIP):
         double_sided = {material["doubleSided"] for material in document.json["materials"]}
         assert double_sided == {row["open_edges"] != "0"}
         assert not error_counts(document.to_glb())
