@@ -4,6 +4,8 @@ Stages that need torch and the geometry libraries import them when they start: t
 quarter of a gigabyte to load, which a file that cannot be read shall not cost.
 """
 
+import resource
+import sys
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -49,6 +51,7 @@ class Job:
     report_progress: Callable[[float], None]
     publish: Publish
     timings: dict[str, float] = field(default_factory=dict)
+    memory: dict[str, int] = field(default_factory=dict)
     warnings: "Warnings" = field(default_factory=list)
     # read
     format: Format = field(init=False)
@@ -142,7 +145,7 @@ def _place(job: Job) -> None:
 def _emboss(job: Job) -> None:
     """Embosses the selected boxes; where one is refused, selects again among those not tried yet."""
     from core.embossing.emboss import Mark, emboss
-    from core.embossing.refusal import BEFORE_CUTTING, Refusal
+    from core.embossing.refusal import CHEAP, Refusal
     from core.embossing.stamp import stamp
     from core.placement.selection import select
 
@@ -166,7 +169,7 @@ def _emboss(job: Job) -> None:
             else:
                 job.refusals[outcome.value] += 1
                 dead.add(box)
-                cuts_left -= outcome not in BEFORE_CUTTING
+                cuts_left -= outcome not in CHEAP
             job.report_progress(len(job.marks) / job.parameters.count)
     if not job.marks:
         reasons = ", ".join(f"{count} {reason}" for reason, count in job.refusals.most_common())
@@ -179,6 +182,11 @@ def _emboss(job: Job) -> None:
             if coarse
             else "Ask for a smaller `size` or `relief`, or use a shorter text.",
         )
+
+
+def _peak_memory() -> int:
+    """The most resident bytes this process has held since it began; getrusage counts in KiB except on macOS."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
 
 
 def _write(job: Job) -> None:
@@ -205,6 +213,7 @@ def _evaluate(job: Job) -> None:
         marks=job.marks,
         refusals=job.refusals,
         timings=job.timings,
+        memory=job.memory,
         warnings=job.warnings,
     )
 
@@ -270,5 +279,6 @@ def watermark(
         start = time.perf_counter()
         stage(job)
         job.timings[name] = round(time.perf_counter() - start, 4)
+        job.memory[name] = _peak_memory()
         done += weight
     return Result(job.model, job.report, job.preview)

@@ -36,6 +36,7 @@ def build_report(
     marks: dict[int, Mark],
     refusals: Counter[str],
     timings: dict[str, float],
+    memory: dict[str, int],
     warnings: Warnings,
 ) -> dict[str, Any]:
     """The report as a JSON-ready mapping.
@@ -51,6 +52,7 @@ def build_report(
         marks: the watermarks by number of their box in ``placement``.
         refusals: how many boxes embossing refused, by reason.
         timings: seconds by stage; kept by reference, so that stages that end later still appear.
+        memory: the most resident bytes the process had held up to the end of each stage; by reference likewise.
         warnings: what did not go as asked; kept by reference likewise.
     """
     boxes = Boxes(
@@ -103,4 +105,5 @@ def build_report(
         "metrics": metrics,
         "warnings": warnings,
         "timings": timings,
+        "memory": memory,
     }

@@ -17,9 +17,9 @@ Bool = NDArray[np.bool_]
 
 MIN_FACING = 0.15  # cosine between the box normal and a face's normal
 MARGIN = 0.02  # how far beyond the text's rectangle faces are taken in, in text widths
-# More faces near a box, or more pieces under it, are refused: half a second's work (measured: 20 microseconds a face,
-# 100 a piece).
-MAX_FACES, MAX_PIECES = 25_000, 1_000
+# More faces or pieces under a box are refused: half a second's work (measured: 20 microseconds a face, 100 a piece);
+# and more faces whose bounding boxes come near it, one microsecond each.
+MAX_FACES, MAX_PIECES, MAX_NEAR = 25_000, 1_000, 400_000
 AREA_TOLERANCE = 1e-6  # relative; projected triangles that cover more than their silhouette lie on top of each other
 
 
@@ -122,14 +122,14 @@ def patches(mesh: WorkingMesh, box: Boxes, hidden: Int | None = None) -> list[Pa
         hidden: ids of faces to leave out.
 
     Returns:
-        The pieces; None where more than ``MAX_FACES`` faces are near or they make more than ``MAX_PIECES`` pieces.
+        The pieces; None where they are more than can be cut in reasonable time.
     """
     center, axes, size = box.center[0], box.axes[0], box.size[0]
     width = size[0]
     reach = size / 2 + np.array([MARGIN * width, MARGIN * width, 0.0])
     extent = np.abs(axes).T @ reach
     ids = mesh.near(center - extent, center + extent)
-    if len(ids) > MAX_FACES:
+    if len(ids) > MAX_NEAR:
         return None
     vertices, flat = np.unique(mesh.corners(ids), return_inverse=True)
     triangles = flat.reshape(-1, 3)
@@ -142,6 +142,8 @@ def patches(mesh: WorkingMesh, box: Boxes, hidden: Int | None = None) -> list[Pa
     chosen &= np.all((high >= -reach / width) & (low <= reach / width), axis=1)
     if hidden is not None:
         chosen &= ~np.isin(ids, hidden)
+    if np.count_nonzero(chosen) > MAX_FACES:
+        return None
 
     # How often each edge is used is counted over all faces near, also those that look away.
     count = len(vertices)

@@ -24,5 +24,5 @@ class Refusal(StrEnum):
     """The new faces do not meet the old ones edge by edge."""
 
 
-BEFORE_CUTTING = (Refusal.NOT_WHOLE, Refusal.TOO_DENSE)
-"""Refusals that cost next to nothing."""
+CHEAP = (Refusal.NOT_WHOLE,)
+"""Refusals that come before any costly work."""

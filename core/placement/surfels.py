@@ -11,7 +11,7 @@ Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 
 COUNT = 20_000
-OVERLAP = 1.5  # radius of a disc over that of its share of the area: enough for the discs to leave no gaps
+OVERLAP = 3.0  # radius of a disc over that of its share of the area: random samples leave gaps of that size
 
 
 class Surfels:

@@ -7,16 +7,18 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
+from core.asset.flatten import flatten
+from core.asset.gltf import Document
 from core.asset.surface import Surface
 from core.errors import ErrorCode, MeshmarkError
-from core.parameters import Parameters
+from core.parameters import Evaluate, Mode, Parameters
 from core.pipeline import Result, watermark
 from tests.core.shapes import box, grid, join, moved, sphere, surface
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 
-FEW = Parameters(text="watermark", count=3)
+FEW = Parameters(text="watermark", count=3, evaluate=Evaluate.GEOMETRY)
 RNG = np.random.default_rng(7)
 
 
@@ -118,11 +120,18 @@ def _t_junctions() -> Surface:
 
 
 def _hundreds_of_parts() -> Surface:
-    return join(*(moved(box(3.0, 1.5, 1.0), 3.5 * x, 2.0 * y, 1.5 * z) for x in range(5) for y in range(8) for z in (0, 1, 2, 3, 4)))
+    return join(
+        *(
+            moved(box(3.0, 1.5, 1.0), 3.5 * x, 2.0 * y, 1.5 * z)
+            for x in range(5)
+            for y in range(8)
+            for z in (0, 1, 2, 3, 4)
+        )
+    )
 
 
 def _slivers() -> Surface:
-    return surface(SLAB.positions * [1.0, 1.0, 1.0], SLAB.faces) if False else grid(10.0, 6.0, 2000, 1)
+    return grid(10.0, 6.0, 2000, 1)
 
 
 def _layered() -> Surface:
@@ -181,10 +190,40 @@ def test_any_unit_will_do(scale: float) -> None:
     _marked(_file(surface(BALL.positions * scale, BALL.faces), "glb"))
 
 
+def _far(sizes: float) -> Surface:
+    return surface(BALL.positions + np.array([sizes * 10.0, 0.0, 0.0]), BALL.faces)
+
+
 @pytest.mark.parametrize("sizes", [10.0, 1000.0])
 def test_a_model_far_from_the_origin_is_marked(sizes: float) -> None:
-    far = surface((BALL.positions + np.array([sizes * 10.0, 0.0, 0.0])).astype(np.float32).astype(np.float64), BALL.faces)
-    _marked(_file(far, "glb"))
+    _marked(_file(_far(sizes), "obj"))
+
+
+def test_a_glb_whose_own_coordinates_are_too_coarse_for_letters_is_told_so_at_once() -> None:
+    tried: list[float] = []
+    with pytest.raises(MeshmarkError, match="32-bit") as caught:
+        watermark(_file(_far(1000.0), "glb"), FEW, preview=False, progress=lambda _, share: tried.append(share))
+    assert caught.value.code is ErrorCode.NO_PLACEMENT
+    assert len(tried) < 200  # a job gives up after ten failed cuts for each mark
+
+
+def test_duplicates_do_not_keep_letters_from_sinking_but_a_second_layer_does() -> None:
+    sunken = FEW.model_copy(update={"mode": Mode.DEBOSS})
+    assert watermark(_file(_duplicates()), sunken, preview=False).report["watermarks"]
+    with pytest.raises(MeshmarkError, match="second_layer"):
+        watermark(_file(_double_sided_shell()), sunken, preview=False)
+
+
+def test_letters_on_a_part_that_is_inside_out_rise_where_they_are_seen_and_keep_its_winding() -> None:
+    right, wrong = (flatten(Document.from_glb(_marked(_file(shape)).model)).surface for shape in (BALL, _inside_out()))
+    furthest = np.linalg.norm(BALL.positions, axis=1).max() * wrong.scale
+    for found, sign in ((right, 1.0), (wrong, -1.0)):
+        radius = np.linalg.norm(found.positions[found.faces].mean(axis=1), axis=1)
+        assert radius.max() > furthest * 0.99
+        mesh = trimesh.Trimesh(found.positions, found.faces, process=False)
+        assert np.sign(mesh.volume) == sign
+        plain = sphere(15.0, 4)
+        assert abs(mesh.volume) > trimesh.Trimesh(plain.positions, plain.faces, process=False).volume * 0.98
 
 
 def test_dust_has_no_room() -> None:

@@ -64,6 +64,9 @@ def test_the_report_has_every_section_of_its_schema(spot: Result) -> None:
         spot.report
     )
     assert list(spot.report["timings"]) == [name for name, _, _ in STAGES]
+    assert list(spot.report["memory"]) == [name for name, _, _ in STAGES]
+    assert list(spot.report["memory"].values()) == sorted(spot.report["memory"].values())
+    assert spot.report["memory"]["reading"] > 2**20
     assert spot.report["parameters"]["count"] == 3
     assert spot.report["warnings"] == []
 

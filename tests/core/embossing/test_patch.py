@@ -2,13 +2,21 @@ import numpy as np
 import pytest
 
 from core.embossing.mesh import WorkingMesh
-from core.embossing.patch import patches
+from core.embossing.patch import MAX_FACES, MAX_PIECES, Patch
+from core.embossing.patch import patches as _patches
+from core.placement.boxes import Boxes
 from tests.core.embossing.bench import box_at
 from tests.core.shapes import Float, Int, box, grid, join, moved, surface
 
 
 def _mesh(positions: Float, faces: Int) -> WorkingMesh:
     return WorkingMesh(surface(positions, faces), np.ones(len(faces), dtype=bool))
+
+
+def patches(mesh: WorkingMesh, box: Boxes) -> list[Patch]:
+    found = _patches(mesh, box)
+    assert found is not None
+    return found
 
 
 def test_only_faces_that_look_at_the_box_are_taken() -> None:
@@ -37,6 +45,16 @@ def test_neighbours_that_disagree_about_outside_are_not_joined() -> None:
     positions = np.array([[-2.0, -2, 0], [2, -2, 0], [0, 2, 0], [0, 2, 0.5]])
     faces = np.array([[0, 1, 2], [0, 1, 3]])  # both run along 0-1 in the same direction
     assert len(patches(_mesh(positions, faces), box_at())) == 2
+
+
+def test_a_box_over_too_many_faces_or_pieces_is_refused_before_any_work() -> None:
+    dense = grid(4.0, 0.4, 250, 60)
+    assert len(dense.faces) > MAX_FACES
+    assert _patches(_mesh(dense.positions, dense.faces), box_at()) is None
+    crumb = np.array([[0.0, 0, 0], [1e-3, 0, 0], [0, 1e-3, 0]])
+    crumbs = (crumb + np.array([[2e-3 * k - 2.0, 0.0, 0.0]]) for k in range(MAX_PIECES + 1))
+    crumbled = np.concatenate(list(crumbs))
+    assert _patches(_mesh(crumbled, np.arange(len(crumbled)).reshape(-1, 3)), box_at(width=8.0)) is None
 
 
 def test_triangles_are_seen_counter_clockwise() -> None:

@@ -1,0 +1,70 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from core.asset.surface import Surface
+from core.ground.orientation import reversed_faces
+from core.spatial import SpatialIndex
+from tests.core.shapes import Int, box, grid, join, moved, sphere, surface
+
+BALL = sphere(5.0, 2)
+
+
+def _reversed(shape: Surface) -> list[bool]:
+    everything = np.ones(len(shape.faces), dtype=bool)
+    found: list[bool] = reversed_faces(shape, everything, SpatialIndex(shape.positions, shape.faces)).tolist()
+    return found
+
+
+def _turned(shape: Surface, which: Int) -> Surface:
+    faces = shape.faces.copy()
+    faces[which] = faces[which][:, ::-1]
+    return surface(shape.positions, faces)
+
+
+def test_what_looks_out_stays() -> None:
+    assert not any(_reversed(BALL))
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.integers(0, len(BALL.faces) - 1), unique=True))
+def test_whichever_faces_are_flipped_are_the_ones_that_are_turned(which: list[int]) -> None:
+    flipped = np.array(which, dtype=np.int64)
+    assert np.flatnonzero(_reversed(_turned(BALL, flipped))).tolist() == sorted(which)
+
+
+def test_each_part_is_judged_by_itself() -> None:
+    inside_out = _turned(box(3.0, 3.0, 3.0), np.arange(12))
+    both = join(box(3.0, 3.0, 3.0), moved(inside_out, 8.0, 0.0, 0.0))
+    assert _reversed(both) == [False] * 12 + [True] * 12
+
+
+def test_an_open_sheet_keeps_the_winding_of_its_file() -> None:
+    sheet = grid(10.0, 6.0, 5, 3)
+    assert not any(_reversed(sheet))
+    assert not any(_reversed(_turned(sheet, np.arange(len(sheet.faces)))))
+
+
+def test_a_bottle_that_is_inside_out_is_turned_though_it_is_open() -> None:
+    bottle = surface(BALL.positions, BALL.faces[4:, ::-1])
+    assert all(_reversed(bottle))
+
+
+def test_a_part_that_cannot_be_seen_stays() -> None:
+    core = _turned(sphere(1.0, 1), np.arange(80))
+    assert not any(_reversed(join(BALL, core)))
+
+
+@pytest.mark.parametrize("turns", [1, 3])
+def test_a_moebius_band_stays_as_it_is(turns: int) -> None:
+    around = np.linspace(0, 2 * np.pi, 41)[:-1]
+    out = np.column_stack([np.cos(around), np.sin(around), 0 * around])
+    tilt = turns * around / 2
+    across = np.cos(tilt)[:, None] * out + np.sin(tilt)[:, None] * [0, 0, 1]
+    positions = np.concatenate([5 * out - across, 5 * out + across])
+    here, beside = np.arange(40), (np.arange(40) + 1) % 40
+    low, high = beside.copy(), beside + 40
+    low[-1], high[-1] = 40, 0  # closed with a half turn
+    faces = np.concatenate([np.column_stack([here, low, high]), np.column_stack([here, high, here + 40])])
+    assert not any(_reversed(surface(positions, faces)))
