@@ -37,7 +37,8 @@ class SpatialIndex:
     @cached_property
     def _scene(self) -> rtcore_scene.EmbreeScene:
         scene = rtcore_scene.EmbreeScene()
-        TriangleMesh(scene, self.positions[self.faces].astype(np.float32))
+        # With shared vertices: half the time and memory of a soup of triangles.
+        TriangleMesh(scene, self.positions.astype(np.float32), self.faces.astype(np.int32))
         return scene
 
     def closest(self, points: Float) -> tuple[Float, Int, Float]:
