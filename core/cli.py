@@ -26,7 +26,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"meshmark {__version__}")
     commands = parser.add_subparsers(dest="command", required=True)
     apply = commands.add_parser("apply", help="watermark one file", description="Watermark one file.")
-    apply.add_argument("input", type=Path, metavar="IN", help="GLB, OBJ, STL, PLY or OFF")
+    apply.add_argument(
+        "input",
+        type=Path,
+        metavar="IN",
+        help="GLB, glTF, OBJ, STL, PLY, OFF, 3MF or DAE; with its other files as a ZIP",
+    )
     apply.add_argument("output", type=Path, metavar="OUT.glb", help="the watermarked GLB")
     apply.add_argument("--text", required=True, help="what to emboss")
     apply.add_argument("--font", type=Path, help="a TrueType or OpenType font file")

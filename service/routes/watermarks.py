@@ -63,7 +63,10 @@ def create_watermark(
     response: Response,
     background: BackgroundTasks,
     state: State,
-    file: Annotated[UploadFile, File(description="The asset: GLB, OBJ, STL, PLY or OFF.")],
+    file: Annotated[
+        UploadFile,
+        File(description="The asset: GLB, glTF, OBJ, STL, PLY, OFF, 3MF or DAE; with its other files as a ZIP."),
+    ],
     params: Annotated[
         str,
         Form(

@@ -33,7 +33,18 @@ def test_every_error_in_the_openapi_document_is_a_problem() -> None:
 
 @pytest.mark.parametrize("module", ["service.__main__", "worker.app"])
 def test_neither_api_nor_worker_loads_the_engines_heavy_libraries(module: str) -> None:
-    heavy = ["torch", "igl", "embreex", "manifold3d", "scipy", "trimesh", "onnxruntime", "OpenGL", "pyrender"]
+    heavy = [
+        "torch",
+        "igl",
+        "embreex",
+        "manifold3d",
+        "scipy",
+        "trimesh",
+        "collada",
+        "onnxruntime",
+        "OpenGL",
+        "pyrender",
+    ]
     heavy += ["DracoPy", "meshopt"]
     script = f"import sys, {module}\nprint(*[name for name in {heavy} if name in sys.modules])"
     answer = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)

@@ -98,3 +98,27 @@ def test_the_header_is_the_table_of_contents() -> None:
     assert [(element.name, element.count) for element in header.elements] == [("vertex", 8), ("face", 7)]
     assert PLY_ASCII[header.end :].startswith(b"-1 -1 -1 255")
     assert header.element("edge") is None
+
+
+def _strips(body: str, rows: int = 1, order: str = "ascii") -> bytes:
+    header = f"element tristrips {rows}\nproperty list int int vertex_indices\n"
+    points = "".join(f"{number} 0 0\n" for number in range(6))
+    return f"ply\nformat {order} 1.0\nelement vertex 6\n{XYZ}{header}end_header\n{points}{body}".encode()
+
+
+def test_triangle_strips_turn_every_second_triangle_and_restart_at_minus_one() -> None:
+    mesh = _read(_strips("9 0 1 2 3 4 -1 3 4 5\n3 5 4 3\n", rows=2))
+    assert mesh.corners.reshape(-1, 3).tolist() == [[0, 1, 2], [2, 1, 3], [2, 3, 4], [3, 4, 5], [5, 4, 3]]
+    assert mesh.sizes.tolist() == [3] * 5
+
+
+def test_triangles_that_only_stitch_strips_together_are_left_out() -> None:
+    mesh = _read(_strips("8 0 1 2 2 3 3 4 5\n"))
+    assert len(mesh.sizes) == 2
+    assert all(len(set(triangle)) == 3 for triangle in mesh.corners.reshape(-1, 3).tolist())
+
+
+def test_strips_over_the_budget_of_triangles_are_refused() -> None:
+    with pytest.raises(MeshmarkError) as caught:
+        read_ply(_strips("6 0 1 2 3 4 5\n"), Budgets(faces=3))
+    assert caught.value.code is ErrorCode.BUDGET_EXCEEDED
