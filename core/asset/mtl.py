@@ -93,8 +93,8 @@ def _material(name: str, table: dict[str, str], images: _Images, warnings: list[
     if texture is not None and _is_moved(table["map_kd"]):
         warnings.append(dropped(f"The texture of material {name[:60]!r} is drawn without its scale and offset."))
     alpha = _numbers(table.get("d"), 1)
-    if alpha is None and (transparency := _numbers(table.get("tr"), 1)) is not None:
-        alpha = 1 - transparency
+    if alpha is None and (transparency := _numbers(table.get("tr"), 1)) is not None and transparency[0] < 1:
+        alpha = 1 - transparency  # MeshLab and others write the alpha here: nobody sells what is wholly invisible
     color = _numbers(table.get("kd"), 3)
     rgb = (1.0, 1.0, 1.0) if texture is not None else (0.8, 0.8, 0.8) if color is None else _rgb(color)
     emissive = _numbers(table.get("ke"), 3)

@@ -26,6 +26,7 @@ def test_a_material_that_says_nothing_is_grey_and_opaque() -> None:
         ("Kd nan 0 0", (0.8, 0.8, 0.8, 1.0)),
         ("Kd 0 0 0\nd 0.25", (0.0, 0.0, 0.0, 0.25)),
         ("Kd 0 0 0\nTr 0.25", (0.0, 0.0, 0.0, 0.75)),
+        ("Kd 0 0 0\nTr 1.0", (0.0, 0.0, 0.0, 1.0)),
         ("Kd 0 0 0\nmap_Kd a.png", (1.0, 1.0, 1.0, 1.0)),
     ],
 )

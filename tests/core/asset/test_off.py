@@ -118,7 +118,7 @@ def _binary(prefix: bytes, vertices: list[list[float]], faces: bytes, count: int
 
 
 def test_binary_files_have_polygons_of_any_size_with_colours() -> None:
-    square = [[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    square = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]
     faces = struct.pack(">6i", 4, 0, 1, 2, 3, 0) + struct.pack(">5i3f", 3, 2, 1, 0, 3, 1.0, 0.5, 0.0)
     mesh = _binary(b"OFF", square, faces, 2)
     assert mesh.positions.tolist() == square
