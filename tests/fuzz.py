@@ -152,6 +152,12 @@ def _start() -> _Runner:
     return _Runner(process, ours)
 
 
+def _stop(runner: _Runner) -> None:
+    runner.process.kill()
+    runner.process.join()
+    runner.pipe.close()
+
+
 def run(cases: range, processes: int) -> dict[int, str]:
     """The outcome of every case by its number."""
     results: dict[int, str] = {}
@@ -169,13 +175,13 @@ def run(cases: range, processes: int) -> dict[int, str]:
                 continue
             results[runner.case] = ending
             if ending.startswith("FOUND: the process"):
-                runner.process.kill()
+                _stop(runner)
                 runners[place] = _start()
             else:
                 runner.case = -1
         time.sleep(0.005)
     for runner in runners:
-        runner.process.kill()
+        _stop(runner)
     return results
 
 

@@ -62,7 +62,7 @@ def test_a_job_survives_kill_9_of_its_worker(service: Service, tmp_path: Path) -
 
 def worker_process() -> psutil.Process:
     for process in psutil.Process().children(recursive=True):
-        if "--hostname=first@test" in process.cmdline():
+        if not gone(process) and "--hostname=first@test" in process.cmdline():
             return process
     raise AssertionError("there is no worker")
 
