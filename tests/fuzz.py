@@ -14,10 +14,14 @@ import sys
 import time
 from collections import Counter
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
+import numpy as np
 import psutil
 
+from tests.core.asset.builder import CUBE, CUBE_FACES, simple
+from tests.core.asset.compressed import draco, instanced, meshopted
 from tests.core.asset.rich import rich
 from tests.core.asset.samples import SAMPLES
 
@@ -27,9 +31,13 @@ NUMBERS = (0, 1, -1, 2, 255, 65_535, 2**31 - 1, 2**32 - 1, 2**63, 1e30, -1e308, 
 TOKENS = (b"nan", b"inf", b"-1", b"0", b"1e999", b"99999999999", b"", b"\xff\xfe", b"#", b"/", b"1/1/1", b"-9")
 
 
+@cache
 def seeds() -> list[bytes]:
     """The sound files that mutations start from."""
-    return [*SAMPLES.values(), rich().to_glb()]
+    cube = simple(CUBE, CUBE_FACES)
+    offsets = np.array([[0, 0, 0], [4, 0, 0], [0, 4, 0]])
+    special = [rich(), draco(cube), meshopted(cube), instanced(CUBE, CUBE_FACES, TRANSLATION=(offsets, "<f4"))]
+    return [*SAMPLES.values(), *(document.to_glb() for document in special)]
 
 
 def mutate(number: int) -> bytes:
