@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from core.asset.budgets import DEFAULT_BUDGETS, Budgets
 from core.asset.flatten import Scene, flatten
 from core.asset.formats import to_document
 from core.asset.gate import admit
@@ -47,6 +48,7 @@ class Job:
     data: bytes
     parameters: Parameters
     font: bytes | None
+    budgets: Budgets
     preview_wanted: bool
     report_progress: Callable[[float], None]
     publish: Publish
@@ -91,8 +93,8 @@ class Result:
 
 
 def _read(job: Job) -> None:
-    job.format = admit(job.data)
-    document = to_document(job.data, job.format)
+    job.format = admit(job.data, job.budgets)
+    document = to_document(job.data, job.format, job.budgets)
     job.scene = flatten(document)
     job.warnings += [
         {"code": lost.code.value, "message": lost.message, "remedy": lost.remedy} for lost in document.warnings
@@ -247,6 +249,7 @@ def watermark(
     parameters: Parameters,
     *,
     font: bytes | None = None,
+    budgets: Budgets = DEFAULT_BUDGETS,
     preview: bool = True,
     progress: Progress | None = None,
     publish: Publish | None = None,
@@ -257,6 +260,7 @@ def watermark(
         data: the content of a file; it decides what the file is, not a name.
         parameters: what is asked for.
         font: a TrueType or OpenType file; None for the bundled one.
+        budgets: what the asset may declare before it is read.
         preview: whether to render a contact sheet.
         progress: called with the stage's name and the share done of the whole run, 0 to 1.
         publish: called with "model" and "preview" and their bytes as soon as each exists, before the run ends.
@@ -273,7 +277,8 @@ def watermark(
         if progress is not None:
             progress(name, done + weight * min(share, 1.0))
 
-    job = Job(data, parameters.resolved(), font, preview, report_progress, publish or (lambda _name, _bytes: None))
+    publish = publish or (lambda _name, _bytes: None)
+    job = Job(data, parameters.resolved(), font, budgets, preview, report_progress, publish)
     for name, stage, weight in STAGES:
         report_progress(0.0)
         start = time.perf_counter()

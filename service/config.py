@@ -1,12 +1,13 @@
 """Settings: every one is an environment variable `MESHMARK_<NAME>`."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from core.asset.budgets import DEFAULT_BUDGETS
+from core.asset.budgets import DEFAULT_BUDGETS, Budgets
 from core.lettering.fonts import MAX_FONT_BYTES
 
 MIB = 2**20
@@ -36,9 +37,17 @@ class Settings(BaseSettings):
             description="Queue: `redis://...`, or `filesystem://` for files in data_dir and no server.",
         ),
     ] = "filesystem://"
-    max_upload_bytes: Annotated[
-        int, Field(gt=0, le=DEFAULT_BUDGETS.bytes, description="Largest asset accepted, in bytes.")
-    ] = DEFAULT_BUDGETS.bytes
+    max_upload_bytes: Annotated[int, Field(gt=0, description="Largest asset accepted, in bytes.")] = (
+        DEFAULT_BUDGETS.bytes
+    )
+    max_unpacked_bytes: Annotated[
+        int, Field(gt=0, description="Largest content of an archive accepted, unpacked, in bytes.")
+    ] = DEFAULT_BUDGETS.unpacked_bytes
+    max_faces: Annotated[int, Field(gt=0, description="Most triangles an asset may draw.")] = DEFAULT_BUDGETS.faces
+    max_vertices: Annotated[int, Field(gt=0, description="Most vertices an asset may draw.")] = DEFAULT_BUDGETS.vertices
+    max_image_pixels: Annotated[
+        int, Field(gt=0, description="Most pixels all textures of an asset may have together.")
+    ] = DEFAULT_BUDGETS.image_pixels
     max_font_bytes: Annotated[int, Field(gt=0, le=MAX_FONT_BYTES, description="Largest font accepted, in bytes.")] = (
         MAX_FONT_BYTES
     )
@@ -52,6 +61,18 @@ class Settings(BaseSettings):
     job_memory_limit: Annotated[int, Field(gt=0, description="Resident bytes a job's process may hold.")] = 8192 * MIB
     worker_concurrency: Annotated[int, Field(ge=1, description="Jobs one worker runs at the same time.")] = 1
     log_level: Annotated[str, Field(pattern="^(DEBUG|INFO|WARNING|ERROR)$", description="Least level logged.")] = "INFO"
+
+    @property
+    def budgets(self) -> Budgets:
+        """What an asset may declare."""
+        return replace(
+            DEFAULT_BUDGETS,
+            bytes=self.max_upload_bytes,
+            unpacked_bytes=self.max_unpacked_bytes,
+            faces=self.max_faces,
+            vertices=self.max_vertices,
+            image_pixels=self.max_image_pixels,
+        )
 
     @property
     def ledger_url(self) -> str:

@@ -3,6 +3,7 @@
 from pathlib import Path
 from threading import Lock
 
+from core.asset.budgets import Budgets
 from core.asset.gate import admit
 from core.errors import MeshmarkError
 from core.lettering.fonts import default_font, load_font
@@ -22,22 +23,22 @@ def check_lettering(parameters: Parameters, font: bytes | None) -> None:
     shape(parameters.text, default_font() if font is None else load_font(font))
 
 
-def check_asset(path: Path) -> None:
+def check_asset(path: Path, budgets: Budgets) -> None:
     """Refuse an asset whose header already tells that it cannot be watermarked.
 
     Raises:
         MeshmarkError: as :func:`core.asset.gate.admit` does.
     """
     with _IN_MEMORY:
-        refusal = _refusal(path)
+        refusal = _refusal(path, budgets)
     if refusal:
         raise refusal
 
 
-def _refusal(path: Path) -> MeshmarkError | None:
+def _refusal(path: Path, budgets: Budgets) -> MeshmarkError | None:
     """What the gate raises, as a new error: the frames in a traceback would hold the asset until the answer is sent."""
     try:
-        admit(path.read_bytes())
+        admit(path.read_bytes(), budgets)
     except MeshmarkError as error:
         return MeshmarkError(error.code, error.message, error.remedy)
     return None

@@ -36,12 +36,14 @@ def run(request: dict[str, Any], say: Callable[..., None]) -> None:
     """Call the engine and say what it publishes.
 
     Args:
-        request: ``engine`` as "module:function", ``input`` and ``font`` as paths, ``parameters``, ``folder``.
+        request: ``engine`` as "module:function", ``input`` and ``font`` as paths, ``parameters``, ``budgets``,
+            ``folder``.
         say: sends one message.
 
     Raises:
         MeshmarkError: as the engine does.
     """
+    from core.asset.budgets import Budgets
     from core.parameters import parse_parameters
 
     folder = Path(request["folder"])
@@ -58,6 +60,7 @@ def run(request: dict[str, Any], say: Callable[..., None]) -> None:
     result = engine(
         Path(request["input"]).read_bytes(),
         parse_parameters(request["parameters"]),
+        budgets=Budgets(**request["budgets"]),
         font=Path(request["font"]).read_bytes() if request["font"] else None,
         progress=lambda stage, fraction: say(stage=stage, progress=float(fraction)),
         publish=publish,

@@ -9,13 +9,14 @@ import sys
 import time
 from collections.abc import Generator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import psutil
 import structlog
 
+from core.asset.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
 from service.jobs.models import ArtifactKind
 from worker.child import SUFFIXES
@@ -40,6 +41,7 @@ class Work:
     input: Path
     font: Path | None
     parameters: dict[str, Any]
+    budgets: Budgets
     folder: Path
 
 
@@ -102,6 +104,7 @@ def _order(child: "subprocess.Popen[bytes]", work: Work, channel: int) -> None:
         "input": os.fspath(work.input),
         "font": os.fspath(work.font) if work.font else None,
         "parameters": work.parameters,
+        "budgets": asdict(work.budgets),
         "folder": os.fspath(work.folder),
         "parent": os.getpid(),
         "channel": channel,

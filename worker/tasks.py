@@ -95,6 +95,7 @@ class Worker:
             input=self.artifacts.path(source.sha256),
             font=self.artifacts.path(font.sha256) if font else None,
             parameters=job.parameters,
+            budgets=self.settings.budgets,
             folder=folder,
         )
         limits = Limits(self.settings.job_time_limit, self.settings.job_memory_limit)

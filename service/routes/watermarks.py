@@ -94,7 +94,7 @@ def create_watermark(
                 artifacts.stage(font.file, limit=settings.max_font_bytes, name="font")
             )
         check_lettering(parameters, staged[ArtifactKind.FONT].path.read_bytes() if font is not None else None)
-        check_asset(staged[ArtifactKind.INPUT].path)
+        check_asset(staged[ArtifactKind.INPUT].path, settings.budgets)
         with artifacts.exclusive():
             for item in staged.values():
                 artifacts.add(item)

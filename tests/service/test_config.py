@@ -3,6 +3,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
+from core.asset.budgets import DEFAULT_BUDGETS
 from service.config import Settings
 
 
@@ -15,6 +16,14 @@ def test_by_default_nothing_outside_the_data_folder_is_needed(tmp_path: Path) ->
     settings = Settings(data_dir=tmp_path)
     assert settings.ledger_url == f"sqlite:///{tmp_path}/ledger.sqlite3"
     assert settings.broker_url == "filesystem://"
+
+
+def test_budgets_are_settings(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert Settings().budgets == DEFAULT_BUDGETS
+    for name in ("max_upload_bytes", "max_unpacked_bytes", "max_faces", "max_vertices", "max_image_pixels"):
+        monkeypatch.setenv(f"MESHMARK_{name.upper()}", "77")
+    budgets = Settings().budgets
+    assert [budgets.bytes, budgets.unpacked_bytes, budgets.faces, budgets.vertices, budgets.image_pixels] == [77] * 5
 
 
 def test_every_setting_is_described() -> None:

@@ -152,6 +152,18 @@ def test_a_worker_killed_in_the_middle_of_the_real_engine_loses_no_job(tmp_path:
         assert len(service.client.get(job["links"]["report"]).json()["watermarks"]) == 4
 
 
+def test_the_budgets_that_are_set_hold_at_the_gate_and_in_the_job(tmp_path: Path) -> None:
+    polygon = (
+        CUBE + b"f " + b" ".join(b"%d" % (1 + k % 8) for k in range(40)) + b"\n"
+    )  # 38 triangles, which no line counts
+    service = Service(tmp_path, max_faces="20")
+    with service.running([sys.executable, "-m", "service"]):
+        lines = service.submit(CUBE + b"f 1 2 3\n" * 21).json()
+        assert (lines["code"], "at most 20 are accepted" in lines["detail"]) == ("budget_exceeded", True)
+        job = service.wait_for(service.submit(polygon).headers["Location"], "failed")
+        assert job["error"]["code"] == "budget_exceeded"
+
+
 def test_the_service_writes_log_lines_and_nothing_else(tmp_path: Path) -> None:
     script = f"exec {sys.executable} -m service >{tmp_path}/out 2>{tmp_path}/err"
     service = Service(tmp_path)

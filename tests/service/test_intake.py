@@ -3,6 +3,7 @@ from pathlib import Path
 
 import pytest
 
+from core.asset.budgets import DEFAULT_BUDGETS
 from core.errors import ErrorCode, MeshmarkError
 from service.intake import check_asset
 
@@ -15,7 +16,7 @@ def test_the_error_does_not_keep_the_refused_asset_in_memory(tmp_path: Path) -> 
     tracemalloc.start()
     try:
         with pytest.raises(MeshmarkError) as refusal:
-            check_asset(path)
+            check_asset(path, DEFAULT_BUDGETS)
         held, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from core.asset.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
 from core.parameters import Parameters
 
@@ -33,12 +34,14 @@ def directed(
     data: bytes,
     parameters: Parameters,
     *,
+    budgets: Budgets,
     font: bytes | None = None,
     progress: Callable[[str, float], None] | None = None,
     publish: Callable[[str, bytes], None] | None = None,
 ) -> Result:
     assert progress is not None
     assert publish is not None
+    assert budgets.faces > 0
     order = json.loads(data.split(b"\n", 1)[0].removeprefix(b"# "))
     progress("reading", 1.0)
     progress("placing", 0.5)

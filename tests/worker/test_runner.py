@@ -10,6 +10,7 @@ from typing import Any
 import psutil
 import pytest
 
+from core.asset.budgets import DEFAULT_BUDGETS
 from core.errors import ErrorCode, MeshmarkError
 from service.jobs.models import ArtifactKind
 from tests.worker.engines import asset
@@ -24,7 +25,7 @@ def order(folder: Path, do: str = "work", **details: Any) -> Work:
     source.write_bytes(asset(do, **details))
     scratch = folder / "scratch"
     scratch.mkdir()
-    return Work("tests.worker.engines:directed", source, None, {"text": "HI"}, scratch)
+    return Work("tests.worker.engines:directed", source, None, {"text": "HI"}, DEFAULT_BUDGETS, scratch)
 
 
 def failure(work: Work, limits: Limits = GENEROUS) -> MeshmarkError:
@@ -127,8 +128,9 @@ def test_the_child_dies_with_a_worker_that_is_killed(tmp_path: Path) -> None:
     work = order(tmp_path, "hang", pid_file=os.fspath(pid_file))
     script = (
         "import sys; from pathlib import Path; from worker.runner import *\n"
+        "from core.asset.budgets import DEFAULT_BUDGETS\n"
         "source, folder = map(Path, sys.argv[1:])\n"
-        "work = Work('tests.worker.engines:directed', source, None, {'text': 'HI'}, folder)\n"
+        "work = Work('tests.worker.engines:directed', source, None, {'text': 'HI'}, DEFAULT_BUDGETS, folder)\n"
         "list(run_engine(work, Limits(60, 2**32)))"
     )
     parent = subprocess.Popen([sys.executable, "-c", script, work.input, work.folder])
