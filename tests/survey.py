@@ -142,7 +142,8 @@ def _whole_letters(data: bytes, result: Result) -> tuple[int, int]:
         is_top = np.isfinite(distance) & (off > 0.25 * relief)
         for name in np.unique(letter):
             total += 1
-            whole += bool(is_top[letter == name].all())
+            # Nine in ten: on a noisy scan single faces look sideways, and lead to the wrong place.
+            whole += bool(is_top[letter == name].mean() > 0.9)
     return whole, total
 
 
