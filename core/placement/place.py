@@ -32,6 +32,7 @@ from core.spatial import SpatialIndex
 Float = NDArray[np.float64]
 
 WIDTHS = (5.5, 4.0, 3.0, 2.0)
+LAST_RESORT = (1.2, 0.8)  # hardly legible but close up; only where nothing wider has room anywhere
 # WIDTHS are meant for a word like "watermark", an eighth as high as wide; other proportions get the same area.
 USUAL_ASPECT = 0.125
 THICKNESS, THINNEST, THICKEST = 0.09, 0.25, 0.6  # of the width; 0.5 at 5.5, as in the paper
@@ -68,7 +69,7 @@ def place(
         index: over ``surface``.
         aspect: height of the text over its width.
         parameters: resolved. With ``size`` None the widest of four widths that covers the asset is taken, and
-            where none does, what survived of all of them.
+            where none does, what survived of all of them; two narrower ones are a last resort.
         rng: the source of every draw.
         progress: called with the share done, 0 to 1.
         usable: (F,) the faces that boxes may stand on; all if None. The others still stand in the way.
@@ -97,7 +98,7 @@ def place(
     if parameters.size is not None:
         widths = [parameters.size]
     else:
-        widths = [min(width * float(np.sqrt(USUAL_ASPECT / aspect)), MODEL_SIZE) for width in WIDTHS]
+        widths = [min(width * float(np.sqrt(USUAL_ASPECT / aspect)), MODEL_SIZE) for width in WIDTHS + LAST_RESORT]
     surfels = Surfels(ground, rng)
     placements: list[Placement] = []
     left: list[dict[str, int]] = []
@@ -115,6 +116,8 @@ def place(
         chosen = select(pooled, parameters.count)
         seen = pooled.visible[chosen].any(axis=0)
         if len(chosen) == parameters.count or pooled.weight[seen].sum() >= ENOUGH:
+            break
+        if step + 1 >= len(WIDTHS) and chosen:
             break
         wanted = pooled.directions[~seen]
     if len(pooled.boxes) == 0:

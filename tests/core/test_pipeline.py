@@ -17,7 +17,7 @@ from tests.validator import error_counts
 
 SPOT = Path(__file__).parents[1] / "data" / "spot.glb"
 MESHES = Path(os.environ.get("MESHMARK_TEST_MESHES", "../shared/meshes"))
-UNREAD = (ErrorCode.UNSUPPORTED_FORMAT, ErrorCode.UNSUPPORTED_FEATURE, ErrorCode.NO_PLACEMENT)
+UNREAD = (ErrorCode.UNSUPPORTED_FORMAT, ErrorCode.UNSUPPORTED_FEATURE)
 FEW = Parameters(text="watermark", count=3)
 
 

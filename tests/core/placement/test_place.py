@@ -84,7 +84,7 @@ def test_both_sides_of_an_open_sheet_are_told_apart() -> None:
 
 
 def test_letters_are_not_sunk_into_a_wall_thinner_than_they_are_deep() -> None:
-    sheet = cuboid(30, 30, 0.1)
+    sheet = cuboid(30, 30, 0.03)
     assert len(placed(sheet, mode=Mode.EMBOSS).boxes) > 0
     with pytest.raises(MeshmarkError) as caught:
         placed(sheet, mode=Mode.DEBOSS)
