@@ -240,7 +240,7 @@ def test_what_shows_when_the_asset_is_read_fails_the_job_with_the_same_fields(ru
     code, content = FAILED_JOBS[name]
     client = running.service.client
     with running.meter.peak() as peak:
-        response = running.service.submit(content)
+        response = running.service.submit(content, params=text("watermark"))
         assert response.status_code == 202, response.text
         url = response.headers["Location"]
         job = running.service.wait_for(url, "failed")
