@@ -48,8 +48,8 @@ def edited(data: bytes, old: bytes, new: bytes) -> bytes:
 
 def rubble(side: int) -> bytes:
     """An OBJ of a square whose vertices lie at random heights."""
-    height = np.random.default_rng(0).uniform(0, 6, (side, side))
-    vertices = [f"v {x} {y} {height[x, y]:.4f}" for x in range(side) for y in range(side)]
+    height = np.random.default_rng(0).uniform(0, 10, (side, side))
+    vertices = [f"v {x} {y} {height[x, y]:.1f}" for x in range(side) for y in range(side)]
     corner = [x * side + y + 1 for x in range(side - 1) for y in range(side - 1)]
     faces = [f"f {a} {a + side} {a + side + 1} {a + 1}" for a in corner]
     return "\n".join([*vertices, *faces, ""]).encode()
@@ -150,7 +150,7 @@ FAILED_JOBS = {
     "index out of range in an OFF": ("index_out_of_range", edited(OFF, b"4 0 1 3 2", b"4 0 1 3 99")),
     "all vertices in one point": ("no_faces", re.sub(rb"v .*", b"v 1 1 1", OBJ)),
     "mesh too small": ("no_placement", NEEDLE),
-    "mesh too rough": ("no_placement", rubble(120)),
+    "mesh too rough": ("no_placement", rubble(150)),
 }
 
 
