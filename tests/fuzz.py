@@ -132,7 +132,8 @@ def outcome(number: int) -> str:
         return error.code.value if error.message and error.remedy else f"FOUND: {error.code} without words"
     except Exception as error:
         return f"FOUND: {type(error).__name__}: {error}"
-    known = set(error_counts(data)) if data[:4] == b"glTF" else set()
+    is_gltf = data[:4] == b"glTF" or data.lstrip()[:1] == b"{"
+    known = set(error_counts(data)) if is_gltf else set()
     new = set(error_counts(model)) - known
     return f"FOUND: invalid result: {sorted(new)}" if new else "marked"
 

@@ -69,6 +69,7 @@ def check_document(document: Document, budgets: Budgets) -> None:
     _check_accessors(json, budgets)
     _check_images(json, buffers, budgets)
     _check_skins(json)
+    _check_animations(json)
     drawn = [_mesh_counts(json, number) for number in range(len(entries(json, "meshes")))]
     faces = vertices = primitives = 0
     for mesh, draws in _draws(document):
@@ -112,15 +113,16 @@ def _check_version(json: Json) -> None:
 
 
 def _check_extensions(json: Json) -> None:
-    required = json.get("extensionsRequired", [])
-    if not isinstance(required, list) or not all(isinstance(name, str) for name in required):
-        raise malformed("extensionsRequired of the GLB is not an array of names.")
-    unknown = [name for name in required if not UNDERSTOOD.fullmatch(name)]
+    for kind in ("extensionsUsed", "extensionsRequired"):
+        names = json.get(kind, [])
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            raise malformed(f"{kind} of the GLB is not an array of names.")
+    unknown = [name for name in json.get("extensionsRequired", []) if not UNDERSTOOD.fullmatch(name)]
     if unknown:
-        names = ", ".join(quote(name) for name in unknown[:10])
+        listed = ", ".join(quote(name) for name in unknown[:10])
         raise MeshmarkError(
             ErrorCode.UNSUPPORTED_FEATURE,
-            f"The GLB requires {names}, which this release does not read.",
+            f"The GLB requires {listed}, which this release does not read.",
             "Export the asset without these extensions and send it again.",
         )
 
@@ -273,6 +275,17 @@ def _check_skins(json: Json) -> None:
         references(skin, "joints", json, "nodes", where)
         if "inverseBindMatrices" in skin:
             reference(skin["inverseBindMatrices"], json, "accessors", where)
+
+
+def _check_animations(json: Json) -> None:
+    for number, animation in enumerate(entries(json, "animations")):
+        where = f"animations[{number}].samplers"
+        samplers = animation.get("samplers", [])
+        if not isinstance(samplers, list) or not all(isinstance(sampler, dict) for sampler in samplers):
+            raise malformed(f"{where} is not an array of objects.")
+        for sampler in samplers:
+            for key in ("input", "output"):
+                reference(sampler.get(key), json, "accessors", where)
 
 
 def _mesh_counts(json: Json, number: int) -> tuple[int, int]:
