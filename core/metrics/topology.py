@@ -35,13 +35,14 @@ class Topology:
 def topology(surface: Surface) -> Topology:
     """The :class:`Topology` of a surface."""
     corners = surface.weld[surface.faces]
-    corners = corners[(corners != np.roll(corners, 1, axis=1)).all(axis=1)]
-    low = np.minimum(corners, np.roll(corners, -1, axis=1)).ravel()
-    high = np.maximum(corners, np.roll(corners, -1, axis=1)).ravel()
-    key = low * (surface.weld.max(initial=0) + 1) + high
-    order = np.argsort(key, kind="stable")
-    same = key[order][1:] == key[order][:-1]
-    _, count = np.unique(key[order], return_counts=True)
+    a, b, c = corners.T
+    corners = corners[(a != b) & (b != c) & (c != a)]
+    start, end = corners.ravel(), corners[:, [1, 2, 0]].ravel()
+    key = np.minimum(start, end) * (surface.weld.max(initial=0) + 1) + np.maximum(start, end)
+    order = np.argsort(key)
+    key = key[order]
+    same = key[1:] == key[:-1]
+    count = np.diff(np.flatnonzero(np.concatenate([[True], ~same, [True]]))) if len(key) else np.empty(0)
     # Neighbours in the sorted list that have the same edge are faces that share it.
     one, two = order[:-1][same] // 3, order[1:][same] // 3
     graph = coo_array((np.ones(len(one), dtype=np.int8), (one, two)), shape=(len(corners), len(corners)))
