@@ -6,6 +6,7 @@ The letters are counted on the written file by rays and distances, independently
 import argparse
 import multiprocessing
 import sys
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,9 @@ COLUMNS = (
     "open edges",
     "edges > 2 faces",
     "new glTF errors",
+    "primitives touched",
+    "MB",
+    "peak MB",
 )
 
 
@@ -96,8 +100,23 @@ def _survey(task: tuple[Path, Path | None]) -> tuple[list[str], bool]:
         f"{utility['smse']:.4f}",
         *(f"{asset[key]} -> {model[key]}" for key in ("watertight", "boundary_edges", "nonmanifold_edges")),
         str(errors),
+        _touched(data, result.model),
+        f"{asset['bytes'] / 2**20:.2f} -> {model['bytes'] / 2**20:.2f}",
+        f"{max(report['memory'].values()) / 2**20:.0f}",
     ]
     return row, not same or whole < letters or errors > 0 or utility["ipe"] != 0
+
+
+def _touched(data: bytes, model: bytes) -> str:
+    """How many of the input's mesh primitives came back changed, of how many; the others are equal byte for byte."""
+    before = to_document(data, admit(data)).json["meshes"]
+    after = Document.from_glb(model).json["meshes"]
+    pairs = [
+        pair
+        for old, new in zip(before, after, strict=False)
+        for pair in zip_longest(old["primitives"], new["primitives"][: len(old["primitives"])])
+    ]
+    return f"{sum(old != new for old, new in pairs)} / {len(pairs)}"
 
 
 def _errors(glb: bytes) -> int:
