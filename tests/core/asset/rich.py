@@ -1,4 +1,4 @@
-"""A GLB with a little of everything: skin, morph target, animation, texture, two materials, instances, sparse data."""
+"""A GLB with a little of everything that an edit has to leave alone."""
 
 from io import BytesIO
 
@@ -10,7 +10,8 @@ from tests.core.asset.builder import Builder, grid
 
 
 def rich() -> Document:
-    """Two primitives of a bent sheet, drawn by three nodes, one of them skinned."""
+    """Two bent sheets, one skinned and morphing, one drawn twice, once mirrored; with an animation, two scenes, a
+    texture, sparse data, a camera, a light, extras, and an extension and properties that nobody knows."""
     positions, faces = grid(6)
     positions = (positions - 3) * np.array([1, 0.5, 1], dtype=np.float32)
     count = len(positions)
@@ -54,10 +55,11 @@ def rich() -> Document:
             {"mesh": 0, "skin": 0, "extras": {"seller": 7}},
             {"name": "hip", "children": [5]},
             {"mesh": 1, "translation": [0, 0, 4], "scale": [1, -1, 1]},
-            {"mesh": 1, "rotation": [0, 0.7071068, 0, 0.7071068]},
+            {"mesh": 1, "rotation": [0, 0.7071068, 0, 0.7071068], "extensions": {"KHR_lights_punctual": {"light": 0}}},
             {"name": "knee", "translation": [0, 0.5, 0]},
+            {"name": "eye", "camera": 0},
         ],
-        scenes=[{"nodes": [0]}],
+        scenes=[{"nodes": [0]}, {"name": "empty", "nodes": [6], "extras": ["kept"]}],
         skins=[{"joints": [2, 5], "inverseBindMatrices": bind}],
         animations=[
             {
@@ -71,5 +73,11 @@ def rich() -> Document:
         ],
         textures=[{"source": 0}],
         images=[{"bufferView": image, "mimeType": "image/png"}],
+        extensionsUsed=["KHR_lights_punctual", "EXT_nobody_knows"],
+        extensions={
+            "KHR_lights_punctual": {"lights": [{"type": "point", "intensity": 3.0}]},
+            "EXT_nobody_knows": {"values": [1, {"a": None}]},
+        },
+        extras={"shop": "A & Ω"},
         cameras=[{"type": "perspective", "perspective": {"yfov": 0.8, "znear": 0.1}}],
     )
