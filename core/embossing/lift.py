@@ -8,7 +8,7 @@ from core.spatial import SpatialIndex
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 
-FIT_ROUNDS = 2  # DESIGN section 4: two are enough for a variance of the distance near 1e-14
+FIT_ROUNDS = 2  # two are enough: the variance of the distance is then near 1e-14
 MIN_AGREEMENT = 0.3  # cosine; a smooth normal further away from the box normal than this is not trusted
 FOLD_TOLERANCE = 1e-4  # share of the letters' area that may face away after lifting: slivers of rounding errors
 

@@ -1,4 +1,4 @@
-"""The pieces of surface under a watermark, seen along its normal (DESIGN: the projection must be injective)."""
+"""The pieces of surface under a watermark, seen along its normal: none may cover itself in that projection."""
 
 from dataclasses import dataclass
 

@@ -14,7 +14,7 @@ from core.spatial import SpatialIndex
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 
-CLEARANCE = 0.004  # text widths kept between an outline and the edge of its patch (DESIGN section 4)
+CLEARANCE = 0.004  # text widths kept between an outline and the edge of its patch, so that outlines never cross one
 LOST_AREA = 1e-9  # square text widths: rounding of the clipper, far under a letter's serif
 AGREEMENT = 0.9  # share of an island's sample rays that must name one patch; a ray along an edge may slip through
 
