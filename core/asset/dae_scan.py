@@ -8,6 +8,12 @@ from core.asset.xml import parse_xml
 from core.errors import ErrorCode, MeshmarkError
 
 READ = ("triangles", "polylist", "polygons")
+_LOST = {
+    "instance_controller": "skinned or morphing meshes",
+    "animation": "animations",
+    "instance_camera": "cameras",
+    "instance_light": "lights",
+}
 _NOT_READ = ("tristrips", "trifans")
 
 
@@ -81,8 +87,8 @@ class Scan:
             self._open.append(node)
         elif name in ("instance_node", "instance_geometry"):
             self._open[-1].uses.append((name, attributes.get("url", "").removeprefix("#")))
-        elif name == "instance_controller":
-            self.not_read.add("skinned or morphing meshes")
+        elif name in _LOST:
+            self.not_read.add(_LOST[name])
         elif name == "geometry":
             key = attributes.get("id", "")
             self._geometry = self._geometries[key] = _Geometry(attributes.get("name", ""))

@@ -106,6 +106,13 @@ def test_a_texture_outside_the_upload_is_said_and_never_opened(path: str, code: 
     assert [warning.code for warning in document.warnings] == [code]
 
 
+def test_cameras_lights_and_animations_that_are_not_read_are_said() -> None:
+    nodes = f'<node>{USE}</node><node><instance_camera url="#c"/><instance_light url="#l"/></node>'
+    animated = dae(nodes).replace(b"</COLLADA>", b"<library_animations><animation/></library_animations></COLLADA>")
+    messages = [warning.message for warning in to_document(animated, admit(animated)).warnings]
+    assert [message.split(" has ")[1].split(",")[0] for message in messages] == ["animations", "cameras", "lights"]
+
+
 def test_meshes_that_are_not_read_are_said() -> None:
     document = _convert(dae(f'<node>{USE}<instance_controller url="#skin"/></node>'))
     assert "skinned" in document.warnings[0].message
