@@ -99,6 +99,18 @@ def place(
         widths = [parameters.size]
     else:
         widths = [min(width * float(np.sqrt(USUAL_ASPECT / aspect)), MODEL_SIZE) for width in WIDTHS + LAST_RESORT]
+    usual = widths[: len(WIDTHS)][-1]
+    # Letters stand on as much surface as they cover. Less than that is no asset but needles, on which searches for
+    # the closest point take forever.
+    area = float(ground.areas.sum())
+    widths = [width for width in widths if width**2 * aspect <= area]
+    if not widths:
+        raise MeshmarkError(
+            ErrorCode.NO_PLACEMENT,
+            f"The surface of this asset has an area of {area:.3g} where its largest side is {MODEL_SIZE:g}: "
+            "less than the text would cover.",
+            "Check for vertices far away from the others, or use a smaller `size`.",
+        )
     surfels = Surfels(ground, rng)
     placements: list[Placement] = []
     left: list[dict[str, int]] = []
@@ -117,7 +129,7 @@ def place(
         seen = pooled.visible[chosen].any(axis=0)
         if len(chosen) == parameters.count or pooled.weight[seen].sum() >= ENOUGH:
             break
-        if step + 1 >= len(WIDTHS) and chosen:
+        if width <= usual and chosen:
             break
         wanted = pooled.directions[~seen]
     if len(pooled.boxes) == 0:

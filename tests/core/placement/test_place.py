@@ -13,7 +13,7 @@ from core.placement.filters import overlapping
 from core.placement.place import place
 from core.placement.selection import Placement, select
 from tests.core.asset.meshes import MESHES
-from tests.core.placement.shapes import cuboid, index_of, inside_out, join, moved, plane, sphere
+from tests.core.placement.shapes import cuboid, index_of, inside_out, join, moved, plane, sphere, surface
 
 ASPECT = 0.125
 
@@ -139,3 +139,11 @@ def test_real_assets_get_marks_that_are_seen_from_nearly_everywhere(path: Path) 
     assert found.visible[chosen].any(axis=0).mean() > 0.85
     for position, one in enumerate(chosen):
         assert not overlapping(found.boxes, one)[chosen[position + 1 :]].any()
+
+
+def test_an_asset_with_less_surface_than_the_text_covers_is_refused_before_any_search() -> None:
+    needle = surface(np.array([[0, 0, 0], [1e-9, 0, 0], [0, 30.0, 0]]), np.array([[0, 1, 2]]))
+    with pytest.raises(MeshmarkError) as caught:
+        placed(needle)
+    assert caught.value.code is ErrorCode.NO_PLACEMENT
+    assert "area" in caught.value.message
