@@ -68,7 +68,7 @@ def _apply(options: argparse.Namespace) -> None:
         _write(options.report, (json.dumps(result.report, indent=2) + "\n").encode())
     if options.preview:
         if result.preview is None:
-            warning = result.report["warnings"][0]
+            warning = result.report["warnings"][-1]  # previewing is the last stage: what kept it from it comes last
             raise MeshmarkError(ErrorCode(warning["code"]), warning["message"], warning["remedy"])
         _write(options.preview, result.preview)
     seconds = sum(result.report["timings"].values())

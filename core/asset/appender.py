@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from core.asset.gltf import COMPONENT_TYPES, ELEMENT_TYPES, Document
 
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
-FLOAT = 5126
 
 _COMPONENT_CODES = {dtype: code for code, dtype in COMPONENT_TYPES.items()}
 

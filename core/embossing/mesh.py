@@ -99,7 +99,6 @@ class WorkingMesh:
         original = np.zeros((vertices, 3))
         original[surface.weld] = surface.positions
         self._points, self._feet = Rows(original), Rows(original)
-        self.original_vertices = vertices
         self._corners = corners
         self._alive = np.ones(self.original_faces, dtype=bool)
         self._editable = editable

@@ -6,7 +6,9 @@ from pathlib import Path
 import pytest
 
 from core.cli import main
+from core.errors import ErrorCode, MeshmarkError
 from core.lettering.fonts import DEFAULT_FONT
+from tests.core.asset.builder import CUBE, CUBE_FACES, simple
 from tests.validator import error_counts
 
 SPOT = Path(__file__).parents[1] / "data" / "spot.glb"
@@ -70,3 +72,20 @@ def test_wrong_usage_is_status_two(capsys: pytest.CaptureFixture[str]) -> None:
         main(["apply", "in.glb", "out.glb"])
     assert caught.value.code == 2
     assert "--text" in capsys.readouterr().err
+
+
+def test_a_preview_that_cannot_be_rendered_is_said_whatever_else_there_was_to_warn_of(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def unavailable(_: bytes) -> bytes:
+        raise MeshmarkError(ErrorCode.RENDERING_UNAVAILABLE, "No EGL here.", "Install it.")
+
+    monkeypatch.setattr("core.pipeline.contact_sheet", unavailable)
+    asset, model = tmp_path / "in.glb", tmp_path / "out.glb"
+    document = simple(CUBE, CUBE_FACES)
+    document.json["images"] = [{"uri": "beside.png"}]  # warned of as well, and before
+    asset.write_bytes(document.to_glb())
+    arguments = ["apply", str(asset), str(model), "--text", "a", "--preview", str(tmp_path / "preview.png")]
+    assert main(arguments) == 1
+    assert capsys.readouterr().err.startswith("meshmark: rendering_unavailable: No EGL here.")
+    assert model.exists()
