@@ -29,6 +29,7 @@ class ErrorCode(StrEnum):
     # The work itself.
     NO_PLACEMENT = "no_placement"
     RENDERING_UNAVAILABLE = "rendering_unavailable"
+    EVALUATION_FAILED = "evaluation_failed"
     OUTPUT_NOT_WRITABLE = "output_not_writable"
     INTERNAL_ERROR = "internal_error"
     # The process around the work; raised by the worker, listed here so that all codes stand in one place.

@@ -35,6 +35,7 @@ STATUS: dict[ErrorCode, int] = {
     ErrorCode.INVALID_FONT: 422,
     ErrorCode.NO_PLACEMENT: 422,
     ErrorCode.RENDERING_UNAVAILABLE: 500,
+    ErrorCode.EVALUATION_FAILED: 500,
     ErrorCode.OUTPUT_NOT_WRITABLE: 500,
     ErrorCode.INTERNAL_ERROR: 500,
     ErrorCode.TIME_LIMIT: 500,
