@@ -32,6 +32,7 @@ class Mode(StrEnum):
 class Evaluate(StrEnum):
     """Which metrics the report carries."""
 
+    FULL = "full"
     GEOMETRY = "geometry"
     NONE = "none"
 

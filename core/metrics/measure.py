@@ -1,0 +1,281 @@
+"""Every metric of one watermarked asset: its value, what it took, or why there is none."""
+
+import time
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cache, cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.asset.surface import Surface
+from core.errors import ErrorCode, MeshmarkError
+from core.ground.saliency import Saliency, saliency
+from core.metrics.coverage import coverage
+from core.metrics.features import Extractor, extractor
+from core.metrics.ipe import ipe
+from core.metrics.lce import lce
+from core.metrics.ocr import Reader, ocr
+from core.metrics.ray import ray
+from core.metrics.se import se
+from core.metrics.sight import above_letters, top_face
+from core.metrics.smse import smse
+from core.metrics.ss import ss
+from core.metrics.wps import wps
+from core.metrics.wps_area import wps_area
+from core.parameters import Evaluate
+from core.placement.boxes import Boxes
+from core.spatial import SpatialIndex
+
+Float = NDArray[np.float64]
+Pictures = NDArray[np.uint8]
+Values = dict[str, float | int | None]
+
+HIGHER_IS_BETTER = {
+    "watermark_quality": {
+        "wps": True,
+        "wps_area": True,
+        "ray": True,
+        "ray_box": True,
+        "coverage": True,
+        "ocr": True,
+        "ocr_ge_0.8": True,
+        "ocr_exact": True,
+    },
+    "asset_utility": {
+        "smse": False,
+        "smse_squared": False,
+        "ipe": False,
+        "lce": False,
+        "se": False,
+        "ss": True,
+    },
+}
+# Of the size-30 frame; all other metrics are shares, similarities or counts.
+UNITS = {"smse": "length", "smse_squared": "length^2", "lce": "length^2", "ipe": "parts"}
+
+
+@dataclass(eq=False)
+class Subject:
+    """One side of the comparison, with what several metrics share.
+
+    Attributes:
+        surface: in the size-30 frame of the original.
+        index: over ``surface``.
+        pictures: (V, S, S, 3) the paper's views; or why there are none.
+        seed: of the saliency's samples.
+    """
+
+    surface: Surface
+    index: SpatialIndex
+    pictures: Pictures | MeshmarkError
+    seed: int = 0
+
+    @cached_property
+    def saliency(self) -> Saliency:
+        """The saliency map of ``surface``."""
+        return saliency(self.surface, self.seed)
+
+    @property
+    def views(self) -> Pictures:
+        """The pictures, or their absence raised."""
+        if isinstance(self.pictures, MeshmarkError):
+            raise self.pictures
+        return self.pictures
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """What is measured.
+
+    Attributes:
+        original, watermarked: in the same frame.
+        boxes: the marks; may be none, and then what needs them is missing.
+        relief: (B,) height of each mark's letters, size-30 units.
+        text: what the marks say; empty where nobody knows.
+        seed: of the area samples.
+    """
+
+    original: Subject
+    watermarked: Subject
+    boxes: Boxes
+    relief: Float
+    text: str
+    seed: int = 0
+
+    def require_boxes(self) -> None:
+        """Raise where there is no mark to measure."""
+        if len(self.boxes) == 0:
+            raise MeshmarkError(
+                ErrorCode.INVALID_REQUEST,
+                "Where the watermarks stand was not given.",
+                "Give the watermarks as JSON, or the report of the job that made them.",
+            )
+
+
+@dataclass
+class Measurement:
+    """All metrics by name; where one is None, ``missing`` says why.
+
+    Attributes:
+        values: by metric.
+        missing: by metric: ``code``, ``message`` and ``remedy``.
+        seconds: by group of metrics.
+        semantics: what extracted the features of ``ss``; empty where it was not measured.
+        box_saliency: (B,) mean saliency under each mark; None where it was not measured.
+    """
+
+    values: Values = field(default_factory=lambda: {name: None for kind in HIGHER_IS_BETTER.values() for name in kind})
+    missing: dict[str, dict[str, str]] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+    semantics: str = ""
+    box_saliency: Float | None = None
+
+    def report(self) -> dict[str, Any]:
+        """The ``metrics`` of a report (``meshmark.report/1``)."""
+        return {kind: {name: self.values[name] for name in names} for kind, names in HIGHER_IS_BETTER.items()} | {
+            "higher_is_better": {name: better for names in HIGHER_IS_BETTER.values() for name, better in names.items()},
+            "units": UNITS,
+            "semantics": self.semantics or None,
+            "missing": self.missing,
+            "seconds": self.seconds,
+        }
+
+
+def measure(pair: Pair, level: Evaluate, progress: Callable[[float], None] = lambda _: None) -> Measurement:
+    """Measure what ``level`` asks for. Never raises: a metric that cannot be had is None, with the reason.
+
+    Args:
+        pair: what to compare.
+        level: ``none`` measures nothing, ``geometry`` leaves out what looks at pictures.
+        progress: called with the share done.
+    """
+    found = Measurement()
+    wanted = [group for group in _GROUPS if level is Evaluate.FULL or level is group.level]
+    for group in _GROUPS:
+        if group not in wanted:
+            found.missing |= dict.fromkeys(group.metrics, _not_requested(level))
+    for number, group in enumerate(wanted):
+        progress(number / len(wanted))
+        start = time.perf_counter()
+        try:
+            found.values |= group.measure(pair, found)
+        except MeshmarkError as error:
+            reason = {"code": error.code.value, "message": error.message, "remedy": error.remedy}
+            found.missing |= dict.fromkeys(group.metrics, reason)
+        except Exception as error:  # the asset is marked: what keeps it from being measured must not take it back
+            traceback.print_exc()
+            found.missing |= dict.fromkeys(group.metrics, _failed(error))
+        found.seconds[group.name] = round(time.perf_counter() - start, 4)
+    progress(1.0)
+    return found
+
+
+def _not_requested(level: Evaluate) -> dict[str, str]:
+    return {
+        "code": "not_requested",
+        "message": f"The request asked for evaluate: {level.value}.",
+        "remedy": "Ask for evaluate: full.",
+    }
+
+
+def _failed(error: Exception) -> dict[str, str]:
+    return {
+        "code": ErrorCode.EVALUATION_FAILED.value,
+        "message": f"The measurement ended with an error ({type(error).__name__}).",
+        "remedy": "The model is not affected. Report it to the operator; the log holds the details.",
+    }
+
+
+def _placement(pair: Pair, _: Measurement) -> Values:
+    pair.require_boxes()
+    original, boxes = pair.original.surface, pair.boxes
+    return {"wps": float(wps(original, boxes).mean()), "wps_area": float(wps_area(original, boxes).mean())}
+
+
+def _visibility(pair: Pair, _: Measurement) -> Values:
+    pair.require_boxes()
+    boxes, index = pair.boxes, pair.watermarked.index
+    letters = above_letters(pair.original.surface, pair.original.index, boxes, pair.relief)
+    return {
+        "ray": ray(boxes, letters, index),
+        "ray_box": ray(boxes, top_face(boxes), index),
+        "coverage": coverage(boxes, letters, index),
+    }
+
+
+def _shape(pair: Pair, _: Measurement) -> Values:
+    distance, squared = smse(pair.original.index, pair.watermarked.surface, np.random.default_rng(pair.seed))
+    return {
+        "smse": distance,
+        "smse_squared": squared,
+        "ipe": ipe(pair.original.surface, pair.watermarked.surface),
+    }
+
+
+def _curvature(pair: Pair, _: Measurement) -> Values:
+    pair.require_boxes()
+    variance = lce(pair.original.index, pair.watermarked.surface, pair.boxes, pair.relief)
+    if variance is None:
+        raise MeshmarkError(
+            ErrorCode.INVALID_REQUEST,
+            "No vertex of the watermarked asset lies on top of a letter in any of the given places.",
+            "Check that places, relief and both files use the same coordinates.",
+        )
+    return {"lce": variance}
+
+
+def _saliency(pair: Pair, found: Measurement) -> Values:
+    pair.require_boxes()
+    share, found.box_saliency = se(pair.original.saliency, pair.boxes)
+    return {"se": share}
+
+
+def _readability(pair: Pair, _: Measurement) -> Values:
+    if not pair.text:
+        raise MeshmarkError(
+            ErrorCode.INVALID_REQUEST, "What the watermarks say was not given.", "Give the text of the watermarks."
+        )
+    read = ocr(pair.watermarked.views, pair.text, _reader())
+    return {"ocr": read.ratio, "ocr_ge_0.8": read.ge_08, "ocr_exact": read.exact}
+
+
+def _semantics(pair: Pair, found: Measurement) -> Values:
+    before, after = pair.original.views, pair.watermarked.views
+    features = _extractor()
+    score = ss(before, after, features)
+    found.semantics = features.name
+    return {"ss": score}
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Metrics that come from the same work."""
+
+    name: str
+    metrics: tuple[str, ...]
+    level: Evaluate
+    measure: Callable[[Pair, Measurement], Values]
+
+
+_GROUPS = (
+    _Group("placement", ("wps", "wps_area"), Evaluate.GEOMETRY, _placement),
+    _Group("visibility", ("ray", "ray_box", "coverage"), Evaluate.GEOMETRY, _visibility),
+    _Group("shape", ("smse", "smse_squared", "ipe"), Evaluate.GEOMETRY, _shape),
+    _Group("curvature", ("lce",), Evaluate.GEOMETRY, _curvature),
+    _Group("saliency", ("se",), Evaluate.GEOMETRY, _saliency),
+    _Group("readability", ("ocr", "ocr_ge_0.8", "ocr_exact"), Evaluate.FULL, _readability),
+    _Group("semantics", ("ss",), Evaluate.FULL, _semantics),
+)
+
+
+@cache
+def _reader() -> Reader:
+    return Reader()
+
+
+@cache
+def _extractor() -> Extractor:
+    return extractor()
