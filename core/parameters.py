@@ -79,7 +79,7 @@ class Parameters(BaseModel):
     ] = None
     seed: Annotated[int, Field(ge=0, le=2**63 - 1, description="Seed of every random draw.")] = 0
     solver: Annotated[Solver | None, Field(description="How boxes are fitted to the surface.")] = None
-    evaluate: Annotated[Evaluate, Field(description="Which metrics the report carries.")] = Evaluate.GEOMETRY
+    evaluate: Annotated[Evaluate, Field(description="Which metrics the report carries.")] = Evaluate.FULL
 
     @field_validator("color")
     @classmethod

@@ -4,9 +4,11 @@ Stages that need torch and the geometry libraries import them when they start: t
 quarter of a gigabyte to load, which a file that cannot be read shall not cost.
 """
 
+import json
 import resource
 import sys
 import time
+import traceback
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -27,9 +29,12 @@ from core.embossing.mesh import WorkingMesh
 from core.errors import ErrorCode, MeshmarkError
 from core.lettering.outline import Lettering, lettering
 from core.parameters import Evaluate, Parameters
+from core.rendering.pictures import PICTURE_SIZE, pictures
 from core.rendering.preview import contact_sheet
+from core.rendering.renderer import Renderer
 
 if TYPE_CHECKING:
+    from core.asset.surface import Surface
     from core.embossing.emboss import Mark
     from core.ground.ground import Ground
     from core.placement.selection import Placement
@@ -70,10 +75,13 @@ class Job:
     refusals: Counter[str] = field(init=False)
     # write
     model: bytes = field(init=False)
-    # evaluate
+    # report
+    written: "Surface | None" = None  # read back from the model, in the frame of the asset; None: nothing is measured
     report: dict[str, Any] = field(init=False)
-    # preview
+    # render
     preview: bytes | None = None
+    # the paper's views before and after, or why there are none
+    views: tuple[NDArray[np.uint8], NDArray[np.uint8]] | MeshmarkError | None = None
 
 
 @dataclass(frozen=True)
@@ -196,21 +204,20 @@ def _write(job: Job) -> None:
     job.publish("model", job.model)
 
 
-def _evaluate(job: Job) -> None:
+def _report(job: Job) -> None:
+    """The report without its metrics, published at once: whatever happens from here on, the job has one."""
     from core.report import build_report
 
-    written = None
     if job.parameters.evaluate is not Evaluate.NONE:
         # Measured on the file as it was written, rounding included.
-        written = flatten(Document.from_glb(job.model)).surface.in_frame_of(job.scene.surface)
+        job.written = flatten(Document.from_glb(job.model)).surface.in_frame_of(job.scene.surface)
     job.report = build_report(
         data=job.data,
         file_format=job.format,
         parameters=job.parameters,
         surface=job.ground.surface,
-        index=job.ground.index,
         model=job.model,
-        written=written,
+        written=job.written,
         placement=job.placement,
         marks=job.marks,
         refusals=job.refusals,
@@ -218,29 +225,67 @@ def _evaluate(job: Job) -> None:
         memory=job.memory,
         warnings=job.warnings,
     )
+    job.publish("report", json.dumps(job.report, allow_nan=False).encode())
 
 
-def _preview(job: Job) -> None:
-    if not job.preview_wanted:
+def _render(job: Job) -> None:
+    """The preview and the pictures that metrics look at, from one OpenGL context."""
+    measured = job.parameters.evaluate is Evaluate.FULL
+    if not measured and not job.preview_wanted:
         return
     try:
-        job.preview = contact_sheet(job.model)
+        with Renderer(PICTURE_SIZE) as renderer:
+            renderer.load(job.model)
+            if job.preview_wanted:
+                job.preview = contact_sheet(renderer)
+                job.publish("preview", job.preview)
+            if measured:
+                after = pictures(renderer)
+                renderer.load(job.scene.document.to_glb())
+                job.views = pictures(renderer), after
     except MeshmarkError as error:
-        # The asset is marked and measured; a machine that cannot render still delivers it, and says so.
+        job.views = error
+    except Exception as error:  # drivers fail in ways of their own
+        traceback.print_exc()
+        job.views = MeshmarkError(
+            ErrorCode.RENDERING_UNAVAILABLE,
+            f"The pictures of this asset could not be drawn ({type(error).__name__}).",
+            "The model is not affected. Report it to the operator; the log holds the details.",
+        )
+    if isinstance(job.views, MeshmarkError):
+        # The asset is marked; a machine that cannot render still delivers it, and says so.
+        error = job.views
         job.warnings.append({"code": error.code, "message": error.message, "remedy": error.remedy})
+
+
+def _evaluate(job: Job) -> None:
+    if job.written is None:
         return
-    job.publish("preview", job.preview)
+    from core.metrics.measure import Pair, Subject, measure
+    from core.report import boxes_of, with_metrics
+    from core.spatial import SpatialIndex
+
+    before, after = job.views if isinstance(job.views, tuple) else (job.views, job.views)
+    written_index = SpatialIndex(job.written.positions, job.written.faces)
+    pair = Pair(
+        Subject(job.ground.surface, job.ground.index, job.parameters.seed, before),
+        Subject(job.written, written_index, job.parameters.seed, after),
+        *boxes_of(job.marks, job.parameters),
+        job.parameters.text,
+    )
+    job.report = with_metrics(job.report, measure(pair, job.parameters.evaluate, job.report_progress))
 
 
 # Name, the stage, and its share of the progress bar.
 STAGES: list[tuple[str, Callable[[Job], None], float]] = [
-    ("reading", _read, 0.1),
+    ("reading", _read, 0.05),
     ("lettering", _letter, 0.02),
-    ("placing", _place, 0.38),
-    ("embossing", _emboss, 0.25),
-    ("writing", _write, 0.05),
-    ("evaluating", _evaluate, 0.1),
-    ("previewing", _preview, 0.1),
+    ("placing", _place, 0.25),
+    ("embossing", _emboss, 0.13),
+    ("writing", _write, 0.03),
+    ("reporting", _report, 0.02),
+    ("rendering", _render, 0.2),
+    ("evaluating", _evaluate, 0.3),
 ]
 
 
@@ -263,7 +308,8 @@ def watermark(
         budgets: what the asset may declare before it is read.
         preview: whether to render a contact sheet.
         progress: called with the stage's name and the share done of the whole run, 0 to 1.
-        publish: called with "model" and "preview" and their bytes as soon as each exists, before the run ends.
+        publish: called with "model", "report" and "preview" and their bytes as soon as each exists, before the run
+            ends. The report is the one that stands should the run not end: its metrics are missing still.
 
     Returns:
         The GLB, the report and the preview. The same arguments on the same device give the same GLB bytes.

@@ -5,18 +5,19 @@ from collections import Counter
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from core import __version__
 from core.asset.sniff import Format
 from core.asset.surface import MODEL_SIZE, Surface
 from core.embossing.emboss import Mark
-from core.metrics.report import asset_facts, geometry_metrics
+from core.metrics.measure import Measurement
+from core.metrics.topology import topology
 from core.metrics.wps_area import wps_area
-from core.parameters import Parameters
+from core.parameters import Evaluate, Parameters
 from core.placement.boxes import Boxes
 from core.placement.selection import Placement
 from core.rendering.views import view_directions
-from core.spatial import SpatialIndex
 
 SCHEMA = "meshmark.report/1"
 
@@ -29,7 +30,6 @@ def build_report(
     file_format: Format,
     parameters: Parameters,
     surface: Surface,
-    index: SpatialIndex,
     model: bytes,
     written: Surface | None,
     placement: Placement,
@@ -39,15 +39,15 @@ def build_report(
     memory: dict[str, int],
     warnings: Warnings,
 ) -> dict[str, Any]:
-    """The report as a JSON-ready mapping.
+    """The report as a JSON-ready mapping, its metrics still missing.
 
     Args:
         data: the uploaded file.
         file_format: its format.
         parameters: resolved.
-        surface: of the asset, with its ``index``.
+        surface: of the asset.
         model: the GLB that was written.
-        written: the surface read back from ``model``, in the asset's size-30 frame; None skips the metrics.
+        written: the surface read back from ``model``, in the asset's size-30 frame; None: nothing is measured.
         placement: the candidates that survived.
         marks: the watermarks by number of their box in ``placement``.
         refusals: how many boxes embossing refused, by reason.
@@ -55,14 +55,9 @@ def build_report(
         memory: the most resident bytes the process had held up to the end of each stage; by reference likewise.
         warnings: what did not go as asked; kept by reference likewise.
     """
-    boxes = Boxes(
-        np.concatenate([mark.box.center for mark in marks.values()]),
-        np.concatenate([mark.box.axes for mark in marks.values()]),
-        np.concatenate([mark.box.size for mark in marks.values()]),
-    )
+    boxes, relief = boxes_of(marks, parameters)
     score = wps_area(surface, boxes)
     view_count = len(view_directions()[0])
-    relief = np.abs([parameters.relief_at(width) for width in boxes.size[:, 0]])
     watermarks = [
         {
             "id": number,
@@ -82,16 +77,10 @@ def build_report(
         }
         for number, (box, mark) in enumerate(marks.items())
     ]
-    metrics = None
-    if written is not None:
-        written_index = SpatialIndex(written.positions, written.faces)
-        metrics = geometry_metrics(surface, index, written, written_index, boxes, relief, seed=parameters.seed)
     return {
         "schema": SCHEMA,
-        "asset": {"sha256": hashlib.sha256(data).hexdigest(), "bytes": len(data), "format": file_format.value}
-        | asset_facts(surface),
-        "model": {"sha256": hashlib.sha256(model).hexdigest(), "bytes": len(model), "format": Format.GLB.value}
-        | (asset_facts(written) if written is not None else {}),
+        "asset": file_facts(data, file_format) | asset_facts(surface),
+        "model": file_facts(model, Format.GLB) | (asset_facts(written) if written is not None else {}),
         "parameters": parameters.model_dump(mode="json"),
         "seed": parameters.seed,
         "engine": {"version": __version__, "device": "cpu"},
@@ -102,8 +91,58 @@ def build_report(
             "verified": len(marks),
             "refused": dict(sorted(refusals.items())),
         },
-        "metrics": metrics,
+        "metrics": _unmeasured().report() if parameters.evaluate is not Evaluate.NONE else None,
         "warnings": warnings,
         "timings": timings,
         "memory": memory,
     }
+
+
+def with_metrics(report: dict[str, Any], measured: Measurement) -> dict[str, Any]:
+    """The report with its metrics, and the saliency under each mark."""
+    saliency = measured.box_saliency
+    watermarks = [
+        mark | {"saliency": None if saliency is None else float(saliency[number])}
+        for number, mark in enumerate(report["watermarks"])
+    ]
+    return report | {"watermarks": watermarks, "metrics": measured.report()}
+
+
+def boxes_of(marks: dict[int, Mark], parameters: Parameters) -> tuple[Boxes, NDArray[np.float64]]:
+    """The boxes (B) of all marks in their order, and the height (B,) of their letters, size-30 units."""
+    boxes = Boxes(
+        np.concatenate([mark.box.center for mark in marks.values()]),
+        np.concatenate([mark.box.axes for mark in marks.values()]),
+        np.concatenate([mark.box.size for mark in marks.values()]),
+    )
+    return boxes, np.abs([parameters.relief_at(width) for width in boxes.size[:, 0]])
+
+
+def file_facts(data: bytes, file_format: Format) -> dict[str, Any]:
+    """What file it was."""
+    return {"sha256": hashlib.sha256(data).hexdigest(), "bytes": len(data), "format": file_format.value}
+
+
+def asset_facts(surface: Surface) -> dict[str, Any]:
+    """Size and topology of a surface: counts, and whether it is closed."""
+    found = topology(surface)
+    return {
+        "vertices": len(surface.positions),
+        "faces": len(surface.faces),
+        "components": found.components,
+        "watertight": found.watertight,
+        "boundary_edges": found.boundary_edges,
+        "nonmanifold_edges": found.nonmanifold_edges,
+    }
+
+
+def _unmeasured() -> Measurement:
+    """What stands in the report until the measurement has ended."""
+    measurement = Measurement()
+    reason = {
+        "code": "not_measured",
+        "message": "The process ended before it had measured the result.",
+        "remedy": "The model is not affected. Ask for evaluate: geometry if it happens again.",
+    }
+    measurement.missing |= dict.fromkeys(measurement.values, reason)
+    return measurement

@@ -60,6 +60,9 @@ class Settings(BaseSettings):
     job_time_limit: Annotated[float, Field(gt=0, description="Seconds a job may run.")] = 600.0
     job_memory_limit: Annotated[int, Field(gt=0, description="Resident bytes a job's process may hold.")] = 8192 * MIB
     worker_concurrency: Annotated[int, Field(ge=1, description="Jobs one worker runs at the same time.")] = 1
+    job_threads: Annotated[
+        int, Field(ge=0, description="Threads a job may use; 0: the machine's cores divided by worker_concurrency.")
+    ] = 0
     log_level: Annotated[str, Field(pattern="^(DEBUG|INFO|WARNING|ERROR)$", description="Least level logged.")] = "INFO"
 
     @property

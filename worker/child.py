@@ -51,7 +51,9 @@ def run(request: dict[str, Any], say: Callable[..., None]) -> None:
 
     def publish(kind: str, content: bytes) -> None:
         path = folder / (kind + SUFFIXES[kind])
-        path.write_bytes(content)
+        partial = path.with_suffix(".partial")
+        partial.write_bytes(content)
+        partial.replace(path)  # the report is written twice: whenever this process ends, one of them is whole
         published.add(kind)
         say(artifact=kind, path=os.fspath(path))
 

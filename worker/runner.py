@@ -27,8 +27,10 @@ LOGGED = 4000  # last characters of the child's stderr that are logged
 
 # What the child gets of the worker's environment. The ledger's and the broker's passwords are not among it: the child
 # handles hostile input.
-PASSED_ON = ("PATH", "HOME", "LANG", "TZ", "PYTHONPATH", "VIRTUAL_ENV", "LD_LIBRARY_PATH")
+PASSED_ON = ("PATH", "HOME", "LANG", "TZ", "PYTHONPATH", "VIRTUAL_ENV", "LD_LIBRARY_PATH", "MESHMARK_MODELS")
 PASSED_ON_PREFIXES = ("LC_", "XDG_", "OMP_", "MKL_", "OPENBLAS_", "CUDA_", "NVIDIA_", "TORCH_", "EGL_", "PYOPENGL_")
+# What tells the numeric libraries, libigl and Mesa's software renderer how many threads to use.
+THREADS = ("OMP_NUM_THREADS", "IGL_NUM_THREADS", "LP_NUM_THREADS")
 
 log = structlog.get_logger(__name__)
 
@@ -47,10 +49,11 @@ class Work:
 
 @dataclass(frozen=True)
 class Limits:
-    """Wall-clock seconds and resident bytes."""
+    """Wall-clock seconds, resident bytes, and how many threads share the work."""
 
     seconds: float
     memory: int
+    threads: int
 
 
 @dataclass(frozen=True)
@@ -87,7 +90,7 @@ def run_engine(work: Work, limits: Limits) -> Generator[Progress | Published | N
                 stdout=stderr,
                 stderr=stderr,
                 pass_fds=[writer],
-                env=_environment(work.folder),
+                env=_environment(work.folder, limits.threads),
                 start_new_session=True,  # out of reach of Ctrl-C, and one group to kill
             )
         try:
@@ -183,9 +186,10 @@ def _kill(child: "subprocess.Popen[bytes]") -> None:
     child.wait()
 
 
-def _environment(folder: Path) -> dict[str, str]:
+def _environment(folder: Path, threads: int) -> dict[str, str]:
     passed = {key: value for key, value in os.environ.items() if key in PASSED_ON or key.startswith(PASSED_ON_PREFIXES)}
-    return passed | {"TMPDIR": os.fspath(folder), "PYTHONUNBUFFERED": "1"}
+    own = {"TMPDIR": os.fspath(folder), "PYTHONUNBUFFERED": "1"}
+    return dict.fromkeys(THREADS, str(threads)) | passed | own
 
 
 def _log_stderr(path: Path) -> None:

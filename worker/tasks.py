@@ -1,5 +1,7 @@
 """The task behind a message: one attempt at one job."""
 
+import json
+import os
 import shutil
 import threading
 import time
@@ -16,6 +18,7 @@ from service.jobs import queue
 from service.jobs.artifacts import ArtifactStore
 from service.jobs.ledger import Content, Ledger
 from service.jobs.models import ArtifactKind, Job, Lease
+from worker.child import SUFFIXES
 from worker.runner import Limits, Progress, Published, Work, run_engine
 
 HEARTBEAT = 1.0  # seconds; also how long a cancellation may go unnoticed
@@ -98,14 +101,28 @@ class Worker:
             budgets=self.settings.budgets,
             folder=folder,
         )
-        limits = Limits(self.settings.job_time_limit, self.settings.job_memory_limit)
+        threads = self.settings.job_threads or max(1, len(os.sched_getaffinity(0)) // self.settings.worker_concurrency)
+        limits = Limits(self.settings.job_time_limit, self.settings.job_memory_limit, threads)
+        report = folder / ("report" + SUFFIXES["report"])
+        try:
+            self._follow(job, work, limits)
+        except MeshmarkError as error:
+            # The engine writes the report once before it measures: then there is a watermarked model to deliver.
+            if not report.exists():
+                raise
+            log.warning("the engine ended before it had measured its result", code=error.code.value)
+            report.write_bytes(_explained(report.read_bytes(), error))
+        self._publish(job.lease, Published(ArtifactKind.REPORT, report))
+
+    def _follow(self, job: Job, work: Work, limits: Limits) -> None:
+        """Run the engine, publish what it makes but the report, and pass on how it goes."""
         beat = min(HEARTBEAT, self.settings.lease_seconds / 4)
         at, due = Progress("reading", 0.0), 0.0
         with closing(run_engine(work, limits)) as events:
             for event in events:
                 if self.stopping.is_set():
                     raise StoppingError
-                if isinstance(event, Published):
+                if isinstance(event, Published) and event.kind is not ArtifactKind.REPORT:
                     self._publish(job.lease, event)
                 if isinstance(event, Progress):
                     if event.stage != at.stage:
@@ -128,6 +145,15 @@ class Worker:
             for sha256 in self.ledger.unreferenced([staged.sha256]):
                 self.artifacts.remove(sha256)
             raise LeaseLostError
+
+
+def _explained(report: bytes, error: MeshmarkError) -> bytes:
+    """The report with what ended the measurement as the reason of every metric that is missing."""
+    content = json.loads(report)
+    if content["metrics"] is not None:
+        reason = {"code": error.code.value, "message": error.message, "remedy": error.remedy}
+        content["metrics"]["missing"] = dict.fromkeys(content["metrics"]["missing"], reason)
+    return json.dumps(content).encode()
 
 
 def scratch_name(lease: Lease) -> str:

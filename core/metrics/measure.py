@@ -64,14 +64,14 @@ class Subject:
     Attributes:
         surface: in the size-30 frame of the original.
         index: over ``surface``.
-        pictures: (V, S, S, 3) the paper's views; or why there are none.
-        seed: of the saliency's samples.
+        seed: of the samples of its surface.
+        pictures: (V, S, S, 3) the paper's views, or why there are none; None will do for ``evaluate: geometry``.
     """
 
     surface: Surface
     index: SpatialIndex
-    pictures: Pictures | MeshmarkError
-    seed: int = 0
+    seed: int
+    pictures: Pictures | MeshmarkError | None = None
 
     @cached_property
     def saliency(self) -> Saliency:
@@ -83,6 +83,7 @@ class Subject:
         """The pictures, or their absence raised."""
         if isinstance(self.pictures, MeshmarkError):
             raise self.pictures
+        assert self.pictures is not None
         return self.pictures
 
 
@@ -95,7 +96,6 @@ class Pair:
         boxes: the marks; may be none, and then what needs them is missing.
         relief: (B,) height of each mark's letters, size-30 units.
         text: what the marks say; empty where nobody knows.
-        seed: of the area samples.
     """
 
     original: Subject
@@ -103,7 +103,6 @@ class Pair:
     boxes: Boxes
     relief: Float
     text: str
-    seed: int = 0
 
     def require_boxes(self) -> None:
         """Raise where there is no mark to measure."""
@@ -207,7 +206,9 @@ def _visibility(pair: Pair, _: Measurement) -> Values:
 
 
 def _shape(pair: Pair, _: Measurement) -> Values:
-    distance, squared = smse(pair.original.index, pair.watermarked.surface, np.random.default_rng(pair.seed))
+    distance, squared = smse(
+        pair.original.index, pair.watermarked.surface, np.random.default_rng(pair.watermarked.seed)
+    )
     return {
         "smse": distance,
         "smse_squared": squared,

@@ -17,25 +17,21 @@ GAP_COLOR = (255, 255, 255)
 VIEWS = ((0, 15), (90, 15), (180, 15), (270, 15), (45, 35), (225, 35), (0, 89.9), (0, -89.9))
 
 
-def contact_sheet(glb: bytes, tile: int = 512) -> bytes:
-    """PNG of eight views in two rows of four, each ``tile`` pixels wide and high.
+def contact_sheet(renderer: Renderer) -> bytes:
+    """PNG of eight views of what ``renderer`` has loaded in two rows of four, each half as wide as its pictures.
 
     Front, right, back and left from slightly above; two corners from higher up; top and bottom.
     Folds and ridges are accentuated, so that letters without a colour of their own can be read.
-
-    Raises:
-        MeshmarkError: ``rendering_unavailable``, or as :func:`core.rendering.drawables.drawables`.
     """
+    tile = renderer.size // SUPERSAMPLING
     rows = -(-len(VIEWS) // COLUMNS)
     sheet = Image.new("RGB", (COLUMNS * (tile + GAP) - GAP, rows * (tile + GAP) - GAP), GAP_COLOR)
-    with Renderer(SUPERSAMPLING * tile) as renderer:
-        renderer.load(glb)
-        for index, (azimuth, elevation) in enumerate(np.radians(VIEWS)):
-            level = np.cos(elevation)
-            direction = (level * np.sin(azimuth), np.sin(elevation), level * np.cos(azimuth))
-            row, column = divmod(index, COLUMNS)
-            picture = cavity(*renderer.render_with_depth(direction, up=(0, 1, 0)))
-            sheet.paste(Image.fromarray(picture).reduce(SUPERSAMPLING), (column * (tile + GAP), row * (tile + GAP)))
+    for index, (azimuth, elevation) in enumerate(np.radians(VIEWS)):
+        level = np.cos(elevation)
+        direction = (level * np.sin(azimuth), np.sin(elevation), level * np.cos(azimuth))
+        row, column = divmod(index, COLUMNS)
+        picture = cavity(*renderer.render_with_depth(direction, up=(0, 1, 0)))
+        sheet.paste(Image.fromarray(picture).reduce(SUPERSAMPLING), (column * (tile + GAP), row * (tile + GAP)))
     stream = BytesIO()
     sheet.save(stream, format="PNG")
     return stream.getvalue()

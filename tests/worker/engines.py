@@ -48,11 +48,14 @@ def directed(
     ACTIONS[order["do"]](order)
     model = b"glTF of " + parameters.text.encode()
     publish("model", model)
+    missing = {"ocr": {"code": "not_measured", "message": "Not yet.", "remedy": "Wait."}}
+    publish("report", json.dumps({"metrics": {"ocr": None, "missing": missing}}).encode())
     progress("evaluating", 0.0)
+    ACTIONS[order.get("then", "work")](order)
     wait_for(order.get("wait_for_before_the_report"))
     preview = b"\x89PNG"
     publish("preview", preview)
-    return Result(model, {"text": parameters.text, "font": font is not None}, preview)
+    return Result(model, {"text": parameters.text, "font": font is not None, "metrics": {"ocr": 1.0}}, preview)
 
 
 def wait_for(path: str | None) -> None:

@@ -17,7 +17,7 @@ from tests.worker.engines import asset
 from tests.worker.waiting import gone, wait_until
 from worker.runner import Limits, Progress, Published, Work, run_engine
 
-GENEROUS = Limits(seconds=60, memory=2**32)
+GENEROUS = Limits(seconds=60, memory=2**32, threads=1)
 
 
 def order(folder: Path, do: str = "work", **details: Any) -> Work:
@@ -46,13 +46,14 @@ def test_stages_and_artifacts_arrive_in_order(tmp_path: Path) -> None:
         "reading",
         "placing",
         ArtifactKind.MODEL,
+        ArtifactKind.REPORT,
         "evaluating",
         ArtifactKind.PREVIEW,
         ArtifactKind.REPORT,
     ]
     files = {event.kind: event.path.read_bytes() for event in events if isinstance(event, Published)}
     assert files[ArtifactKind.MODEL] == b"glTF of HI"
-    assert json.loads(files[ArtifactKind.REPORT]) == {"text": "HI", "font": False}
+    assert json.loads(files[ArtifactKind.REPORT]) == {"text": "HI", "font": False, "metrics": {"ocr": 1.0}}
 
 
 def test_what_native_code_prints_is_not_taken_for_an_answer(tmp_path: Path) -> None:
@@ -74,12 +75,12 @@ def test_an_engine_that_leaves_without_an_answer_is_an_engine_crash(tmp_path: Pa
 
 def test_a_hang_in_native_code_ends_at_the_time_limit(tmp_path: Path) -> None:
     began = time.monotonic()
-    assert failure(order(tmp_path, "hang"), Limits(seconds=1.5, memory=2**32)).code == ErrorCode.TIME_LIMIT
+    assert failure(order(tmp_path, "hang"), Limits(seconds=1.5, memory=2**32, threads=1)).code == ErrorCode.TIME_LIMIT
     assert time.monotonic() - began < 4
 
 
 def test_eating_memory_ends_at_the_memory_limit(tmp_path: Path) -> None:
-    error = failure(order(tmp_path, "eat_memory"), Limits(seconds=60, memory=400 * 2**20))
+    error = failure(order(tmp_path, "eat_memory"), Limits(seconds=60, memory=400 * 2**20, threads=1))
     assert error.code == ErrorCode.MEMORY_LIMIT
     assert "400 MiB" in error.message
 
@@ -131,7 +132,7 @@ def test_the_child_dies_with_a_worker_that_is_killed(tmp_path: Path) -> None:
         "from core.asset.budgets import DEFAULT_BUDGETS\n"
         "source, folder = map(Path, sys.argv[1:])\n"
         "work = Work('tests.worker.engines:directed', source, None, {'text': 'HI'}, DEFAULT_BUDGETS, folder)\n"
-        "list(run_engine(work, Limits(60, 2**32)))"
+        "list(run_engine(work, Limits(60, 2**32, 1)))"
     )
     parent = subprocess.Popen([sys.executable, "-c", script, work.input, work.folder])
     child = process_in(pid_file)

@@ -1,3 +1,4 @@
+import json
 import os
 import sqlite3
 import threading
@@ -75,6 +76,25 @@ def test_a_refused_asset_fails_with_the_engines_words(worker: Worker) -> None:
     assert (failed.state, failed.error_code) == (JobState.FAILED, "no_placement")
     assert failed.error_message == "No place on this asset."
     assert list(worker.scratch.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("end", "code"),
+    [("segfault", "engine_crashed"), ("run_out_of_memory", "memory_limit"), ("stumble", "internal_error")],
+)
+def test_a_job_whose_measurement_dies_still_delivers_its_model_and_says_why(
+    worker: Worker, end: str, code: str
+) -> None:
+    job_id = submit(worker, then=end)
+    worker.run(job_id)
+    done = job(worker, job_id)
+    assert done.state == JobState.SUCCEEDED
+    report, model = done.artifact(ArtifactKind.REPORT), done.artifact(ArtifactKind.MODEL)
+    assert report is not None
+    assert model is not None
+    metrics = json.loads(worker.artifacts.path(report.sha256).read_bytes())["metrics"]
+    assert metrics["ocr"] is None
+    assert metrics["missing"]["ocr"]["code"] == code
 
 
 def test_a_canceled_job_is_stopped_and_stays_canceled(worker: Worker) -> None:

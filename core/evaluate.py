@@ -1,0 +1,161 @@
+"""The metrics of any pair of files, whoever made them."""
+
+import json
+import time
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from core import __version__
+from core.asset.budgets import DEFAULT_BUDGETS, Budgets
+from core.asset.flatten import flatten
+from core.asset.formats import to_document
+from core.asset.gate import admit
+from core.asset.gltf import Document
+from core.asset.surface import MODEL_SIZE, Surface
+from core.errors import ErrorCode, MeshmarkError
+from core.metrics.measure import Pair, Pictures, Subject, measure
+from core.parameters import Evaluate
+from core.placement.boxes import Boxes
+from core.rendering.pictures import PICTURE_SIZE, pictures
+from core.rendering.renderer import Renderer
+from core.report import SCHEMA, asset_facts, file_facts
+from core.spatial import SpatialIndex
+
+Float = NDArray[np.float64]
+Vector = tuple[float, float, float]
+
+
+class Watermark(BaseModel):
+    """Where one watermark stands, in the coordinates of the original: an entry of a report's ``watermarks``.
+
+    ``up`` and ``normal`` need not be of length one; a ``right`` that is given must agree with them.
+    """
+
+    model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
+
+    center: Vector
+    up: Vector
+    normal: Vector
+    size: Annotated[Vector, Field(description="Width and height of the text, and thickness of the box.")]
+    relief: Annotated[float, Field(description="Height of the letters above the surface.")]
+    text: str = ""
+
+
+class Watermarks(BaseModel):
+    """All of them; a whole report is one, too."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    watermarks: list[Watermark]
+
+
+def parse_watermarks(data: bytes) -> list[Watermark]:
+    """Watermarks from JSON: a list of them, or an object (such as a report) that has them under ``watermarks``.
+
+    Raises:
+        MeshmarkError: ``invalid_parameters``, naming each field and what is wrong with it.
+    """
+    try:
+        content = json.loads(data)
+        found = Watermarks.model_validate({"watermarks": content} if isinstance(content, list) else content).watermarks
+    except ValidationError as error:
+        problems = "; ".join(f"{'.'.join(map(str, item['loc']))}: {item['msg']}" for item in error.errors()[:5])
+    except ValueError as error:
+        problems = str(error)
+    else:
+        flat = [n for n, mark in enumerate(found) if not np.linalg.norm(np.cross(mark.up, mark.normal)) > 0]
+        thin = [n for n, mark in enumerate(found) if not min(mark.size) > 0]
+        if not flat and not thin:
+            return found
+        problems = f"watermarks.{(flat or thin)[0]}: " + (
+            "`up` and `normal` are parallel or zero" if flat else "`size` must be positive"
+        )
+    raise MeshmarkError(
+        ErrorCode.INVALID_PARAMETERS,
+        f"The watermarks are not valid: {problems}.",
+        "Give a list of objects with center, up, normal, size and relief in the original's coordinates, or a report.",
+    )
+
+
+def to_boxes(watermarks: list[Watermark], surface: Surface) -> tuple[Boxes, Float]:
+    """World watermarks as boxes (B) and heights of letters (B,) in the size-30 frame of ``surface``."""
+    if not watermarks:
+        return Boxes(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3))), np.empty(0)
+    normal = _unit(np.array([mark.normal for mark in watermarks], dtype=np.float64))
+    right = _unit(np.cross([mark.up for mark in watermarks], normal))
+    axes = np.stack([right, np.cross(normal, right), normal], axis=1)
+    center = (np.array([mark.center for mark in watermarks]) - surface.offset) * surface.scale
+    size = np.array([mark.size for mark in watermarks]) * surface.scale
+    return Boxes(center, axes, size), np.abs([mark.relief * surface.scale for mark in watermarks])
+
+
+def _unit(vectors: Float) -> Float:
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
+
+
+def evaluate(
+    original: bytes,
+    watermarked: bytes,
+    watermarks: list[Watermark],
+    text: str = "",
+    level: Evaluate = Evaluate.FULL,
+    seed: int = 0,
+    budgets: Budgets = DEFAULT_BUDGETS,
+) -> dict[str, Any]:
+    """A report (``meshmark.report/1``) on a watermarked asset: facts of both files and the metrics.
+
+    Args:
+        original, watermarked: files of any accepted format, in the same coordinates.
+        watermarks: where they stand; with none, what needs them is missing from the report, with the reason.
+        text: what they say; empty: what the first of ``watermarks`` says.
+        level: which metrics.
+        seed: of the random samples.
+        budgets: what the files may declare.
+
+    Raises:
+        MeshmarkError: as reading does; a metric that cannot be had is null instead, with the reason beside it.
+    """
+    start = time.perf_counter()
+    before, after = _read(original, budgets), _read(watermarked, budgets)
+    surface = flatten(before).surface
+    written = flatten(after).surface.in_frame_of(surface)
+    boxes, relief = to_boxes(watermarks, surface)
+    text = text or next((mark.text for mark in watermarks if mark.text), "")
+    views = _views(before, after) if level is Evaluate.FULL else (None, None)
+    pair = Pair(
+        Subject(surface, SpatialIndex(surface.positions, surface.faces), seed, views[0]),
+        Subject(written, SpatialIndex(written.positions, written.faces), seed, views[1]),
+        boxes,
+        relief,
+        text,
+    )
+    measured = measure(pair, level)
+    return {
+        "schema": SCHEMA,
+        "asset": file_facts(original, admit(original, budgets)) | asset_facts(surface),
+        "model": file_facts(watermarked, admit(watermarked, budgets)) | asset_facts(written),
+        "seed": seed,
+        "engine": {"version": __version__, "device": "cpu"},
+        "units": {"model_size": MODEL_SIZE, "scale": surface.scale, "offset": surface.offset.tolist()},
+        "watermarks": [mark.model_dump() for mark in watermarks],
+        "metrics": measured.report(),
+        "timings": {"evaluating": round(time.perf_counter() - start, 4)},
+    }
+
+
+def _read(data: bytes, budgets: Budgets) -> Document:
+    return to_document(data, admit(data, budgets), budgets)
+
+
+def _views(before: Document, after: Document) -> tuple[Pictures, Pictures] | tuple[MeshmarkError, MeshmarkError]:
+    try:
+        with Renderer(PICTURE_SIZE) as renderer:
+            renderer.load(before.to_glb())
+            first = pictures(renderer)
+            renderer.load(after.to_glb())
+            return first, pictures(renderer)
+    except MeshmarkError as error:
+        return error, error
