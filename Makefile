@@ -10,7 +10,7 @@ TORCH := torch==2.13.0
 .DEFAULT_GOAL := help
 
 help: ## Show this list
-	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-8s %s\n", $$1, $$2}'
+	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-9s %s\n", $$1, $$2}'
 
 install: $(VENV)/.service ## Install what the service needs into .venv
 	@sh docker/system-packages.sh service
@@ -37,6 +37,10 @@ survey: $(VENV)/.tests ## Watermark every file of MESHES=DIR and print a table o
 	@npm ci --prefix tests --silent --no-audit --no-fund
 	@$(BIN)/python -m tests.survey $(MESHES)
 
+benchmark: $(VENV)/.tests ## Compare all methods on the files of MESHES=DIR; the report goes to OUT=DIR
+	@sh docker/system-packages.sh service
+	$(BIN)/meshmark benchmark $(MESHES) --out $(OUT)
+
 fuzz: $(VENV)/.tests ## Run 10,000 mutated files through the engine
 	@npm ci --prefix tests --silent --no-audit --no-fund
 	$(BIN)/python -m tests.fuzz
@@ -55,7 +59,7 @@ $(VENV)/.service: pyproject.toml docker/constraints.txt
 	touch $@
 
 $(VENV)/.tests: $(VENV)/.service
-	$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable '.[test]'
+	$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable '.[test,benchmark]'
 	touch $@
 
-.PHONY: help install demo run test check survey fuzz openapi clean
+.PHONY: help install demo run test check survey benchmark fuzz openapi clean

@@ -19,7 +19,7 @@ from core.asset.gate import admit
 from core.asset.gltf import Document
 from core.errors import MeshmarkError
 from core.lettering.outline import lettering
-from core.parameters import Parameters
+from core.parameters import Evaluate, Parameters
 from core.pipeline import Result, watermark
 from core.spatial import SpatialIndex
 from tests.validator import validate
@@ -72,7 +72,7 @@ def _survey(task: tuple[Path, Path | None]) -> tuple[list[str], bool]:
     path, out = task
     data = path.read_bytes()
     try:
-        result = watermark(data, Parameters(text="watermark"), preview=out is not None)
+        result = watermark(data, Parameters(text="watermark", evaluate=Evaluate.GEOMETRY), preview=out is not None)
     except MeshmarkError as error:
         return [path.name, f"{error.code}: {error.message}"], False
     if out is not None:

@@ -206,9 +206,8 @@ def _visibility(pair: Pair, _: Measurement) -> Values:
 
 
 def _shape(pair: Pair, _: Measurement) -> Values:
-    distance, squared = smse(
-        pair.original.index, pair.watermarked.surface, np.random.default_rng(pair.watermarked.seed)
-    )
+    rng = np.random.default_rng(pair.watermarked.seed)
+    distance, squared = smse(pair.original.index, pair.watermarked.surface, rng)
     return {
         "smse": distance,
         "smse_squared": squared,

@@ -6,14 +6,14 @@ from pathlib import Path
 import pytest
 
 from core.errors import ErrorCode
-from core.parameters import Parameters
+from core.parameters import Evaluate, Parameters
 from core.pipeline import watermark
 from tests.core.asset.samples import OBJ, SAMPLES, png, zipped
 from tests.validator import error_counts
 
 MESHES = Path(os.environ.get("MESHMARK_TEST_MESHES", "../shared/meshes"))
 FACTS = ("watertight", "components", "boundary_edges", "nonmanifold_edges")
-FEW = Parameters(text="ok", count=2)
+FEW = Parameters(text="ok", count=2, evaluate=Evaluate.GEOMETRY)
 # files whose largest place is narrower than the presets try
 SIZES = {"dodeca-chain-color.3mf": 0.8}
 FILES = [path for pattern in ("*.zip", "*.3mf", "*.dae") for path in sorted(MESHES.glob(pattern))]
@@ -41,7 +41,7 @@ def test_what_could_not_be_carried_is_a_warning_of_the_report() -> None:
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
 def test_a_real_archive_is_marked_without_changing_its_topology(path: Path) -> None:
-    parameters = Parameters(text="watermark", count=3, size=SIZES.get(path.name))
+    parameters = Parameters(text="watermark", count=3, size=SIZES.get(path.name), evaluate=Evaluate.GEOMETRY)
     result = watermark(path.read_bytes(), parameters, preview=False)
     asset, model = result.report["asset"], result.report["model"]
     assert {fact: asset[fact] for fact in FACTS} == {fact: model[fact] for fact in FACTS}

@@ -23,6 +23,7 @@ def test_apply_writes_the_model_the_report_and_the_preview(tmp_path: Path, capsy
             *("apply", str(SPOT), str(model), "--text", "watermark", "--count", "2", "--color", "#00ff00"),
             *("--report", str(report), "--preview", str(preview), "--font", str(font), "--seed", "5"),
             *("--mode", "deboss", "--size", "3", "--relief", "0.1", "--preset", "provenance"),
+            *("--evaluate", "geometry"),
         ]
     )
     assert status == 0
@@ -77,7 +78,7 @@ def test_wrong_usage_is_status_two(capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_preview_that_cannot_be_rendered_is_said_whatever_else_there_was_to_warn_of(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def unavailable(_: bytes) -> bytes:
+    def unavailable(_: object) -> bytes:
         raise MeshmarkError(ErrorCode.RENDERING_UNAVAILABLE, "No EGL here.", "Install it.")
 
     monkeypatch.setattr("core.pipeline.contact_sheet", unavailable)

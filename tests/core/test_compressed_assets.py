@@ -8,7 +8,7 @@ import pytest
 
 from core.asset.compression import DRACO
 from core.asset.gltf import Document
-from core.parameters import Parameters
+from core.parameters import Evaluate, Parameters
 from core.pipeline import Result, watermark
 from tests.core.asset.compressed import MESHOPT, draco, meshopted
 from tests.core.asset.meshes import MESHES
@@ -16,7 +16,7 @@ from tests.validator import error_counts
 
 SPOT = Path(__file__).parents[1] / "data" / "spot.glb"
 INSTANCING = "EXT_mesh_gpu_instancing"
-TWO = Parameters(text="watermark", count=2)
+TWO = Parameters(text="watermark", count=2, evaluate=Evaluate.GEOMETRY)
 
 
 def _marked(data: bytes) -> Result:

@@ -3,6 +3,7 @@
 import json
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from tests.validator import error_counts
 SPOT = Path(__file__).parents[1] / "data" / "spot.glb"
 MESHES = Path(os.environ.get("MESHMARK_TEST_MESHES", "../shared/meshes"))
 UNREAD = (ErrorCode.UNSUPPORTED_FORMAT, ErrorCode.UNSUPPORTED_FEATURE)
-FEW = Parameters(text="watermark", count=3)
+FEW = Parameters(text="watermark", count=3, evaluate=Evaluate.GEOMETRY)
 
 
 @pytest.fixture(scope="module")
@@ -93,15 +94,41 @@ def test_progress_only_grows_and_names_the_stages_in_order() -> None:
 
 def test_the_model_is_published_before_it_is_measured() -> None:
     events: list[str] = []
-    result = watermark(
-        SPOT.read_bytes(),
-        FEW,
-        progress=lambda stage, _: events.append(stage),
-        publish=lambda name, data: events.append(f"{name} {len(data)}"),
-    )
+    reports: list[dict[str, Any]] = []
+
+    def publish(name: str, data: bytes) -> None:
+        events.append(name)
+        if name == "report":
+            reports.append(json.loads(data))
+
+    watermark(SPOT.read_bytes(), FEW, progress=lambda stage, _: events.append(stage), publish=publish)
     order = list(dict.fromkeys(events))
-    assert order.index(f"model {len(result.model)}") < order.index("evaluating")
-    assert order[-1] == f"preview {len(result.preview or b'')}"
+    assert order[order.index("writing") :] == [
+        *("writing", "model", "reporting", "report", "rendering", "preview", "evaluating"),
+    ]
+    # What stands should the measurement not end: everything but the metrics, and why they are missing.
+    assert len(reports[0]["watermarks"]) == 3
+    metrics = reports[0]["metrics"]
+    assert set(metrics["missing"]) == set(metrics["watermark_quality"]) | set(metrics["asset_utility"])
+    assert metrics["missing"]["ray"]["code"] == "not_measured"
+
+
+def test_a_full_report_has_all_eight_metrics_of_the_paper_and_what_each_of_them_took() -> None:
+    asked = Parameters(text="watermark", count=6, color="#d02020")
+    report = watermark(SPOT.read_bytes(), asked, preview=False).report
+    metrics = report["metrics"]
+    quality, utility = metrics["watermark_quality"], metrics["asset_utility"]
+    assert all(value is not None for value in (quality | utility).values())
+    assert metrics["missing"] == {}
+    assert 0.3 < quality["ocr"] <= 1
+    assert quality["ocr_exact"] <= quality["ocr_ge_0.8"] <= 1
+    assert 0.5 < utility["ss"] < 1
+    assert utility["se"] <= 1
+    assert metrics["semantics"]
+    assert list(metrics["seconds"]) == [
+        *("placement", "visibility", "shape", "curvature", "saliency", "readability", "semantics")
+    ]
+    assert all(0 <= mark["saliency"] <= 1 for mark in report["watermarks"])
 
 
 def test_letters_with_a_colour_are_a_primitive_of_their_own() -> None:
@@ -128,7 +155,7 @@ def test_sunken_letters_take_material_away_and_raised_ones_add_it() -> None:
 
 @pytest.mark.parametrize("preset", list(Preset))
 def test_every_preset_marks_the_asset(preset: Preset) -> None:
-    result = watermark(SPOT.read_bytes(), Parameters(text="watermark", preset=preset), preview=False)
+    result = watermark(SPOT.read_bytes(), Parameters(text="watermark", preset=preset, evaluate=Evaluate.GEOMETRY), preview=False)
     assert 1 <= len(result.report["watermarks"]) <= result.report["parameters"]["count"]
     assert result.report["metrics"]["asset_utility"]["ipe"] == 0
 
@@ -167,15 +194,32 @@ def test_a_mesh_with_no_room_for_a_word_is_an_error_and_publishes_nothing() -> N
 def test_without_a_renderer_the_asset_is_delivered_and_the_report_says_why_there_is_no_preview(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def unavailable(_: bytes) -> bytes:
+    def unavailable(_: object) -> bytes:
         raise MeshmarkError(ErrorCode.RENDERING_UNAVAILABLE, "No EGL here.", "Install it.")
 
     monkeypatch.setattr("core.pipeline.contact_sheet", unavailable)
-    result = watermark(SPOT.read_bytes(), FEW)
+    result = watermark(SPOT.read_bytes(), FEW.model_copy(update={"evaluate": Evaluate.FULL}))
     assert result.preview is None
-    assert result.report["warnings"] == [
-        {"code": "rendering_unavailable", "message": "No EGL here.", "remedy": "Install it."}
-    ]
+    reason = {"code": "rendering_unavailable", "message": "No EGL here.", "remedy": "Install it."}
+    assert result.report["warnings"] == [reason]
+    metrics = result.report["metrics"]
+    assert metrics["missing"] == dict.fromkeys(("ocr", "ocr_ge_0.8", "ocr_exact", "ss"), reason)
+    assert metrics["watermark_quality"]["ocr"] is None
+    assert metrics["watermark_quality"]["ray"] > 0
+
+
+def test_a_measurement_that_fails_is_null_with_its_reason_and_the_others_are_there(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def broken(*_: object) -> float:
+        raise ZeroDivisionError("secret detail")
+
+    monkeypatch.setattr("core.metrics.measure.ipe", broken)
+    metrics = watermark(SPOT.read_bytes(), FEW, preview=False).report["metrics"]
+    assert metrics["asset_utility"]["ipe"] is None
+    assert metrics["missing"]["ipe"]["code"] == "evaluation_failed"
+    assert "secret" not in metrics["missing"]["ipe"]["message"]
+    assert metrics["asset_utility"]["lce"] < 1e-9
 
 
 @pytest.mark.parametrize(

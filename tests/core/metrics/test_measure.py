@@ -1,0 +1,89 @@
+"""All metrics of a pair of assets, and why one is missing."""
+
+import json
+
+import numpy as np
+import pytest
+
+from core.asset.surface import Surface
+from core.errors import ErrorCode, MeshmarkError
+from core.metrics.measure import HIGHER_IS_BETTER, UNITS, Measurement, Pair, Subject, measure
+from core.parameters import Evaluate
+from core.placement.boxes import Boxes
+from tests.core.metrics.test_ray import on_all_sides
+from tests.core.placement.shapes import cuboid, index_of, join, moved
+
+BLOCK = cuboid(10, 10, 10)
+
+
+def pair(watermarked: Surface, boxes: Boxes, text: str = "watermark") -> Pair:
+    no_pictures = MeshmarkError(ErrorCode.RENDERING_UNAVAILABLE, "No EGL here.", "Install it.")
+    return Pair(
+        Subject(BLOCK, index_of(BLOCK), 0, no_pictures),
+        Subject(watermarked, index_of(watermarked), 0, no_pictures),
+        boxes,
+        np.full(len(boxes), 0.2),
+        text,
+    )
+
+
+def geometry(watermarked: Surface, boxes: Boxes) -> Measurement:
+    return measure(pair(watermarked, boxes), Evaluate.GEOMETRY)
+
+
+def test_the_report_carries_every_metric_and_says_which_way_is_better() -> None:
+    found = geometry(BLOCK, on_all_sides()).report()
+    quality, utility = found["watermark_quality"], found["asset_utility"]
+    assert list(quality) == ["wps", "wps_area", "ray", "ray_box", "coverage", "ocr", "ocr_ge_0.8", "ocr_exact"]
+    assert list(utility) == ["smse", "smse_squared", "ipe", "lce", "se", "ss"]
+    assert found["higher_is_better"].keys() == quality.keys() | utility.keys()
+    assert set(UNITS) <= set(utility)
+    assert {kind: list(names) for kind, names in HIGHER_IS_BETTER.items()} == {
+        "watermark_quality": list(quality),
+        "asset_utility": list(utility),
+    }
+    assert quality["wps"] == 0
+    assert quality["wps_area"] == pytest.approx(1)
+    assert quality["ray"] == quality["ray_box"] == 1
+    assert utility["smse"] == pytest.approx(0, abs=1e-9)
+    assert utility["ipe"] == utility["se"] == 0
+    json.dumps(found, allow_nan=False)
+
+
+def test_damage_shows_in_the_asset_utility() -> None:
+    marked = join(BLOCK, moved(cuboid(1, 1, 0.1), shift=(0, 0, 6)))
+    values = geometry(marked, on_all_sides()).values
+    assert values["ipe"] == 1
+    assert values["smse"] == pytest.approx((1 * 0.95 + 1 * 1.05 + 0.4 * 1) / 602.4, rel=0.2)
+
+
+def test_whatever_is_missing_has_its_reason() -> None:
+    found = geometry(BLOCK, on_all_sides())
+    assert set(found.missing) == {name for name, value in found.values.items() if value is None}
+    assert {name: reason["code"] for name, reason in found.missing.items()} == {
+        "lce": "invalid_request",  # a block without letters has no tops
+        **dict.fromkeys(("ocr", "ocr_ge_0.8", "ocr_exact", "ss"), "not_requested"),
+    }
+
+
+def test_without_pictures_everything_else_is_measured() -> None:
+    found = measure(pair(BLOCK, on_all_sides()), Evaluate.FULL)
+    assert {found.missing[name]["code"] for name in ("ocr", "ss")} == {"rendering_unavailable"}
+    assert found.values["ray"] == 1
+
+
+def test_without_places_what_needs_none_is_measured() -> None:
+    nowhere = on_all_sides()[np.array([], dtype=np.int64)]
+    found = geometry(BLOCK, nowhere)
+    assert found.values["ipe"] == 0
+    assert {found.missing[name]["code"] for name in ("wps", "ray", "coverage", "lce", "se")} == {"invalid_request"}
+
+
+def test_without_a_text_nothing_can_be_read() -> None:
+    assert measure(pair(BLOCK, on_all_sides(), ""), Evaluate.FULL).missing["ocr"]["code"] == "invalid_request"
+
+
+def test_nothing_is_measured_where_nothing_was_asked_for() -> None:
+    found = measure(pair(BLOCK, on_all_sides()), Evaluate.NONE)
+    assert found.seconds == {}
+    assert set(found.missing) == set(found.values)

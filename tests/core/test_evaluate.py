@@ -1,0 +1,83 @@
+"""`meshmark evaluate`: the metrics of any pair of files."""
+
+import json
+from pathlib import Path
+
+import pytest
+import trimesh
+
+from core.cli import main
+from core.errors import MeshmarkError
+from core.evaluate import evaluate, parse_watermarks
+from core.parameters import Evaluate, Parameters
+from core.pipeline import Result, watermark
+
+SPOT = Path(__file__).parents[1] / "data" / "spot.glb"
+PLATE = trimesh.creation.box(extents=(2, 2, 0.2))
+
+
+@pytest.fixture(scope="module")
+def marked() -> Result:
+    asked = Parameters(text="watermark", count=3, evaluate=Evaluate.GEOMETRY)
+    return watermark(SPOT.read_bytes(), asked, preview=False)
+
+
+def test_a_pair_measures_as_it_did_in_the_job_that_made_it(marked: Result) -> None:
+    places = parse_watermarks(json.dumps(marked.report).encode())
+    again = evaluate(SPOT.read_bytes(), marked.model, places, level=Evaluate.GEOMETRY)
+    before = marked.report["metrics"]
+    for kind in ("watermark_quality", "asset_utility"):
+        for name, value in before[kind].items():
+            assert again["metrics"][kind][name] == (value if value is None else pytest.approx(value, rel=1e-6, abs=1e-12))
+    assert again["model"] == marked.report["model"]
+    assert again["asset"] == marked.report["asset"]
+    assert again["metrics"]["missing"] == before["missing"]
+
+
+def test_files_of_other_tools_are_measured_with_places_from_a_list() -> None:
+    """A slab stands where letters would: on the front of a plate, 0.1 high, written as STL and OBJ."""
+    slab = trimesh.creation.box(extents=(1.0, 0.5, 0.1))
+    slab.apply_translation((0, 0, 0.15))
+    both = trimesh.util.concatenate(PLATE, slab)
+    place = {"center": [0, 0, 0.1], "up": [0, 2, 0], "normal": [0, 0, 1], "size": [1.2, 0.6, 0.1], "relief": 0.1}
+    watermarks = parse_watermarks(json.dumps([place]).encode())
+    report = evaluate(
+        PLATE.export(file_type="stl"), both.export(file_type="obj").encode(), watermarks, level=Evaluate.GEOMETRY
+    )
+    metrics = report["metrics"]
+    assert metrics["asset_utility"]["ipe"] == 1
+    assert metrics["asset_utility"]["lce"] == pytest.approx(0, abs=1e-9)
+    assert metrics["watermark_quality"]["wps_area"] == pytest.approx(1)
+    assert metrics["watermark_quality"]["ray"] == pytest.approx(4 / 24)  # within 45 degrees of the front, three of which
+    assert report["asset"]["format"] == "stl"
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"no json",
+        b"3",
+        b'[{"center": [0, 0, 0]}]',
+        b'[{"center": [0,0,0], "up": [0,0,2], "normal": [0,0,1], "size": [1,1,1], "relief": 1}]',
+        b'[{"center": [0,0,0], "up": [0,1,0], "normal": [0,0,1], "size": [1,0,1], "relief": 1}]',
+        b'[{"center": [0,0,NaN], "up": [0,1,0], "normal": [0,0,1], "size": [1,1,1], "relief": 1}]',
+    ],
+)
+def test_places_that_are_none_are_refused_with_what_is_wrong(content: bytes) -> None:
+    with pytest.raises(MeshmarkError, match="invalid_parameters"):
+        parse_watermarks(content)
+
+
+def test_the_command_writes_the_report_and_prints_every_metric(
+    marked: Result, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model, places, report = (tmp_path / name for name in ("model.glb", "places.json", "report.json"))
+    model.write_bytes(marked.model)
+    places.write_text(json.dumps(marked.report))
+    arguments = ["evaluate", str(SPOT), str(model), "--watermarks", str(places), "--report", str(report)]
+    assert main(arguments) == 0
+    metrics = json.loads(report.read_text())["metrics"]
+    assert metrics["missing"] == {}
+    printed = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines())
+    assert list(printed) == [*metrics["watermark_quality"], *metrics["asset_utility"]]
+    assert float(printed["ocr"]) == pytest.approx(metrics["watermark_quality"]["ocr"], abs=1e-3)
