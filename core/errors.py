@@ -28,9 +28,11 @@ class ErrorCode(StrEnum):
     INVALID_FONT = "invalid_font"
     # The work itself.
     NO_PLACEMENT = "no_placement"
+    NOT_MANIFOLD = "not_manifold"
     RENDERING_UNAVAILABLE = "rendering_unavailable"
     EVALUATION_FAILED = "evaluation_failed"
     OUTPUT_NOT_WRITABLE = "output_not_writable"
+    MODEL_UNAVAILABLE = "model_unavailable"
     INTERNAL_ERROR = "internal_error"
     # The process around the work; raised by the worker, listed here so that all codes stand in one place.
     TIME_LIMIT = "time_limit"

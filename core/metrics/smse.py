@@ -15,6 +15,7 @@ def smse(original_index: SpatialIndex, watermarked: Surface, rng: np.random.Gene
     Lower is better. Over 30,000 area samples. The paper speaks of the "inverse of the mean distance" where lower
     is better; the mean distance itself is what its numbers are.
     """
-    points, _ = sample(watermarked, SAMPLES, rng)
-    distance, _, _ = original_index.closest(points)
+    points, face = sample(watermarked, SAMPLES, rng)
+    # In the order of the faces neighbours follow each other, which the tree answers more than twice as fast.
+    distance, _, _ = original_index.closest(points[np.argsort(face, kind="stable")])
     return float(distance.mean()), float((distance**2).mean())

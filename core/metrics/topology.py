@@ -44,7 +44,7 @@ def topology(surface: Surface) -> Topology:
     same = key[1:] == key[:-1]
     count = np.diff(np.flatnonzero(np.concatenate([[True], ~same, [True]]))) if len(key) else np.empty(0)
     # Neighbours in the sorted list that have the same edge are faces that share it.
-    one, two = order[:-1][same] // 3, order[1:][same] // 3
-    graph = coo_array((np.ones(len(one), dtype=np.int8), (one, two)), shape=(len(corners), len(corners)))
+    pair = (np.stack([order[:-1][same], order[1:][same]]) // 3).astype(np.int32)  # half the time of 64 bits
+    graph = coo_array((np.ones(pair.shape[1], dtype=np.int8), tuple(pair)), shape=(len(corners), len(corners))).tocsr()
     components = connected_components(graph, directed=False, return_labels=False) if len(corners) else 0
     return Topology(int(components), int((count == 1).sum()), int((count > 2).sum()))

@@ -1,0 +1,15 @@
+"""What Meshmark is compared with: strategies of one signature, looked up by name."""
+
+from core.baselines.li import li
+from core.baselines.meshmark import meshmark
+from core.baselines.paper import paper, paper_no_curve_matching, paper_no_filtering, paper_no_optimization
+from core.baselines.strategy import Strategy
+
+STRATEGIES: dict[str, Strategy] = {
+    "meshmark": meshmark,
+    "li": li,
+    "paper": paper,
+    "paper-no-curve-matching": paper_no_curve_matching,
+    "paper-no-optimization": paper_no_optimization,
+    "paper-no-filtering": paper_no_filtering,
+}

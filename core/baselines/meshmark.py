@@ -1,0 +1,33 @@
+"""Our own product, on the same footing as what it is compared with."""
+
+import numpy as np
+
+from core.asset.flatten import flatten
+from core.asset.gltf import Document
+from core.asset.plain import plain
+from core.baselines.strategy import Marked, Prepared
+from core.parameters import Evaluate, Parameters
+from core.pipeline import watermark
+from core.placement.boxes import Boxes
+
+
+def meshmark(prepared: Prepared, parameters: Parameters, _rng: np.random.Generator) -> Marked:
+    """What :func:`core.pipeline.watermark` makes of the file itself, read back from the GLB it writes.
+
+    Its draws come from ``parameters.seed``, as they do for every user.
+
+    Raises:
+        MeshmarkError: as the pipeline does.
+    """
+    unmeasured = parameters.model_copy(update={"evaluate": Evaluate.NONE})
+    result = watermark(prepared.data, unmeasured, font=prepared.font, preview=False)
+    surface = prepared.surface
+    marks = result.report["watermarks"]
+    axes = np.array([[mark["right"], mark["up"], mark["normal"]] for mark in marks])
+    boxes = Boxes(
+        (np.array([mark["center"] for mark in marks]) - surface.offset) * surface.scale,
+        axes,
+        np.array([mark["size"] for mark in marks]) * surface.scale,
+    )
+    relief = np.array([mark["relief"] for mark in marks]) * surface.scale
+    return Marked(plain(flatten(Document.from_glb(result.model)).surface.in_frame_of(surface)), boxes, relief)

@@ -1,0 +1,157 @@
+"""Where an asset has features that a watermark should not cover: the spread of normals at several scales."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
+
+from core.asset.surface import Surface
+from core.placement.boxes import Boxes
+from core.placement.sampling import sample
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+SAMPLES = 20_000
+RADII = (0.4, 0.8, 1.6)  # size-30 units: an eye, a finger, an ear; wider ones call whole limbs salient
+CELLS = 4  # to a radius: neighbours are summed up in cubes of this share of it
+# Salient parts stand out from the rest by at least this much raw saliency: normals that lean by 16 degrees (root mean
+# square) where those of the rest are parallel. Less is the noise of the samples or the shape of a ball.
+CONTRAST = 0.1
+FEWEST = 8  # samples that a box is judged by
+NEAREST = 64  # among which those of a box with too few are looked for
+
+
+@dataclass(frozen=True, eq=False)
+class Saliency:
+    """A saliency map on area samples of a surface.
+
+    Attributes:
+        points: (N, 3) float64, size-30 units.
+        normals: (N, 3) float64, unit, of the face that each point lies on.
+        value: (N,) float64, 0 to 1, higher is more salient.
+        threshold: a point is salient where ``value`` is greater (Otsu); 1 where nothing stands out.
+    """
+
+    points: Float
+    normals: Float
+    value: Float
+    threshold: float
+
+    @property
+    def salient(self) -> NDArray[np.bool_]:
+        """(N,) which points are salient."""
+        return self.value > self.threshold
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self.points)
+
+    def under(self, boxes: Boxes) -> tuple[Float, Float]:
+        """Mean ``value`` (B,) and share of salient points (B,) of the surface inside each of B boxes.
+
+        Points whose normals look away from the box belong to the far side of a thin part and do not count. A box
+        that fewer than 8 points lie in, smaller than the spacing of the samples, is judged by the 8 nearest to its
+        centre that look at it.
+        """
+        owner, which = self._inside(boxes)
+        count = np.bincount(owner, minlength=len(boxes))
+        few = np.flatnonzero(count < FEWEST)
+        if len(few):
+            kept = count[owner] >= FEWEST
+            nearest = self._nearest(boxes[few])
+            owner = np.concatenate([owner[kept], np.repeat(few, nearest.shape[1])])
+            which = np.concatenate([which[kept], nearest.ravel()])
+        count = np.maximum(np.bincount(owner, minlength=len(boxes)), 1)
+        mean, share = (
+            np.bincount(owner, weights=weights[which], minlength=len(boxes)) / count
+            for weights in (self.value, self.salient)
+        )
+        return mean, share
+
+    def _inside(self, boxes: Boxes) -> tuple[Int, Int]:
+        """Pairs of a box and a point inside it that looks at it: (P,), (P,)."""
+        if len(boxes) == 0:
+            return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
+        found = self._tree.query_ball_point(boxes.center, np.linalg.norm(boxes.size, axis=1) / 2, return_sorted=True)
+        owner = np.repeat(np.arange(len(boxes)), [len(item) for item in found])
+        which = np.concatenate([np.asarray(item, dtype=np.int64) for item in found])
+        local = np.einsum("ni,nji->nj", self.points[which] - boxes.center[owner], boxes.axes[owner])
+        toward = np.einsum("ni,ni->n", self.normals[which], boxes.axes[owner, 2])
+        inside = (np.abs(local) <= boxes.size[owner] / 2).all(axis=1) & (toward > 0)
+        return owner[inside], which[inside]
+
+    def _nearest(self, boxes: Boxes) -> Int:
+        """(B, 8) the points nearest to each centre that look at the box; others only where there are too few."""
+        _, near = self._tree.query(boxes.center, k=min(NEAREST, len(self.points)))
+        toward = np.einsum("bni,bi->bn", self.normals[near], boxes.axes[:, 2])
+        order = np.argsort(toward <= 0, axis=1, kind="stable")  # each group stays sorted by distance
+        return np.asarray(np.take_along_axis(near, order[:, :FEWEST], axis=1), dtype=np.int64)
+
+
+def saliency(surface: Surface, seed: int) -> Saliency:
+    """The saliency map of a surface, on 20,000 area samples: hardly dependent on tessellation, not on winding.
+
+    The paper's Saliency Error takes the map of Nousias, Arvanitis, Lalos, Moustakas 2020 ("Mesh Saliency Detection
+    Using Convolutional Neural Networks"), whose spectral part is the inverse norm of the eigenvalues of the
+    covariance of the normals around each face. Here the normals are those of the area samples within a radius,
+    weighted by 1 - (distance / radius)^2, at three radii, and the mean over these: 0 on a plane, 0.57 on a
+    right-angled edge, 1 where the normals point everywhere. The covariance of n is also that of -n, so neither
+    inverted faces nor the second side of a thin sheet change it.
+
+    The map is scaled to 0 at its 1st percentile and 1 at its 99th, or at the mean of the salient points if that is
+    more (features on less than 1% of a plain body). The threshold is Otsu's (1979), on the unscaled map. It halves a
+    sphere just as well, so it only counts where the means of the two classes are at least 0.1 apart before scaling;
+    otherwise nothing is salient and the threshold is 1.
+
+    Args:
+        surface: in the size-30 frame.
+        seed: of the area samples; the same seed gives the same map.
+
+    Raises:
+        MeshmarkError: ``no_faces`` when no face has any area.
+    """
+    points, face = sample(surface, SAMPLES, np.random.default_rng(seed))
+    normals = surface.normals[face]
+    raw = np.mean([_spread(points, normals, radius) for radius in RADII], axis=0)
+    cut = _otsu(raw)
+    above = raw > cut
+    low, high = np.percentile(raw, [1, 99])
+    stands_out = above.any() and raw[above].mean() - raw[~above].mean() >= CONTRAST
+    top = max(high, raw[above].mean()) if stands_out else max(high, low + CONTRAST)
+    value = np.clip((raw - low) / (top - low), 0, 1)
+    return Saliency(points, normals, value, float((cut - low) / (top - low)) if stands_out else 1.0)
+
+
+def _spread(points: Float, normals: Float, radius: float) -> Float:
+    """(N,) how much the normals of the samples around each one differ: 0 all parallel, 1 evenly in all directions."""
+    covariance = [normals[:, i] * normals[:, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+    # Summed up in cubes, so that thin or crumpled shapes, with thousands of samples within a radius, cost no more.
+    cube = np.floor((points - points.min(axis=0)) * (CELLS / radius)).astype(np.int64)
+    extent = cube.max(axis=0) + 1
+    _, owner, count = np.unique(
+        (cube[:, 0] * extent[1] + cube[:, 1]) * extent[2] + cube[:, 2], return_inverse=True, return_counts=True
+    )
+    center = np.column_stack([np.bincount(owner, weights=column) for column in points.T]) / count[:, None]
+    total = np.column_stack([*(np.bincount(owner, weights=entry) for entry in covariance), count])
+    pairs = cKDTree(points).sparse_distance_matrix(cKDTree(center), radius, output_type="ndarray")
+    weight = csr_array((1 - (pairs["v"] / radius) ** 2, (pairs["i"], pairs["j"])), shape=(len(points), len(center)))
+    around = weight @ total
+    mean = around[:, :6] / around[:, 6:]
+    # The norm of the eigenvalues is that of the matrix, whose entries off the diagonal stand here once.
+    norm = np.sqrt((mean**2) @ np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0]))
+    return np.asarray((1 / norm - 1) / (np.sqrt(3) - 1))
+
+
+def _otsu(values: Float) -> float:
+    """The threshold that splits ``values`` into the two classes furthest apart (Otsu 1979), over all splits."""
+    ordered = np.sort(values)
+    low = np.arange(1, len(ordered))
+    high = len(ordered) - low
+    total = np.cumsum(ordered)
+    apart = total[:-1] / low - (total[-1] - total[:-1]) / high
+    split = int(np.argmax(low * high * apart**2))
+    return float((ordered[split] + ordered[split + 1]) / 2)

@@ -1,0 +1,29 @@
+"""Saliency Error (paper, Definition 4 and supplement "Asset Utility")."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.ground.saliency import Saliency
+from core.placement.boxes import Boxes
+
+Float = NDArray[np.float64]
+
+VOTE = 0.5  # the paper's
+
+
+def se(saliency: Saliency, boxes: Boxes) -> tuple[float, Float]:
+    """Share of marks on salient parts of the original, 0 to 1; lower is better, 0 is best.
+
+    A box votes 1 if the mean of the thresholded saliency within it is greater than 0.5, that is if more than half of
+    the surface inside it is salient, and 0 otherwise; the result is the mean vote. What lies inside a box, also one
+    too small for any sample, says :meth:`core.ground.saliency.Saliency.under`.
+
+    Args:
+        saliency: of the original surface.
+        boxes: the marks, at least one.
+
+    Returns:
+        The error, and the mean saliency (B,), 0 to 1, of the surface inside each box.
+    """
+    mean, share = saliency.under(boxes)
+    return float((share > VOTE).mean()), mean

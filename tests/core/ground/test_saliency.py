@@ -1,0 +1,175 @@
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from scipy.stats import spearmanr
+
+from core.asset.budgets import DEFAULT_BUDGETS
+from core.asset.flatten import flatten
+from core.asset.formats import to_document
+from core.asset.gate import admit
+from core.asset.plain import Mesh
+from core.asset.surface import Surface
+from core.errors import ErrorCode, MeshmarkError
+from core.ground.saliency import SAMPLES, Saliency, saliency
+from core.placement.boxes import Boxes
+from tests.core.placement.shapes import box, boxes, cuboid, inside_out, join, moved, plane, rotation, sphere, surface
+
+DATA = Path(__file__).parents[2] / "data"
+MESHES = Path(os.environ.get("MESHMARK_TEST_MESHES", Path(__file__).parents[4] / "shared" / "meshes"))
+REAL = [DATA / "spot.glb"] + [
+    MESHES / name for name in ("elephant-paper.obj", "human-smpl.obj") if (MESHES / name).exists()
+]
+
+
+def read(path: Path) -> Surface:
+    data = path.read_bytes()
+    return flatten(to_document(data, admit(data, DEFAULT_BUDGETS), DEFAULT_BUDGETS)).surface
+
+
+def agreement(one: Saliency, other: Saliency) -> float:
+    """Rank correlation of two maps of the same shape, each point against the nearest one of the other."""
+    _, nearest = cKDTree(other.points).query(one.points)
+    return float(spearmanr(one.value, other.value[nearest]).statistic)
+
+
+def halved(shape: Surface) -> Surface:
+    """Every face cut into four at the middles of its edges."""
+    a, b, c = (shape.positions[shape.faces[:, corner]] for corner in range(3))
+    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+    corners = np.stack([a, ab, ca, ab, b, bc, ca, bc, c, ab, bc, ca], axis=1).reshape(-1, 3)
+    return Mesh(corners, np.arange(len(corners)).reshape(-1, 3)).surface()
+
+
+def from_edge(points: NDArray[np.float64], half: float) -> NDArray[np.float64]:
+    """How far points on a cube are from its nearest edge."""
+    return half - np.sort(np.abs(points), axis=1)[:, 1]
+
+
+def test_the_edges_of_a_cube_are_salient_and_its_faces_are_not() -> None:
+    found = saliency(cuboid(30, 30, 30), seed=0)
+    distance = from_edge(found.points, 15)
+    assert found.salient[distance < 0.15].mean() > 0.95
+    assert not found.salient[distance > 2].any()
+    assert found.value[distance > 2].max() < 1e-9
+
+
+def test_corners_are_more_salient_than_edges() -> None:
+    found = saliency(cuboid(30, 30, 30), seed=0)
+    away = np.sort(15 - np.abs(found.points), axis=1)
+    corner, edge = (away < 0.4).all(axis=1), (away[:, 1] < 0.4) & (away[:, 2] > 3)
+    assert corner.any()
+    assert found.value[corner].mean() > found.value[edge].mean() + 0.1
+
+
+@pytest.mark.parametrize("shape", [sphere(15), sphere(15, rings=200), plane(30, 30), plane(1e-3, 1e-3)])
+def test_nothing_is_salient_where_nothing_stands_out(shape: Surface) -> None:
+    found = saliency(shape, seed=0)
+    assert found.threshold == 1
+    assert not found.salient.any()
+    assert found.value.max() < 0.1
+
+
+def test_small_balls_all_alike_have_nothing_salient() -> None:
+    balls = join(*(moved(sphere(2, rings=40), shift=(10 * number, 0, 0)) for number in range(3)))
+    assert not saliency(balls, seed=0).salient.any()
+
+
+def test_a_small_knob_on_a_large_plain_body_is_salient() -> None:
+    found = saliency(join(plane(30, 30), moved(sphere(0.7), shift=(5, 0, 0.3))), seed=0)
+    knob = np.linalg.norm(found.points - [5, 0, 0.3], axis=1) < 0.8
+    assert 0 < knob.mean() < 0.01
+    assert found.salient[knob].mean() > 0.9
+    assert found.salient[~knob].mean() < 0.01
+    assert found.threshold < 1
+
+
+@pytest.mark.parametrize("path", REAL, ids=lambda path: path.stem)
+def test_the_map_hardly_depends_on_tessellation(path: Path) -> None:
+    shape = read(path)
+    one, other = saliency(shape, seed=0), saliency(halved(shape), seed=0)
+    assert agreement(one, other) > 0.98
+    assert other.threshold == pytest.approx(one.threshold, abs=0.05)
+    assert other.salient.mean() == pytest.approx(one.salient.mean(), abs=0.02)
+
+
+def test_the_winding_of_faces_does_not_matter() -> None:
+    shape = cuboid(30, 20, 10)
+    mixed = surface(shape.positions, np.where(np.arange(12)[:, None] % 2, shape.faces, shape.faces[:, ::-1]))
+    assert agreement(saliency(shape, seed=0), saliency(mixed, seed=0)) > 0.98
+    assert saliency(inside_out(shape), seed=0).salient.mean() == pytest.approx(
+        saliency(shape, seed=0).salient.mean(), abs=0.01
+    )
+
+
+def test_a_second_copy_of_a_sheet_changes_nothing() -> None:
+    shape = cuboid(30, 20, 10)
+    assert saliency(join(shape, inside_out(shape)), seed=0).salient.mean() == pytest.approx(
+        saliency(shape, seed=0).salient.mean(), abs=0.01
+    )
+
+
+def test_the_map_turns_with_the_asset() -> None:
+    shape, turn = cuboid(30, 20, 10), rotation((1, 2, 3), 40)
+    one, other = saliency(shape, seed=0), saliency(moved(shape, turn), seed=0)
+    assert other.points == pytest.approx(one.points @ turn.T)
+    assert np.abs(other.value - one.value).mean() < 0.01
+
+
+def test_the_same_seed_gives_the_same_map() -> None:
+    one, other = saliency(cuboid(3, 2, 1), seed=5), saliency(cuboid(3, 2, 1), seed=5)
+    assert one.points.shape == one.normals.shape == (SAMPLES, 3)
+    assert (one.value == other.value).all()
+    assert one.threshold == other.threshold
+
+
+def test_values_are_between_zero_and_one() -> None:
+    value = saliency(cuboid(30, 1, 0.1), seed=0).value
+    assert value.min() >= 0
+    assert value.max() <= 1
+
+
+def test_a_shape_without_area_is_refused() -> None:
+    with pytest.raises(MeshmarkError) as caught:
+        saliency(surface(np.zeros((3, 3)), np.array([[0, 1, 2]])), seed=0)
+    assert caught.value.code is ErrorCode.NO_FACES
+
+
+def hand_made() -> Saliency:
+    """A sheet of points one unit apart that face +Z, salient at x > 0; the same 0.1 below, facing down, all salient."""
+    x, y = np.meshgrid(np.arange(-9.5, 10), np.arange(-9.5, 10), indexing="ij")
+    top = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+    value = np.where(top[:, 0] > 0, 0.8, 0.2)
+    return Saliency(
+        points=np.concatenate([top, top - [0, 0, 0.1]]),
+        normals=np.repeat([[0.0, 0, 1], [0, 0, -1]], x.size, axis=0),
+        value=np.concatenate([value, np.ones(x.size)]),
+        threshold=0.5,
+    )
+
+
+def test_what_lies_in_a_box_and_faces_it_is_averaged() -> None:
+    marks = boxes(box((5, 0, 0), (4, 4, 1)), box((-5, 0, 0), (4, 4, 1)), box((1, 0, 0), (8, 4, 1)))
+    mean, share = hand_made().under(marks)
+    assert mean.tolist() == pytest.approx([0.8, 0.2, (5 * 0.8 + 3 * 0.2) / 8])
+    assert share.tolist() == pytest.approx([1, 0, 5 / 8])
+
+
+def test_a_box_on_the_other_side_sees_that_side() -> None:
+    down = box((-5, 0, -0.1), (4, 4, 1), axes=np.diag([-1.0, 1, -1]))
+    assert hand_made().under(down)[1][0] == 1
+
+
+def test_a_box_smaller_than_the_samples_asks_the_nearest_that_face_it() -> None:
+    marks = boxes(box((5, 0, 0), (0.2, 0.1, 0.1)), box((-5, 0, 0), (0.2, 0.1, 0.1)), box((5, 0, 0), (4, 4, 1)))
+    mean, share = hand_made().under(marks)
+    assert mean.tolist() == pytest.approx([0.8, 0.2, 0.8])
+    assert share.tolist() == [1, 0, 1]
+
+
+def test_no_boxes_have_no_saliency() -> None:
+    none = Boxes(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3)))
+    assert [len(part) for part in hand_made().under(none)] == [0, 0]
