@@ -105,7 +105,7 @@ class LayoutDescriptor:
     them goes the mean colour of 8x8 patches less the background's: the surroundings say nothing about the asset.
 
     Each of the three parts gets unit length and then a weight, so that the cosine of two descriptors is
-    1/2 cos(4 px edges) + 1/4 cos(8 px edges) + 1/4 cos(colours). Marks of the usual size leave 0.95 to 1, other assets
+    1/2 cos(4 px edges) + 1/4 cos(8 px edges) + 1/4 cos(colours). Marks of the usual size leave 0.93 to 1, other assets
     0.2 to 0.5. It compares watermarks of one asset; its values are not those of a trained network.
     """
 
