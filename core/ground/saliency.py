@@ -76,7 +76,7 @@ class Saliency:
         """Pairs of a box and a point inside it that looks at it: (P,), (P,)."""
         if len(boxes) == 0:
             return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
-        found = self._tree.query_ball_point(boxes.center, np.linalg.norm(boxes.size, axis=1) / 2, return_sorted=True)
+        found = self._tree.query_ball_point(boxes.center, np.linalg.norm(boxes.size, axis=1) / 2)
         owner = np.repeat(np.arange(len(boxes)), [len(item) for item in found])
         which = np.concatenate([np.asarray(item, dtype=np.int64) for item in found])
         local = np.einsum("ni,nji->nj", self.points[which] - boxes.center[owner], boxes.axes[owner])

@@ -18,6 +18,8 @@ def near(surface: Surface, boxes: Boxes) -> list[Int]:
     One pass over the faces on a coarse grid of flags leaves those in cells that some box touches and those larger
     than a cell; only these are compared with every box.
     """
+    if len(boxes) == 0:
+        return []
     corners = boxes.corners()
     first, last = corners.min(axis=1), corners.max(axis=1)
     origin = first.min(axis=0)

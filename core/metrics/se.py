@@ -20,10 +20,10 @@ def se(saliency: Saliency, boxes: Boxes) -> tuple[float, Float]:
 
     Args:
         saliency: of the original surface.
-        boxes: the marks, at least one.
+        boxes: the marks; where there are none, none is on a salient part.
 
     Returns:
         The error, and the mean saliency (B,), 0 to 1, of the surface inside each box.
     """
     mean, share = saliency.under(boxes)
-    return float((share > VOTE).mean()), mean
+    return float((share > VOTE).sum() / max(len(boxes), 1)), mean

@@ -1,4 +1,4 @@
-"""From where the rays of the visibility metrics start."""
+"""From where the rays of the visibility metrics start (paper, supplement "Ray Casting Visibility")."""
 
 import numpy as np
 from numpy.typing import NDArray

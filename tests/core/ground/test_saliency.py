@@ -170,6 +170,13 @@ def test_a_box_smaller_than_the_samples_asks_the_nearest_that_face_it() -> None:
     assert share.tolist() == [1, 0, 1]
 
 
+def test_where_no_side_faces_the_box_the_nearest_points_count_either_way() -> None:
+    shape = saliency(inside_out(cuboid(10, 10, 10)), seed=0)
+    edge = np.array([[1.0, 0, 0], [0, np.sqrt(0.5), -np.sqrt(0.5)], [0, np.sqrt(0.5), np.sqrt(0.5)]])
+    _, share = shape.under(boxes(box((0, 0, 5)), box((0, 5, 5), axes=edge)))
+    assert share.tolist() == [0, 1]
+
+
 def test_no_boxes_have_no_saliency() -> None:
     none = Boxes(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3)))
     assert [len(part) for part in hand_made().under(none)] == [0, 0]

@@ -7,7 +7,7 @@ from core.asset.surface import Surface
 from core.metrics.near import near
 from core.placement.boxes import Boxes
 from core.placement.candidates import upright
-from tests.core.placement.shapes import box, boxes, cuboid, join, moved, plane, sphere
+from tests.core.placement.shapes import box, boxes, cuboid, join, moved, plane, sphere, surface
 
 
 def plainly(shape: Surface, marks: Boxes) -> list[list[int]]:
@@ -38,3 +38,9 @@ def test_a_sliver_across_several_boxes_is_near_each() -> None:
     sliver = plane(30, 0.01)
     marks = boxes(box((-10, 0, 0)), box((0, 0, 0)), box((10, 0, 0)), box((0, 9, 0)))
     assert [len(faces) for faces in near(join(sliver, moved(sliver, shift=(0, 0, 5))), marks)] == [2, 2, 2, 0]
+
+
+def test_no_boxes_are_near_nothing_and_nothing_is_near_a_surface_without_faces() -> None:
+    none = np.empty(0, dtype=np.int64)
+    assert near(plane(3, 3), box()[none]) == []
+    assert near(surface(np.zeros((1, 3)), np.empty((0, 3), dtype=np.int64)), box())[0].tolist() == []

@@ -27,6 +27,12 @@ def test_marks_on_the_faces_of_a_block_are_no_error() -> None:
     assert mean.max() < 0.05
 
 
+def test_without_marks_there_is_no_error() -> None:
+    error, mean = se(hand_made(), box()[np.empty(0, dtype=np.int64)])
+    assert error == 0
+    assert len(mean) == 0
+
+
 def test_a_mark_along_an_edge_is_an_error() -> None:
     slanted = np.array([[1.0, 0, 0], [0, np.sqrt(0.5), -np.sqrt(0.5)], [0, np.sqrt(0.5), np.sqrt(0.5)]])
     marks = boxes(box((0, 0, 5)), box((0, 5, 5), (4, 0.6, 0.7), axes=slanted))

@@ -1,0 +1,262 @@
+"""One asset on the bench: watermarked, attacked and measured, with everything shared made once."""
+
+import hashlib
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.asset.plain import Mesh, plain, plain_glb
+from core.attacks.attack import ATTACKS
+from core.attacks.target import Attacked, Target, letter_faces, whole
+from core.baselines import STRATEGIES
+from core.baselines.strategy import Marked, Prepared, prepare
+from core.benchmark.datasets import Asset
+from core.benchmark.options import INVISIBLE, NO_ATTACK, AttackAsked, BenchmarkOptions
+from core.benchmark.rows import Row
+from core.errors import MeshmarkError
+from core.metrics.measure import Pair, Subject, measure
+from core.metrics.ocr import ocr
+from core.metrics.recognition import Reader
+from core.parameters import Evaluate, Parameters
+from core.placement.boxes import Boxes
+from core.rendering.pictures import DIRECTIONS, UPS, pictures
+from core.rendering.renderer import Renderer
+from core.spatial import SpatialIndex
+
+Float = NDArray[np.float64]
+Pictures = NDArray[np.uint8]
+
+BITS = 32  # of the invisible watermark
+NO_BOXES = Boxes(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3)))
+
+# The parts of a prepared asset that a method needs. They are made once for all methods, and each method's run time
+# counts all that it needs; our own product reads the file itself.
+_BOOLEAN = ("reading", "solid")
+_FITTED = (*_BOOLEAN, "candidates", "fine-tuning")
+NEEDS: dict[str, tuple[str, ...]] = {
+    "meshmark": (),
+    "li": _BOOLEAN,
+    "paper": (*_FITTED, "saliency"),
+    "paper-no-curve-matching": (*_FITTED, "saliency"),
+    "paper-no-optimization": (*_BOOLEAN, "candidates", "saliency"),
+    "paper-no-filtering": _FITTED,
+    INVISIBLE: ("reading",),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A watermarked asset with what its rows repeat.
+
+    Attributes:
+        marked: the result, in the original's size-30 frame.
+        seconds: by step, and ``run`` from the file's bytes to the result.
+        bits: what an invisible watermark says; None for visible ones.
+    """
+
+    marked: Marked
+    seconds: dict[str, float]
+    bits: NDArray[np.bool_] | None
+
+
+def open_bench(asset: Asset, seed: int, options: BenchmarkOptions) -> "AssetBench":
+    """The bench of one file.
+
+    Raises:
+        MeshmarkError: for everything that keeps the file from being read.
+    """
+    return AssetBench(asset.path.read_bytes(), seed, options)
+
+
+class AssetBench:
+    """See :class:`core.benchmark.worker.Bench`.
+
+    Args:
+        data: the file.
+        seed: of every draw on this asset; methods that draw the same kind of thing draw the same.
+        options: of the run.
+    """
+
+    def __init__(self, data: bytes, seed: int, options: BenchmarkOptions) -> None:
+        self._seed, self._options = seed, options
+        self._parts: dict[str, float] = {}
+        with _timed(self._parts, "reading"):
+            self._prepared: Prepared = prepare(data, options.text, seed)
+        self._mesh = plain(self._prepared.surface)
+
+    def facts(self) -> Row:
+        """Bytes, vertices (those of one place and node counted once) and faces of the asset."""
+        mesh = self._mesh
+        return {"bytes": len(self._prepared.data), "vertices": len(mesh.positions), "faces": len(mesh.faces)}
+
+    def mark(self, method: str, count: int) -> Trial:
+        """The asset watermarked by ``method``.
+
+        Raises:
+            MeshmarkError: where the method refuses the asset.
+        """
+        seconds = {part: self._part(part) for part in NEEDS[method]}
+        bits = None
+        with _timed(seconds, "marking"):
+            if method == INVISIBLE:
+                from core.baselines.invisible import embed
+
+                bits = np.random.default_rng(self._seed).random(BITS) < 0.5
+                marked = Marked(embed(self._mesh, bits), NO_BOXES, np.empty(0))
+            else:
+                parameters = Parameters(
+                    text=self._options.text,
+                    size=self._options.size,
+                    relief=self._options.relief,
+                    count=count,
+                    seed=self._seed,
+                ).resolved()
+                marked = STRATEGIES[method](self._prepared, parameters, np.random.default_rng(self._seed))
+        return Trial(marked, seconds | {"run": round(sum(seconds.values()), 4)}, bits)
+
+    def measure(self, trial: Trial, attack: AttackAsked) -> Row:
+        """All metrics of ``trial`` after ``attack``, against the original moved along with it.
+
+        A mark that the attack cut away is not measured; where none is left, or none was ever visible, no view has a
+        mark that faces it, and Ray and coverage are 0 by their definition.
+
+        Raises:
+            MeshmarkError: where the attack cannot be made.
+        """
+        options, marked = self._options, trial.marked
+        seconds = dict(trial.seconds) if attack.name == NO_ATTACK else {}
+        with _timed(seconds, "attack" if attack.name != NO_ATTACK else "no attack"):
+            attacked = self._attacked(marked, attack)
+        seconds.pop("no attack", None)
+        original = self._original(attacked.transform)
+        scale = float(np.cbrt(np.linalg.det(attacked.transform[:3, :3])))
+        boxes = moved_boxes(marked.boxes[attacked.kept], attacked.transform)
+        surface = attacked.mesh.surface()
+        with _timed(seconds, "pictures"):
+            seen = self._seen(plain_glb(attacked.mesh))
+        pair = Pair(
+            original=original,
+            watermarked=Subject(surface, SpatialIndex(surface.positions, surface.faces), seen, self._seed),
+            boxes=boxes,
+            relief=marked.relief[attacked.kept] * scale,
+            text=options.text,
+            seed=self._seed,
+        )
+        found = measure(pair, options.level)
+        values: dict[str, float | None] = dict(found.values)
+        missing = {name: reason["code"] for name, reason in found.missing.items()}
+        if len(boxes) == 0:
+            values |= {"ray": 0.0, "ray_box": 0.0, "coverage": 0.0}
+            missing = {name: code for name, code in missing.items() if values[name] is None}
+        if options.color is not None and options.level is Evaluate.FULL and not isinstance(seen, MeshmarkError):
+            with _timed(seconds, "coloured"):
+                values |= self._coloured(attacked.mesh, original.index, options.color)
+        row: Row = {
+            "marks": len(marked.boxes) if trial.bits is None else None,
+            "survived": float(attacked.kept.mean()) if len(attacked.kept) else None,
+            "metrics": {name: _finite(value) for name, value in values.items()},
+            "missing": missing,
+            "semantics": found.semantics or None,
+            "seconds": seconds | {f"measuring {name}": spent for name, spent in found.seconds.items()},
+        }
+        if trial.bits is not None:
+            from core.baselines.invisible import bit_accuracy, extract
+
+            row["bit_accuracy"] = float(bit_accuracy(trial.bits, extract(attacked.mesh, BITS)))
+        return row
+
+    def _part(self, name: str) -> float:
+        """Seconds that a shared part took, which is made now unless it is there."""
+        make: dict[str, Callable[[], Any]] = {
+            "solid": lambda: self._prepared.solid,
+            "candidates": lambda: self._prepared.initial(self._options.size),
+            "fine-tuning": lambda: self._prepared.fitted(self._options.size),
+            "saliency": lambda: self._prepared.saliency,
+        }
+        if name not in self._parts:
+            with _timed(self._parts, name):
+                make[name]()
+        return self._parts[name]
+
+    def _attacked(self, marked: Marked, attack: AttackAsked) -> Attacked:
+        # Seeded by asset and attack: every method is cut by the same plane and turned about the same axis.
+        stream = int.from_bytes(hashlib.sha256(attack.name.encode()).digest()[:4])
+        target = Target(self._prepared.index, marked.boxes, np.random.default_rng([self._seed, stream]))
+        if attack.name == NO_ATTACK:
+            return whole(marked.mesh, target)
+        return ATTACKS[attack.name](marked.mesh, target, attack.strength)
+
+    def _original(self, transform: Float) -> Subject:
+        if (transform == np.eye(4)).all():
+            return self._unmoved
+        surface = replace(self._prepared.surface, positions=moved_points(self._prepared.surface.positions, transform))
+        mesh = Mesh(moved_points(self._mesh.positions, transform), self._mesh.faces)
+        index = SpatialIndex(surface.positions, surface.faces)
+        return Subject(surface, index, self._seen(plain_glb(mesh)), self._seed)
+
+    @cached_property
+    def _unmoved(self) -> Subject:
+        prepared = self._prepared
+        return Subject(prepared.surface, prepared.index, self._seen(plain_glb(self._mesh)), self._seed)
+
+    def _coloured(self, mesh: Mesh, original: SpatialIndex, color: str) -> dict[str, float]:
+        seen = self._seen(plain_glb(mesh, letter_faces(mesh, original), color))
+        if isinstance(seen, MeshmarkError):
+            raise seen
+        read = ocr(seen, self._options.text, self._reader)
+        return {"ocr_color": read.ratio, "ocr_color_ge_0.8": read.ge_08, "ocr_color_exact": read.exact}
+
+    def _seen(self, glb: bytes) -> Pictures | MeshmarkError:
+        """Pictures of ``glb``, evenly chosen among the paper's 24 views; or why there are none."""
+        if self._options.level is not Evaluate.FULL:
+            return np.empty((0, 1, 1, 3), dtype=np.uint8)
+        renderer = self._renderer
+        if isinstance(renderer, MeshmarkError):
+            return renderer
+        views = np.arange(self._options.views) * len(DIRECTIONS) // self._options.views
+        try:
+            return pictures(glb, renderer, DIRECTIONS[views], UPS[views])
+        except MeshmarkError as error:
+            return error
+
+    @cached_property
+    def _renderer(self) -> Renderer | MeshmarkError:
+        # Lives as long as the process, which works on this asset only.
+        try:
+            return Renderer(self._options.resolution)
+        except MeshmarkError as error:
+            return error
+
+    @cached_property
+    def _reader(self) -> Reader:
+        return Reader()
+
+
+def moved_points(points: Float, transform: Float) -> Float:
+    """(N, 3) points under a (4, 4) similarity."""
+    return np.asarray(points @ transform[:3, :3].T + transform[:3, 3])
+
+
+def moved_boxes(boxes: Boxes, transform: Float) -> Boxes:
+    """Boxes under a (4, 4) similarity without a mirror."""
+    scale = float(np.cbrt(np.linalg.det(transform[:3, :3])))
+    axes = boxes.axes @ (transform[:3, :3] / scale).T
+    return Boxes(moved_points(boxes.center, transform), axes, boxes.size * scale)
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None
+
+
+@contextmanager
+def _timed(seconds: dict[str, float], name: str) -> Iterator[None]:
+    start = time.perf_counter()
+    yield
+    seconds[name] = round(time.perf_counter() - start, 4)

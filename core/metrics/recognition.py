@@ -1,0 +1,139 @@
+"""Text in pictures: the detector and the recogniser of PP-OCRv6 on onnxruntime.
+
+The models are the two that the ``rapidocr`` wheel carries: PaddleOCR's small ones, converted by RapidOCR, Apache-2.0.
+Its classes are left alone: they fetch what they miss from the network and write to the console. The steps around the
+networks are those of Liao et al., "Real-Time Scene Text Detection with Differentiable Binarization" (AAAI 2020), and
+greedy CTC decoding (Graves et al., ICML 2006), with the constants that the models ship with.
+"""
+
+import os
+from collections.abc import Sequence
+from importlib.resources import files
+
+import cv2
+import numpy as np
+import onnxruntime
+from numpy.typing import NDArray
+
+Picture = NDArray[np.uint8]
+
+TEXT_PIXEL = 0.3  # probability
+TEXT_BOX = 0.5  # mean probability inside
+UNCLIP = 1.6  # the detector marks shrunken text: boxes grow on each side by this times area over perimeter
+SPECK = 3.0  # pixels; text this low is none
+STRIDE = 32  # pixels; the detector takes sides that are multiples of this
+LINE_HEIGHT = 48  # pixels, of a line for the recogniser
+WIDTH_STEP = 64  # pixels; lines are filled up to a multiple, so that what is read does not depend on their company
+BATCH = 16  # lines; more cost memory and save no time
+FILL = 128  # grey, the zero of the networks
+
+
+def available_threads() -> int:
+    """``OMP_NUM_THREADS`` where it is set, as for torch; else the processors that this process may run on."""
+    return int(os.environ.get("OMP_NUM_THREADS", 0)) or len(os.sched_getaffinity(0))
+
+
+class Reader:
+    """Finds lines of text in pictures and reads them. Loading takes 0.2 s: make one for each process.
+
+    CUDA is used where onnxruntime offers it. The same pictures give the same texts.
+
+    Args:
+        threads: how many onnxruntime computes with; None for :func:`available_threads`.
+    """
+
+    def __init__(self, threads: int | None = None) -> None:
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = threads or available_threads()
+        # A thread that waits must not keep the processor that another worker needs.
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+        # Nearly every picture has a size of its own: a search for the fastest convolution would never pay off.
+        known = {"CUDAExecutionProvider": {"cudnn_conv_algo_search": "HEURISTIC"}, "CPUExecutionProvider": {}}
+        available = set(onnxruntime.get_available_providers())
+        providers = [entry for entry in known.items() if entry[0] in available]
+        self._detector, self._recogniser = (
+            onnxruntime.InferenceSession(
+                (files("rapidocr") / "models" / name).read_bytes(), options, providers=providers
+            )
+            for name in ("PP-OCRv6_det_small.onnx", "PP-OCRv6_rec_small.onnx")
+        )
+        alphabet = self._recogniser.get_modelmeta().custom_metadata_map["character"].splitlines()
+        self._characters = ["", *alphabet, " "]  # CTC's blank comes first
+
+    def detect(self, picture: Picture) -> list[Picture]:
+        """What looks like lines of text in an (H, W, 3) sRGB picture, each cut out and turned to lie horizontally.
+
+        A line that leans by up to 90 degrees comes out upright, any other upside down. Sorted by area times
+        confidence, the most prominent line first.
+        """
+        height, width = picture.shape[:2]
+        fill = [(0, -height % STRIDE), (0, -width % STRIDE), (0, 0)]
+        probability = _run(self._detector, [np.pad(picture, fill, mode="edge")])[0, 0, :height, :width]
+        text = cv2.dilate((probability > TEXT_PIXEL).astype(np.uint8), np.ones((2, 2), np.uint8))
+        outlines, _ = cv2.findContours(text, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)
+        found = []
+        for center, (across, along), angle in map(cv2.minAreaRect, outlines):
+            if min(across, along) < SPECK:
+                continue
+            confidence = _mean_inside(probability, cv2.boxPoints((center, (across, along), angle)))
+            if confidence < TEXT_BOX:
+                continue
+            grown = UNCLIP * across * along / (across + along)
+            size = (across + grown, along + grown)
+            found.append((confidence * size[0] * size[1], _cut_out(picture, center, size, angle)))
+        return [line for _, line in sorted(found, key=lambda entry: -entry[0])]
+
+    def read(self, lines: Sequence[Picture]) -> list[str]:
+        """What is written in each (H, W, 3) sRGB picture of one upright line, however unsure."""
+        filled = [_fill_up(line) for line in lines]
+        widths = np.array([line.shape[1] for line in filled])
+        texts = [""] * len(lines)
+        for width in np.unique(widths):
+            alike = np.flatnonzero(widths == width)
+            for rows in np.split(alike, range(BATCH, len(alike), BATCH)):
+                labels = _run(self._recogniser, [filled[row] for row in rows]).argmax(axis=2)
+                for row, steps in zip(rows, labels, strict=True):
+                    fresh = np.append(True, steps[1:] != steps[:-1])
+                    texts[row] = "".join(self._characters[label] for label in steps[fresh])
+        return texts
+
+
+def _run(network: onnxruntime.InferenceSession, pictures: Sequence[Picture]) -> NDArray[np.float32]:
+    """The output for sRGB pictures of one size; the models take BGR from -1 to 1."""
+    blob = cv2.dnn.blobFromImages(pictures, 1 / 127.5, mean=(127.5, 127.5, 127.5), swapRB=True)
+    (output,) = network.run(None, {network.get_inputs()[0].name: blob})
+    return np.asarray(output)
+
+
+def _mean_inside(values: NDArray[np.float32], corners: NDArray[np.float32]) -> float:
+    """The mean of (H, W) ``values`` over the pixels of a convex polygon, (N, 2) ``corners`` as x and y."""
+    limit = np.array(values.shape[::-1]) - 1
+    low = np.clip(np.floor(corners.min(axis=0)), 0, limit).astype(int)
+    high = np.clip(np.ceil(corners.max(axis=0)), 0, limit).astype(int)
+    part = values[low[1] : high[1] + 1, low[0] : high[0] + 1]
+    inside = np.zeros(part.shape, np.uint8)
+    cv2.fillConvexPoly(inside, (corners - low).astype(np.int32), 1)
+    return float(cv2.mean(part, inside)[0])
+
+
+def _cut_out(
+    picture: Picture, center: tuple[float, float], size: tuple[float, float], angle: float
+) -> Picture:
+    """The pixels of a rectangle, its longer side horizontal; ``angle`` in degrees, clockwise in the picture."""
+    width, height = size
+    if width < height:
+        width, height, angle = height, width, angle + 90
+    angle = (angle + 90) % 180 - 90
+    turned = (max(round(width), 1), max(round(height), 1))
+    move = cv2.getRotationMatrix2D(center, angle, 1.0)
+    move[:, 2] += np.array(turned) / 2 - center
+    return np.asarray(cv2.warpAffine(picture, move, turned, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
+
+
+def _fill_up(line: Picture) -> Picture:
+    """A line scaled to the recogniser's height, and with grey to the next step of width."""
+    height, width = line.shape[:2]
+    scaled_width = max(round(width * LINE_HEIGHT / height), 1)
+    method = cv2.INTER_AREA if height > LINE_HEIGHT else cv2.INTER_CUBIC
+    scaled = cv2.resize(line, (scaled_width, LINE_HEIGHT), interpolation=method)
+    return np.pad(scaled, [(0, 0), (0, -scaled_width % WIDTH_STEP), (0, 0)], constant_values=FILL)

@@ -1,0 +1,30 @@
+"""The pictures that the visual metrics share: an asset as an ordinary viewer shows it."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.rendering.renderer import Renderer
+from core.rendering.views import view_directions
+
+Float = NDArray[np.float64]
+
+DIRECTIONS, UPS = view_directions()
+
+
+def pictures(glb: bytes, renderer: Renderer, directions: Float = DIRECTIONS, ups: Float = UPS) -> NDArray[np.uint8]:
+    """(V, S, S, 3) sRGB pictures of ``glb``, one for each camera; by default the paper's 24 views.
+
+    A camera that occurs twice, as the front does in the 24 views, is drawn once.
+
+    Args:
+        glb: the asset.
+        renderer: S is its size.
+        directions: (V, 3) from the object to each camera.
+        ups: (V, 3) what points upwards in each picture.
+
+    Raises:
+        MeshmarkError: as :func:`core.rendering.drawables.drawables`.
+    """
+    renderer.load(glb)
+    cameras, row = np.unique(np.hstack([directions, ups]), axis=0, return_inverse=True)
+    return np.stack([renderer.render(camera[:3], camera[3:]) for camera in cameras])[row]
