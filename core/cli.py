@@ -4,12 +4,13 @@ import argparse
 import json
 import sys
 from pathlib import Path
+from typing import TypeAlias
 
 from core import __version__
 from core.errors import ErrorCode, MeshmarkError
 from core.parameters import Evaluate, Mode, Preset, parse_parameters
 
-Commands = argparse._SubParsersAction[argparse.ArgumentParser]
+Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 ACCEPTED = "GLB, glTF, OBJ, STL, PLY, OFF, 3MF or DAE; with its other files as a ZIP"
 

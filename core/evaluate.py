@@ -126,11 +126,12 @@ def evaluate(
     text = text or next((mark.text for mark in watermarks if mark.text), "")
     views = _views(before, after) if level is Evaluate.FULL else (None, None)
     pair = Pair(
-        Subject(surface, SpatialIndex(surface.positions, surface.faces), seed, views[0]),
-        Subject(written, SpatialIndex(written.positions, written.faces), seed, views[1]),
+        Subject(surface, SpatialIndex(surface.positions, surface.faces), views[0], seed),
+        Subject(written, SpatialIndex(written.positions, written.faces), views[1]),
         boxes,
         relief,
         text,
+        seed,
     )
     measured = measure(pair, level)
     return {
@@ -153,9 +154,7 @@ def _read(data: bytes, budgets: Budgets) -> Document:
 def _views(before: Document, after: Document) -> tuple[Pictures, Pictures] | tuple[MeshmarkError, MeshmarkError]:
     try:
         with Renderer(PICTURE_SIZE) as renderer:
-            renderer.load(before.to_glb())
-            first = pictures(renderer)
-            renderer.load(after.to_glb())
-            return first, pictures(renderer)
+            first = pictures(before.to_glb(), renderer)
+            return first, pictures(after.to_glb(), renderer, frame=renderer.frame)
     except MeshmarkError as error:
         return error, error

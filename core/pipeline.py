@@ -235,14 +235,14 @@ def _render(job: Job) -> None:
         return
     try:
         with Renderer(PICTURE_SIZE) as renderer:
-            renderer.load(job.model)
+            if measured:
+                before = pictures(job.scene.document.to_glb(), renderer)
+                job.views = before, pictures(job.model, renderer, frame=renderer.frame)
+            else:
+                renderer.load(job.model)
             if job.preview_wanted:
                 job.preview = contact_sheet(renderer)
                 job.publish("preview", job.preview)
-            if measured:
-                after = pictures(renderer)
-                renderer.load(job.scene.document.to_glb())
-                job.views = pictures(renderer), after
     except MeshmarkError as error:
         job.views = error
     except Exception as error:  # drivers fail in ways of their own
@@ -254,8 +254,8 @@ def _render(job: Job) -> None:
         )
     if isinstance(job.views, MeshmarkError):
         # The asset is marked; a machine that cannot render still delivers it, and says so.
-        error = job.views
-        job.warnings.append({"code": error.code, "message": error.message, "remedy": error.remedy})
+        lost = job.views
+        job.warnings.append({"code": lost.code.value, "message": lost.message, "remedy": lost.remedy})
 
 
 def _evaluate(job: Job) -> None:
@@ -268,10 +268,11 @@ def _evaluate(job: Job) -> None:
     before, after = job.views if isinstance(job.views, tuple) else (job.views, job.views)
     written_index = SpatialIndex(job.written.positions, job.written.faces)
     pair = Pair(
-        Subject(job.ground.surface, job.ground.index, job.parameters.seed, before),
-        Subject(job.written, written_index, job.parameters.seed, after),
+        Subject(job.ground.surface, job.ground.index, before, job.parameters.seed),
+        Subject(job.written, written_index, after),
         *boxes_of(job.marks, job.parameters),
         job.parameters.text,
+        job.parameters.seed,
     )
     job.report = with_metrics(job.report, measure(pair, job.parameters.evaluate, job.report_progress))
 

@@ -17,8 +17,9 @@ from core.metrics.coverage import coverage
 from core.metrics.features import Extractor, extractor
 from core.metrics.ipe import ipe
 from core.metrics.lce import lce
-from core.metrics.ocr import Reader, ocr
+from core.metrics.ocr import ocr
 from core.metrics.ray import ray
+from core.metrics.recognition import Reader
 from core.metrics.se import se
 from core.metrics.sight import above_letters, top_face
 from core.metrics.smse import smse
@@ -64,14 +65,14 @@ class Subject:
     Attributes:
         surface: in the size-30 frame of the original.
         index: over ``surface``.
-        seed: of the samples of its surface.
         pictures: (V, S, S, 3) the paper's views, or why there are none; None will do for ``evaluate: geometry``.
+        seed: of the samples of its saliency.
     """
 
     surface: Surface
     index: SpatialIndex
-    seed: int
-    pictures: Pictures | MeshmarkError | None = None
+    pictures: Pictures | MeshmarkError | None
+    seed: int = 0
 
     @cached_property
     def saliency(self) -> Saliency:
@@ -96,6 +97,7 @@ class Pair:
         boxes: the marks; may be none, and then what needs them is missing.
         relief: (B,) height of each mark's letters, size-30 units.
         text: what the marks say; empty where nobody knows.
+        seed: of the samples of what was measured.
     """
 
     original: Subject
@@ -103,6 +105,7 @@ class Pair:
     boxes: Boxes
     relief: Float
     text: str
+    seed: int = 0
 
     def require_boxes(self) -> None:
         """Raise where there is no mark to measure."""
@@ -206,7 +209,7 @@ def _visibility(pair: Pair, _: Measurement) -> Values:
 
 
 def _shape(pair: Pair, _: Measurement) -> Values:
-    rng = np.random.default_rng(pair.watermarked.seed)
+    rng = np.random.default_rng(pair.seed)
     distance, squared = smse(pair.original.index, pair.watermarked.surface, rng)
     return {
         "smse": distance,

@@ -12,20 +12,28 @@ Float = NDArray[np.float64]
 
 GRID = (16, 4)  # 64 rays a box
 LIFT = 1.5  # reliefs: just clear of the letters
+CLEAR = 1e-3  # size-30 units above the top face
 
 
 def above_letters(original: Surface, original_index: SpatialIndex, boxes: Boxes, relief: Float) -> Float:
-    """(B, 64, 3) points of a grid over each box, 1.5 reliefs above the original surface under it, size-30 units.
+    """(B, 64, 3) points of a grid over each box, just clear of its letters, size-30 units.
 
-    ``relief`` is (B,), the height of each mark's letters.
+    They are 1.5 reliefs above the original surface under the box, or on the box's top face where that is higher:
+    there end the letters of a mark that does not follow the surface. ``relief`` is (B,), the height of the letters.
     """
     clearance = LIFT * np.abs(relief)
     met = footprint(boxes, original_index, original.normals, clearance, GRID, margin=0.0)
-    return above(boxes, met, clearance)
+    points, top, normal = above(boxes, met, clearance), top_face(boxes), boxes.axes[:, None, 2]
+    short = np.maximum(np.einsum("bni,bni->bn", top - points, np.broadcast_to(normal, top.shape)), 0.0)
+    return np.asarray(points + short[..., None] * normal)
 
 
 def top_face(boxes: Boxes) -> Float:
-    """(B, 64, 3) points of a grid over the top (front) face of each box, size-30 units."""
+    """(B, 64, 3) points of a grid just above the top (front) face of each box, size-30 units.
+
+    On the face itself the rays of flat letters, which end there, would start inside them or not by rounding.
+    """
     u, v = np.meshgrid(*(np.linspace(-0.5, 0.5, count) for count in GRID), indexing="ij")
     local = np.stack([u.ravel(), v.ravel(), np.full(u.size, 0.5)], axis=1)[None] * boxes.size[:, None, :]
+    local[..., 2] += CLEAR
     return np.asarray(np.einsum("bni,bij->bnj", local, boxes.axes) + boxes.center[:, None, :])

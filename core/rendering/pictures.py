@@ -3,28 +3,32 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from core.rendering.renderer import Renderer
+from core.rendering.renderer import Frame, Renderer
 from core.rendering.views import view_directions
 
 Float = NDArray[np.float64]
 
+PICTURE_SIZE = 1024  # pixels; what OCR can read depends on it more than on anything else
 DIRECTIONS, UPS = view_directions()
 
 
-def pictures(glb: bytes, renderer: Renderer, directions: Float = DIRECTIONS, ups: Float = UPS) -> NDArray[np.uint8]:
+def pictures(
+    glb: bytes, renderer: Renderer, directions: Float = DIRECTIONS, ups: Float = UPS, frame: Frame | None = None
+) -> NDArray[np.uint8]:
     """(V, S, S, 3) sRGB pictures of ``glb``, one for each camera; by default the paper's 24 views.
 
     A camera that occurs twice, as the front does in the 24 views, is drawn once.
 
     Args:
-        glb: the asset.
+        glb: the asset; it stays loaded.
         renderer: S is its size.
         directions: (V, 3) from the object to each camera.
         ups: (V, 3) what points upwards in each picture.
+        frame: what to look at; None: the asset.
 
     Raises:
         MeshmarkError: as :func:`core.rendering.drawables.drawables`.
     """
-    renderer.load(glb)
+    renderer.load(glb, frame)
     cameras, row = np.unique(np.hstack([directions, ups]), axis=0, return_inverse=True)
     return np.stack([renderer.render(camera[:3], camera[3:]) for camera in cameras])[row]

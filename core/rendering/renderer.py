@@ -1,6 +1,7 @@
 """Pictures of a GLB: pyrender behind one small interface, headless through EGL."""
 
 import os
+from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType, TracebackType
 from typing import Any, Self
@@ -30,6 +31,14 @@ def _pyrender() -> ModuleType:
     return pyrender  # type: ignore[no-any-return]
 
 
+@dataclass(frozen=True)
+class Frame:
+    """What the camera looks at: a sphere, in world coordinates."""
+
+    center: tuple[float, float, float]
+    radius: float
+
+
 class Renderer:
     """One OpenGL context and one asset at a time; use it as a context manager.
 
@@ -38,9 +47,14 @@ class Renderer:
     Args:
         size: width and height of the pictures in pixels.
 
+    Attributes:
+        frame: what the pictures show, once an asset is loaded.
+
     Raises:
         MeshmarkError: ``rendering_unavailable`` where no OpenGL context can be had.
     """
+
+    frame: Frame
 
     def __init__(self, size: int) -> None:
         self.size = size
@@ -66,17 +80,23 @@ class Renderer:
     ) -> None:
         self._context.delete()
 
-    def load(self, glb: bytes) -> None:
+    def load(self, glb: bytes, frame: Frame | None = None) -> None:
         """Take a GLB as it is: its normals (flat shading where there are none), base colours and vertex colours.
+
+        Args:
+            glb: the asset.
+            frame: what to look at; None: the asset. To compare two assets, show both in the frame of one.
 
         Raises:
             MeshmarkError: as :func:`core.rendering.drawables.drawables`.
         """
         shown = drawables(glb, texture_limit=2 * self.size)  # finer texels could not be told apart
         points = np.concatenate([drawable.positions for drawable in shown])
-        self._center = (points.min(axis=0) + points.max(axis=0)).astype(np.float64) / 2
-        self._radius = float(np.linalg.norm(points - self._center, axis=1).max())
-        self._distance = MARGIN * self._radius / np.sin(FIELD_OF_VIEW / 2)
+        self.frame = frame or _frame(points)
+        self._center, near = np.array(self.frame.center), MARGIN * self.frame.radius
+        self._distance = near / np.sin(FIELD_OF_VIEW / 2)
+        # Whatever leaves the frame is not cut by the planes of the camera, too.
+        depth = max(near, float(np.linalg.norm(points - self._center, axis=1).max()))
         scene = self._gl.Scene(bg_color=[BACKGROUND] * 3)
         textures: dict[Texture, Any] = {}
         # One mesh: within it pyrender keeps the order of primitives, between meshes it does not.
@@ -84,14 +104,14 @@ class Renderer:
         camera = self._gl.PerspectiveCamera(
             yfov=FIELD_OF_VIEW,
             aspectRatio=1.0,
-            znear=self._distance - MARGIN * self._radius,
-            zfar=self._distance + MARGIN * self._radius,
+            znear=max(self._distance - depth, self._distance / 100),
+            zfar=self._distance + depth,
         )
         self._camera = scene.add(camera)
         self._scene = scene
 
     def render(self, direction: ArrayLike, up: ArrayLike) -> NDArray[np.uint8]:
-        """The asset seen from ``direction`` (3,), its bounding sphere wholly in the frame: (size, size, 3) sRGB.
+        """The asset seen from ``direction`` (3,), the sphere of the frame wholly in the picture: (size, size, 3) sRGB.
 
         Args:
             direction: from the object to the camera.
@@ -136,6 +156,13 @@ class Renderer:
         if texture.nearest:
             sampler.magFilter = self._gl.GLTF.NEAREST
         return self._gl.Texture(source=texture.pixels, source_channels="RGBA", sampler=sampler)
+
+
+def _frame(points: NDArray[np.float32]) -> Frame:
+    """The frame of an asset with ``points`` (N, 3)."""
+    center = (points.min(axis=0) + points.max(axis=0)).astype(np.float64) / 2
+    x, y, z = center.tolist()
+    return Frame((x, y, z), float(np.linalg.norm(points - center, axis=1).max()))
 
 
 def _unit(vector: Float) -> Float:

@@ -155,7 +155,8 @@ def test_sunken_letters_take_material_away_and_raised_ones_add_it() -> None:
 
 @pytest.mark.parametrize("preset", list(Preset))
 def test_every_preset_marks_the_asset(preset: Preset) -> None:
-    result = watermark(SPOT.read_bytes(), Parameters(text="watermark", preset=preset, evaluate=Evaluate.GEOMETRY), preview=False)
+    asked = Parameters(text="watermark", preset=preset, evaluate=Evaluate.GEOMETRY)
+    result = watermark(SPOT.read_bytes(), asked, preview=False)
     assert 1 <= len(result.report["watermarks"]) <= result.report["parameters"]["count"]
     assert result.report["metrics"]["asset_utility"]["ipe"] == 0
 

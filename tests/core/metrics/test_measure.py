@@ -19,8 +19,8 @@ BLOCK = cuboid(10, 10, 10)
 def pair(watermarked: Surface, boxes: Boxes, text: str = "watermark") -> Pair:
     no_pictures = MeshmarkError(ErrorCode.RENDERING_UNAVAILABLE, "No EGL here.", "Install it.")
     return Pair(
-        Subject(BLOCK, index_of(BLOCK), 0, no_pictures),
-        Subject(watermarked, index_of(watermarked), 0, no_pictures),
+        Subject(BLOCK, index_of(BLOCK), no_pictures),
+        Subject(watermarked, index_of(watermarked), no_pictures),
         boxes,
         np.full(len(boxes), 0.2),
         text,
