@@ -28,8 +28,8 @@ def crop(mesh: Mesh, target: Target, strength: float = 0.5) -> Attacked:
     height = mesh.positions @ direction
     middle = float(_centroid(mesh) @ direction)
     level = float(np.interp(strength, [0, 0.5, 1], [height.min(), middle, height.max()]))
-    inside = (target.boxes.corners() @ direction >= level).all(axis=1)
-    return Attacked(clip(mesh, height - level), inside)
+    inside = np.all(target.boxes.corners() @ direction >= level, axis=1)
+    return Attacked(clip(mesh, height - level), np.asarray(inside))
 
 
 def clip(mesh: Mesh, height: Float) -> Mesh:

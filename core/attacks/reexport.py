@@ -1,6 +1,5 @@
 """Re-export through another tool: what survives a text file or single precision."""
 
-import numpy as np
 import trimesh
 
 from core.asset.plain import Mesh
@@ -26,6 +25,6 @@ def reexport(mesh: Mesh, target: Target, strength: float = 3) -> Attacked:
     """
     for name in FORMATS[: round(strength)]:
         written = trimesh.Trimesh(mesh.positions, mesh.faces, process=False).export(file_type=name)
-        surface = read_plain(written.encode() if isinstance(written, str) else written)
+        surface = read_plain(written if isinstance(written, bytes) else str(written).encode())
         mesh = Mesh(surface.to_world(surface.positions), surface.faces)
-    return whole(Mesh(np.asarray(mesh.positions), mesh.faces), target)
+    return whole(mesh, target)

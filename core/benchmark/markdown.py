@@ -71,6 +71,11 @@ def interval(found: Mean | None) -> str:
     return number(found.value) + (f" ± {number(found.half)}" if found.half else "")
 
 
+def amount(found: Mean | None) -> str:
+    """A mean of whole numbers."""
+    return NOTHING if found is None else f"{found.value:.1f}".removesuffix(".0")
+
+
 def best(means: Sequence[Mean | None], higher: bool) -> list[str]:
     """Each mean as text, the best in bold; all that read the same as the best one share it."""
     there = [found.value for found in means if found is not None]

@@ -116,6 +116,7 @@ def _lines(rows: Sequence[Row], curve: Curve) -> dict[str, list[tuple[int, Mean,
 
 def _curves(rows: Sequence[Row], curves: Sequence[Curve]) -> "Figure":
     from matplotlib.figure import Figure
+    from matplotlib.patheffects import withStroke
 
     figure = Figure(figsize=(5.2 * len(curves), 4.2), layout="constrained")
     looks = _looks(rows)
@@ -133,10 +134,16 @@ def _curves(rows: Sequence[Row], curves: Sequence[Curve]) -> "Figure":
             )  # fmt: skip
             for count, left, up in zip(at, x, y, strict=True):
                 axes.annotate(
-                    str(count), (left.value, up.value), xytext=(6, 5), textcoords="offset points", color=color, size=8
+                    str(count),
+                    (left.value, up.value),
+                    xytext=(6, 5),
+                    textcoords="offset points",
+                    color=color,
+                    size=8,
+                    path_effects=[withStroke(linewidth=2, foreground="white")],
                 )
         for name, label in ((curve.x, axes.set_xlabel), (curve.y, axes.set_ylabel)):
-            label(f"{METRICS[name].label}{_unit(name)} — {'higher' if METRICS[name].higher else 'lower'} is better")
+            label(f"{METRICS[name].label}{_unit(name)} ({'higher' if METRICS[name].higher else 'lower'} is better)")
         axes.set_title(f"{METRICS[curve.y].label} against {METRICS[curve.x].label}", loc="left")
     _legend(figure, handles, "numbers: watermarks asked for; bars: 95% intervals of the mean")
     return figure
@@ -172,7 +179,7 @@ def _run_time(rows: Sequence[Row]) -> "Figure":
 
 def _legend(figure: "Figure", handles: dict[str, Any], note: str) -> None:
     figure.legend(
-        list(handles.values()), list(handles), loc="outside lower center", ncols=min(len(handles), 3), title=note,
+        list(handles.values()), list(handles), loc="outside lower center", ncols=2, title=note,
         title_fontsize=8,
     )  # fmt: skip
 

@@ -96,9 +96,8 @@ def _receive(connection: Connection) -> Begun | Done | None:
 
 def _start(task: Task, opener: Open, options: BenchmarkOptions) -> _Child:
     receiving, sending = get_context("spawn").Pipe(duplex=False)
-    process = get_context("spawn").Process(
-        target=work, args=(sending, opener, task.asset, task.seed, options, task.wanted), daemon=True
-    )
+    given = (sending, opener, task.asset, task.seed, options, task.wanted, time.monotonic())
+    process = get_context("spawn").Process(target=work, args=given, daemon=True)
     with _threads(options.processes), _interrupts_held():
         process.start()
     sending.close()  # so that the end of the process is the end of the pipe

@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from core.benchmark import duel, tables
-from core.benchmark.markdown import number, table
+from core.benchmark.markdown import table
 from core.benchmark.options import INVISIBLE, NO_ATTACK
 from core.benchmark.plots import write_plots
 from core.benchmark.results import write_text
@@ -99,14 +99,14 @@ def report(rows: Sequence[Row], pictures: dict[str, str]) -> str:
         ("Time by step", [tables.stages(rows)]),
     ]
     parts = ["# Meshmark benchmark", *_overview(rows)]
-    for number_, (title, body) in enumerate(sections, start=2):
-        parts += [f"## {number_}. {title}", *body]
+    for number, (title, body) in enumerate(sections, start=2):
+        parts += [f"## {number}. {title}", *body]
     return "\n\n".join(parts) + "\n"
 
 
 def _overview(rows: Sequence[Row]) -> list[str]:
     attacks = dict.fromkeys(
-        row["attack"] + (f" {number(row['strength'])}" if row["strength"] is not None else "")
+        row["attack"] + (f" {row['strength']:g}" if row["strength"] is not None else "")
         for row in rows
         if row["attack"] != NO_ATTACK
     )
@@ -119,7 +119,7 @@ def _overview(rows: Sequence[Row]) -> list[str]:
         "Attacks": ", ".join(attacks) or "none",
         "Rows": f"{len(rows)}, {failed} of them failed",
         "Settings": "; ".join(dict.fromkeys(_settings(row) for row in rows)),
-        "Metrics of meaning by": _distinct(rows, "semantics"),
+        "Features for SS": _distinct(rows, "semantics"),
         "Machine": _distinct(rows, "machine"),
         "Engine": _distinct(rows, "version"),
         "Time": f"{_duration(busy(rows))} with a process at work, {_duration(sum(row['spent'] for row in rows))} over "
@@ -150,7 +150,7 @@ def _settings(row: Row) -> str:
 
 
 def _distinct(rows: Sequence[Row], name: str) -> str:
-    return ", ".join(dict.fromkeys(str(row[name]) for row in rows if row.get(name))) or "nothing"
+    return ", ".join(dict.fromkeys(str(row[name]) for row in rows if row.get(name))) or "not measured"
 
 
 def _duration(seconds: float) -> str:

@@ -16,6 +16,7 @@ from core.benchmark.progress import Progress
 from core.benchmark.report import write_report
 from core.benchmark.results import write_results
 from core.benchmark.rows import Row, appending, asset_seed, combinations, key
+from core.benchmark.select import ordered
 from core.benchmark.worker import Open
 from core.errors import ErrorCode, MeshmarkError
 
@@ -48,6 +49,7 @@ def run(options: BenchmarkOptions, opener: Open | None = None) -> list[Row]:
     else:
         options = _checked(options)
         found = _make(options, opener or _open_bench())
+    found = ordered(found)
     write_results(found, options)
     write_report(found, options.out)
     return found
@@ -88,8 +90,8 @@ def _make(options: BenchmarkOptions, opener: Open) -> list[Row]:
                 about = {"dataset": options.dataset, "asset": task.asset.name, "kind": task.asset.kind}
                 row = {"key": key(identity), **identity, **about, **outcome, "at": round(time.time(), 3)}
                 log.append(row)
-                kept[row["key"]] = row
                 progress.show(row)
+    kept = {row["key"]: row for row in rows_of.read(options.out)}
     return [kept[name] for name in mine]
 
 

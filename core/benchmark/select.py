@@ -5,6 +5,33 @@ from collections.abc import Iterable, Sequence
 from core.benchmark.options import INVISIBLE, NO_ATTACK
 from core.benchmark.rows import Row
 
+# The order of methods in tables and legends; others follow by name.
+ORDER = (
+    "meshmark",
+    "li",
+    "paper",
+    "paper-no-curve-matching",
+    "paper-no-optimization",
+    "paper-no-filtering",
+    INVISIBLE,
+)
+
+
+def ordered(rows: Iterable[Row]) -> list[Row]:
+    """Rows by asset, method, count and attack, whatever order they were made in."""
+    return sorted(
+        rows,
+        key=lambda row: (
+            row["asset"],
+            _rank(row["method"]),
+            row["count"],
+            row["attack"] != NO_ATTACK,
+            row["attack"],
+            row["strength"] or 0.0,
+            row["key"],
+        ),
+    )
+
 
 def ok(rows: Iterable[Row]) -> list[Row]:
     """The rows that have values."""
@@ -26,8 +53,12 @@ def visible(rows: Iterable[Row]) -> list[Row]:
 
 
 def methods(rows: Iterable[Row]) -> list[str]:
-    """The methods, in the order in which they first appear."""
-    return list(dict.fromkeys(row["method"] for row in rows))
+    """The methods, in the order of ``ORDER``."""
+    return sorted({row["method"] for row in rows}, key=_rank)
+
+
+def _rank(method: str) -> tuple[int, str]:
+    return (ORDER.index(method) if method in ORDER else len(ORDER), method)
 
 
 def counts(rows: Iterable[Row]) -> list[int]:

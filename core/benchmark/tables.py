@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from core.benchmark import published
-from core.benchmark.markdown import METRICS, NOTHING, best, interval, number, table
+from core.benchmark.markdown import METRICS, NOTHING, amount, best, table
 from core.benchmark.options import NO_ATTACK
 from core.benchmark.rows import Row
 from core.benchmark.select import counts, methods, ok, paired, unattacked, values, visible
@@ -16,7 +16,9 @@ QUALITY = (
     "wps", "wps_area", "ray", "coverage", "ocr", "ocr_ge_0.8", "ocr_exact", "ocr_color",
     "smse", "ipe", "lce", "se", "ss",
 )  # fmt: skip
-ATTACKED = ("ray", "ocr", "ocr_color", "ipe", "smse", "ss", "survived", "bit_accuracy")
+ATTACKED = ("ray", "ocr", "ocr_color", "ipe", "ss", "survived", "bit_accuracy")
+# In the order in which they are done; `run` is the sum of all before it that a method needs.
+STEPS = ("reading", "solid", "candidates", "fine-tuning", "saliency", "marking", "run", "pictures")
 INVISIBLE = ("ray", "ocr", "smse", "ss", "bit_accuracy")
 TRADE_OFF = ("wps", "ray", "ocr", "smse", "ipe", "se", "ss")
 PAPER = "the paper's"
@@ -102,7 +104,7 @@ def attacks(rows: Sequence[Row], only_common: bool) -> str:
             here = paired(here, methods(here))
         groups = [(method, of_method(here, method)) for method in methods(here)]
         columns = [best([mean(values(one, name)) for _, one in groups], METRICS[name].higher) for name in shown]
-        name = attack + (f" {number(strength)}" if strength is not None else "") + (f", {count} marks" * several)
+        name = attack + (f" {strength:g}" if strength is not None else "") + (f", {count} marks" * several)
         for position, (method, one) in enumerate(groups):
             lines.append([name, method, str(len(ok(one))), *(column[position] for column in columns)])
     return table(["Attack", "Method", "Assets", *(METRICS[name].heading for name in shown)], lines)
@@ -170,14 +172,15 @@ def acceptance(rows: Sequence[Row]) -> str:
             reasons = Counter(row["code"] for row in tried if row["status"] != "ok")
             share = f"{len(ok(tried))} of {len(tried)} ({len(ok(tried)) / len(tried):.0%})"
             why = ", ".join(f"{found} {code}" for code, found in reasons.most_common()) or NOTHING
-            lines.append([method, str(count) if count else NOTHING, share, interval(mean(values(tried, "marks"))), why])
+            lines.append([method, str(count) if count else NOTHING, share, amount(mean(values(tried, "marks"))), why])
     return table(["Method", "Asked", "Accepted", "Marks placed", "Refused"], lines)
 
 
 def stages(rows: Sequence[Row]) -> str:
     """Seconds of each step over all unattacked rows that took it."""
     chosen = ok(unattacked(rows))
-    names = dict.fromkeys(name for row in chosen for name in row["seconds"])
+    found = dict.fromkeys(name for row in chosen for name in row["seconds"])
+    names = sorted(found, key=lambda name: STEPS.index(name) if name in STEPS else len(STEPS))
     lines = []
     for name in names:
         seconds = np.array([row["seconds"][name] for row in chosen if name in row["seconds"]])
@@ -192,8 +195,7 @@ def of_method(rows: Sequence[Row], method: str) -> list[Row]:
 
 
 def _group(method: str, rows: Sequence[Row]) -> tuple[list[str], Sequence[Row]]:
-    placed = mean(values(rows, "marks"))
-    return [method, str(len(ok(rows))), NOTHING if placed is None else number(placed.value)], rows
+    return [method, str(len(ok(rows))), amount(mean(values(rows, "marks")))], rows
 
 
 def _best_of(found: dict[str, dict[str, float]], method: str, metrics: Sequence[str]) -> list[str]:

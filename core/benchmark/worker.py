@@ -56,6 +56,7 @@ def work(
     seed: int,
     options: BenchmarkOptions,
     wanted: list[Combination],
+    started: float,
 ) -> None:
     """Make the rows ``wanted`` of one asset and send :class:`Begun` and :class:`Done`; runs in a process of its own.
 
@@ -66,9 +67,10 @@ def work(
         seed: of the asset.
         options: of the run.
         wanted: in groups of one method and count.
+        started: ``time.monotonic()`` when the process was asked for; loading the libraries counts as its time.
     """
     _end_with_parent()
-    clock = _Clock()
+    clock = _Clock(started)
 
     def fail(combinations: list[Combination], error: Exception, facts: Row) -> None:
         for one in combinations:
@@ -121,11 +123,11 @@ def machine() -> str:
 class _Clock:
     """Seconds between events."""
 
-    def __init__(self) -> None:
-        self._last = time.perf_counter()
+    def __init__(self, start: float) -> None:
+        self._last = start
 
     def lap(self) -> float:
-        start, self._last = self._last, time.perf_counter()
+        start, self._last = self._last, time.monotonic()
         return round(self._last - start, 4)
 
 

@@ -56,7 +56,7 @@ def options(tmp_path: Path, *names: str, **changes: Any) -> BenchmarkOptions:
     given: dict[str, Any] = {
         "methods": ("meshmark", "li"),
         "counts": (4, 16),
-        "attacks": (AttackAsked("crop"),),
+        "attacks": (AttackAsked("crop", 0.5),),
         "attack_counts": (4,),
     }
     return BenchmarkOptions(folder, tmp_path / "out", **given | changes)
