@@ -116,7 +116,9 @@ def _mean_inside(values: NDArray[np.float32], corners: NDArray[np.float32]) -> f
     return float(cv2.mean(part, inside)[0])
 
 
-def _cut_out(picture: Picture, center: tuple[float, float], size: tuple[float, float], angle: float) -> Picture:
+def _cut_out(
+    picture: Picture, center: tuple[float, float], size: tuple[float, float], angle: float
+) -> Picture:
     """The pixels of a rectangle, its longer side horizontal; ``angle`` in degrees, clockwise in the picture."""
     width, height = size
     if width < height:
