@@ -1,7 +1,7 @@
 """Laplacian smoothing."""
 
 import numpy as np
-from scipy.sparse import coo_array, diags_array
+from scipy.sparse import csr_array
 
 from core.asset.plain import Mesh
 from core.attacks.target import Attacked, Target, whole
@@ -17,17 +17,15 @@ def smooth(mesh: Mesh, target: Target, strength: float = 10) -> Attacked:
         target: unused but for the watermarks' number.
         strength: iterations, rounded to a whole number.
     """
-    ends = (
-        np.concatenate([mesh.faces, np.roll(mesh.faces, -1, axis=1)]),
-        np.concatenate([np.roll(mesh.faces, -1, axis=1), mesh.faces]),
-    )
-    rows, columns = (end.ravel() for end in ends)
     count = len(mesh.positions)
-    adjacent = coo_array((np.ones(len(rows)), (rows, columns)), shape=(count, count)).tocsr()
-    adjacent.data[:] = 1.0  # an edge counts once however many faces share it
-    degree = adjacent.sum(axis=1)
-    mean = diags_array(np.divide(1.0, degree, out=np.zeros(count), where=degree > 0)) @ adjacent
+    start, end = mesh.faces.ravel(), np.roll(mesh.faces, -1, axis=1).ravel()
+    # An edge counts once however many faces share it; one from a vertex to itself is none.
+    rows, columns = np.divmod(np.unique(np.concatenate([start * count + end, end * count + start])), count)
+    rows, columns = rows[rows != columns], columns[rows != columns]
+    degree = np.bincount(rows, minlength=count)
+    mean = csr_array((1 / degree[rows], (rows, columns)), shape=(count, count))
+    joined = (degree > 0)[:, None]
     positions = mesh.positions
     for _ in range(round(strength)):
-        positions = positions + STEP * (mean @ positions - positions)
+        positions = positions + STEP * (mean @ positions - positions * joined)
     return whole(Mesh(np.asarray(positions), mesh.faces), target)
