@@ -65,6 +65,18 @@ class Trial:
     seconds: dict[str, float]
     bits: NDArray[np.bool_] | None
 
+    @cached_property
+    def index(self) -> SpatialIndex:
+        """Over the result."""
+        return SpatialIndex(self.marked.mesh.positions, self.marked.mesh.faces)
+
+    def letters(self, attacked: Attacked, original: SpatialIndex) -> NDArray[np.bool_]:
+        """(F,) the faces of ``attacked`` that show a letter: a colour stays on its part of the surface through every
+        attack, so a face has the colour of the nearest place before it."""
+        before = moved_points(attacked.mesh.positions, np.asarray(np.linalg.inv(attacked.transform), dtype=np.float64))
+        _, nearest, _ = self.index.closest(before[attacked.mesh.faces].mean(axis=1))
+        return letter_faces(self.marked.mesh, original)[nearest]
+
 
 def open_bench(asset: Asset, seed: int, options: BenchmarkOptions) -> "AssetBench":
     """The bench of one file.
@@ -150,8 +162,9 @@ class AssetBench:
         if len(boxes) == 0:
             values |= {"ray": 0.0, "ray_box": 0.0, "coverage": 0.0}
             missing = {name: code for name, code in missing.items() if values[name] is None}
-        if options.color is not None and options.level is Evaluate.FULL and not isinstance(seen, MeshmarkError):
-            values |= self._coloured(attacked.mesh, original.index, options.color, seconds)
+        if options.color is not None and options.level is Evaluate.FULL and trial.bits is None:
+            letters = trial.letters(attacked, self._prepared.index)
+            values |= self._coloured(plain_glb(attacked.mesh, letters, options.color), seconds)
         row: Row = {
             "marks": len(marked.boxes) if trial.bits is None else None,
             "survived": float(attacked.kept.mean()) if len(attacked.kept) else None,
@@ -202,10 +215,10 @@ class AssetBench:
         prepared = self._prepared
         return Subject(prepared.surface, prepared.index, self._seen(plain_glb(self._mesh), {}, "original"), self._seed)
 
-    def _coloured(self, mesh: Mesh, original: SpatialIndex, color: str, seconds: dict[str, float]) -> dict[str, float]:
-        seen = self._seen(plain_glb(mesh, letter_faces(mesh, original), color), seconds, "coloured pictures")
-        if isinstance(seen, MeshmarkError):
-            raise seen
+    def _coloured(self, glb: bytes, seconds: dict[str, float]) -> dict[str, float]:
+        seen = self._seen(glb, seconds, "coloured pictures")
+        if isinstance(seen, MeshmarkError) or len(seen) == 0:
+            return {}
         with _timed(seconds, "coloured OCR"):
             read = ocr(seen, self._options.text, self._reader)
         return {"ocr_color": read.ratio, "ocr_color_ge_0.8": read.ge_08, "ocr_color_exact": read.exact}

@@ -55,7 +55,7 @@ def losses(rows: Sequence[Row], count: int, ours: str) -> list[str]:
         kind = (attack, strength, at)
         here = [row for row in visible(rows) if (row["attack"], row["strength"], row["count"]) == kind]
         name = "Without an attack" if attack == NO_ATTACK else f"After {attack}"
-        name += f" {strength:g}" if strength is not None else ""
+        name += f" {strength:.3g}" if strength is not None else ""
         for theirs in methods(here):
             if theirs == ours:
                 continue

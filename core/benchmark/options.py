@@ -8,6 +8,7 @@ from core.errors import ErrorCode, MeshmarkError
 from core.parameters import Evaluate
 
 NO_ATTACK = "none"
+REMOVAL = "removal"
 INVISIBLE = "invisible"  # the one method that places nothing: it has no count
 
 

@@ -37,9 +37,7 @@ def report(rows: Sequence[Row], pictures: dict[str, str]) -> str:
             f"Quality and utility, {asked}",
             [
                 "On all assets that a method marked:",
-                tables.quality(rows, count, only_common=False),
-                "On the assets that every method marked, so that refusing hard ones gains nothing:",
-                tables.quality(rows, count, only_common=True),
+                *_both(tables.quality(rows, count, only_common=False), tables.quality(rows, count, only_common=True)),
                 "As the paper printed it, on its own datasets and renderer:",
                 tables.published_quality(),
             ],
@@ -57,9 +55,7 @@ def report(rows: Sequence[Row], pictures: dict[str, str]) -> str:
             "Attacks",
             [
                 "On all assets that a method marked and the attack could be made on:",
-                tables.attacks(rows, only_common=False),
-                "On the assets that are there for every method:",
-                tables.attacks(rows, only_common=True),
+                *_both(tables.attacks(rows, only_common=False), tables.attacks(rows, only_common=True)),
                 "As the paper printed it (Manifold40):",
                 tables.published_attacks(),
             ],
@@ -104,9 +100,17 @@ def report(rows: Sequence[Row], pictures: dict[str, str]) -> str:
     return "\n\n".join(parts) + "\n"
 
 
+def _both(everything: str, common: str) -> list[str]:
+    """A table on all assets and the one on common assets, unless they are the same."""
+    if everything == common:
+        return [everything, "Every method has all of these assets, so no method gains by refusing hard ones."]
+    title = "On the assets that are there for every method, so that refusing hard ones gains nothing:"
+    return [everything, title, common]
+
+
 def _overview(rows: Sequence[Row]) -> list[str]:
     attacks = dict.fromkeys(
-        row["attack"] + (f" {row['strength']:g}" if row["strength"] is not None else "")
+        row["attack"] + (f" {row['strength']:.3g}" if row["strength"] is not None else "")
         for row in rows
         if row["attack"] != NO_ATTACK
     )

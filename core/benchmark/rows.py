@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from core import __version__
-from core.benchmark.options import INVISIBLE, NO_ATTACK, AttackAsked, BenchmarkOptions
+from core.benchmark.options import INVISIBLE, NO_ATTACK, REMOVAL, AttackAsked, BenchmarkOptions
 from core.errors import ErrorCode, MeshmarkError
 
 Row = dict[str, Any]
@@ -50,7 +50,9 @@ def combinations(options: BenchmarkOptions) -> list[Combination]:
         for count in (0,) if method == INVISIBLE else dict.fromkeys(options.counts):
             found.append(Combination(method, count, AttackAsked(NO_ATTACK)))
             if method == INVISIBLE or count in options.attacked_counts:
-                found += [Combination(method, count, attack) for attack in attacks]
+                # Removal deletes letters, and an invisible watermark has none.
+                possible = [attack for attack in attacks if (method, attack.name) != (INVISIBLE, REMOVAL)]
+                found += [Combination(method, count, attack) for attack in possible]
     return found
 
 

@@ -104,7 +104,7 @@ def attacks(rows: Sequence[Row], only_common: bool) -> str:
             here = paired(here, methods(here))
         groups = [(method, of_method(here, method)) for method in methods(here)]
         columns = [best([mean(values(one, name)) for _, one in groups], METRICS[name].higher) for name in shown]
-        name = attack + (f" {strength:g}" if strength is not None else "") + (f", {count} marks" * several)
+        name = attack + (f" {strength:.3g}" if strength is not None else "") + (f", {count} marks" * several)
         for position, (method, one) in enumerate(groups):
             lines.append([name, method, str(len(ok(one))), *(column[position] for column in columns)])
     return table(["Attack", "Method", "Assets", *(METRICS[name].heading for name in shown)], lines)

@@ -23,7 +23,8 @@ def test_an_exact_power_law_is_found_with_no_doubt_about_it() -> None:
     x = np.array([1e3, 1e4, 1e5, 1e6])
     law = power_law(list(x), list(0.02 * x**0.7))
     assert law is not None
-    assert (law.exponent, law.factor) == (pytest.approx(0.7), pytest.approx(0.02))
+    assert law.exponent == pytest.approx(0.7)
+    assert law.factor == pytest.approx(0.02)
     assert law.half == pytest.approx(0.0, abs=1e-9)
 
 
