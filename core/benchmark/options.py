@@ -9,6 +9,7 @@ from core.parameters import Evaluate
 
 NO_ATTACK = "none"
 REMOVAL = "removal"
+PAPER_ATTACKS = ("crop", "removal", "remesh", "decimate", "subdivide")
 INVISIBLE = "invisible"  # the one method that places nothing: it has no count
 
 
