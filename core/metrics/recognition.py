@@ -3,12 +3,14 @@
 The models are the two that the ``rapidocr`` wheel carries: PaddleOCR's small ones, converted by RapidOCR, Apache-2.0.
 Its classes are left alone: they fetch what they miss from the network and write to the console. The steps around the
 networks are those of Liao et al., "Real-Time Scene Text Detection with Differentiable Binarization" (AAAI 2020), and
-greedy CTC decoding (Graves et al., ICML 2006), with the constants that the models ship with.
+greedy CTC decoding (Graves et al., ICML 2006), with the constants of PaddleOCR's own configuration of each model.
+RapidOCR scales the detector's input by less than half; faint letters, raised ones without a colour, are then missed.
 """
 
 import os
 from collections.abc import Sequence
 from importlib.resources import files
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -16,16 +18,25 @@ import onnxruntime
 from numpy.typing import NDArray
 
 Picture = NDArray[np.uint8]
+Rectangle = tuple[tuple[float, float], tuple[float, float], float]  # centre, size, degrees clockwise in the picture
 
-TEXT_PIXEL = 0.3  # probability
-TEXT_BOX = 0.5  # mean probability inside
-UNCLIP = 1.6  # the detector marks shrunken text: boxes grow on each side by this times area over perimeter
+# Probability that a pixel belongs to text, and its mean over a box that is worth reading. PaddleOCR asks for 0.6 of a
+# box, to find nothing wrong; here a box is only read and compared, and raised letters without a colour get 0.3 to 0.6.
+TEXT = 0.3
+UNCLIP = 1.5  # the detector marks shrunken text: boxes grow on each side by this times area over perimeter
 SPECK = 3.0  # pixels; text this low is none
 STRIDE = 32  # pixels; the detector takes sides that are multiples of this
 LINE_HEIGHT = 48  # pixels, of a line for the recogniser
 WIDTH_STEP = 64  # pixels; lines are filled up to a multiple, so that what is read does not depend on their company
-BATCH = 16  # lines; more cost memory and save no time
-FILL = 128  # grey, the zero of the networks
+BATCH = 4096  # pixels of width read at once, 38 MB of output; more save no time
+FILL = 128  # grey, the recogniser's zero
+
+# Mean and standard deviation of the colours, 0 to 255, in the order blue, green, red. The detector's are ImageNet's,
+# which PaddleOCR gives in the order red, green, blue, but applies to pictures in the other one: so did the training.
+DETECTOR_COLORS = ((123.675, 116.28, 103.53), (58.395, 57.12, 57.375))
+RECOGNISER_COLORS = ((127.5, 127.5, 127.5), (127.5, 127.5, 127.5))
+
+Colors = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
 def available_threads() -> int:
@@ -68,15 +79,17 @@ class Reader:
         """
         height, width = picture.shape[:2]
         fill = [(0, -height % STRIDE), (0, -width % STRIDE), (0, 0)]
-        probability = _run(self._detector, [np.pad(picture, fill, mode="edge")])[0, 0, :height, :width]
-        text = cv2.dilate((probability > TEXT_PIXEL).astype(np.uint8), np.ones((2, 2), np.uint8))
+        probability = _run(self._detector, [np.pad(picture, fill, mode="edge")], DETECTOR_COLORS)[0, 0, :height, :width]
+        text = cv2.dilate((probability > TEXT).astype(np.uint8), np.ones((2, 2), np.uint8))
         outlines, _ = cv2.findContours(text, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)
         found = []
-        for center, (across, along), angle in map(cv2.minAreaRect, outlines):
+        for outline in outlines:
+            center, (across, along), angle = cast(Rectangle, cv2.minAreaRect(outline))
             if min(across, along) < SPECK:
                 continue
-            confidence = _mean_inside(probability, cv2.boxPoints((center, (across, along), angle)))
-            if confidence < TEXT_BOX:
+            corners = cv2.boxPoints((center, (across, along), angle)).astype(np.float32)
+            confidence = _mean_inside(probability, corners)
+            if confidence < TEXT:
                 continue
             grown = UNCLIP * across * along / (across + along)
             size = (across + grown, along + grown)
@@ -90,17 +103,19 @@ class Reader:
         texts = [""] * len(lines)
         for width in np.unique(widths):
             alike = np.flatnonzero(widths == width)
-            for rows in np.split(alike, range(BATCH, len(alike), BATCH)):
-                labels = _run(self._recogniser, [filled[row] for row in rows]).argmax(axis=2)
-                for row, steps in zip(rows, labels, strict=True):
-                    fresh = np.append(True, steps[1:] != steps[:-1])
-                    texts[row] = "".join(self._characters[label] for label in steps[fresh])
+            together = max(BATCH // int(width), 1)
+            for rows in np.split(alike, range(together, len(alike), together)):
+                steps = _run(self._recogniser, [filled[row] for row in rows], RECOGNISER_COLORS)
+                for row, labels in zip(rows, steps.argmax(axis=2), strict=True):
+                    fresh = np.append(True, labels[1:] != labels[:-1])
+                    texts[row] = "".join(self._characters[label] for label in labels[fresh])
         return texts
 
 
-def _run(network: onnxruntime.InferenceSession, pictures: Sequence[Picture]) -> NDArray[np.float32]:
-    """The output for sRGB pictures of one size; the models take BGR from -1 to 1."""
-    blob = cv2.dnn.blobFromImages(pictures, 1 / 127.5, mean=(127.5, 127.5, 127.5), swapRB=True)
+def _run(network: onnxruntime.InferenceSession, pictures: Sequence[Picture], colors: Colors) -> NDArray[np.float32]:
+    """The output for (H, W, 3) sRGB pictures of one size, their colours brought to mean 0 and deviation 1."""
+    mean, deviation = np.array(colors, dtype=np.float32)[:, None, :, None, None]
+    blob = (cv2.dnn.blobFromImages(pictures, swapRB=True) - mean) / deviation
     (output,) = network.run(None, {network.get_inputs()[0].name: blob})
     return np.asarray(output)
 
@@ -116,17 +131,15 @@ def _mean_inside(values: NDArray[np.float32], corners: NDArray[np.float32]) -> f
     return float(cv2.mean(part, inside)[0])
 
 
-def _cut_out(
-    picture: Picture, center: tuple[float, float], size: tuple[float, float], angle: float
-) -> Picture:
+def _cut_out(picture: Picture, center: tuple[float, float], size: tuple[float, float], angle: float) -> Picture:
     """The pixels of a rectangle, its longer side horizontal; ``angle`` in degrees, clockwise in the picture."""
     width, height = size
     if width < height:
         width, height, angle = height, width, angle + 90
     angle = (angle + 90) % 180 - 90
     turned = (max(round(width), 1), max(round(height), 1))
-    move = cv2.getRotationMatrix2D(center, angle, 1.0)
-    move[:, 2] += np.array(turned) / 2 - center
+    move: NDArray[Any] = cv2.getRotationMatrix2D(center, angle, 1.0)
+    move[:, 2] += np.array(turned) / 2 - np.array(center)
     return np.asarray(cv2.warpAffine(picture, move, turned, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
 
 

@@ -1,0 +1,61 @@
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike, NDArray
+
+from core.rendering.pictures import pictures
+from core.rendering.renderer import Renderer
+from tests.core.rendering.glb import QUAD, QUAD_FACES, GlbWriter, cube, plain
+
+SIZE = 64
+RED = (1.0, 0.0, 0.0, 1.0)
+
+
+class Counting(Renderer):
+    """A renderer that knows how often it drew."""
+
+    drawn = 0
+
+    def render(self, direction: ArrayLike, up: ArrayLike) -> NDArray[np.uint8]:
+        self.drawn += 1
+        return super().render(direction, up)
+
+
+@pytest.fixture
+def renderer() -> Iterator[Counting]:
+    with Counting(SIZE) as renderer:
+        yield renderer
+
+
+def one_sided_card() -> bytes:
+    """A red square that faces +Z and cannot be seen from behind."""
+    return GlbWriter().mesh(QUAD, QUAD_FACES, material=plain(RED)).bytes()
+
+
+def test_there_are_24_pictures_and_the_view_that_occurs_twice_is_drawn_once(renderer: Counting) -> None:
+    shown = pictures(cube(), renderer)
+    assert shown.shape == (24, SIZE, SIZE, 3)
+    assert shown.dtype == np.uint8
+    assert renderer.drawn == 23
+    np.testing.assert_array_equal(shown[0], shown[12])
+
+
+def test_each_picture_is_what_the_renderer_shows_from_its_direction(renderer: Counting) -> None:
+    directions = np.array([[0.0, 0, 1], [1, 0, 0], [0, 0, 1], [0, 0, -1]])
+    ups = np.array([[0.0, 1, 0], [0, 1, 0], [1, 0, 0], [0, 1, 0]])
+    shown = pictures(cube(RED), renderer, directions, ups)
+    for picture, direction, up in zip(shown, directions, ups, strict=True):
+        np.testing.assert_array_equal(picture, renderer.render(direction, up))
+
+
+def test_the_first_view_is_the_front_and_the_seventh_the_back(renderer: Counting) -> None:
+    shown = pictures(one_sided_card(), renderer)
+    red = (shown[..., 0] > shown[..., 1].astype(int) + 50).mean(axis=(1, 2))
+    assert red[0] == red.max()
+    assert red[0] > 0.3
+    assert red[6] == red[18] == 0
+
+
+def test_the_same_asset_gives_the_same_pictures(renderer: Counting) -> None:
+    np.testing.assert_array_equal(pictures(cube(), renderer), pictures(cube(), renderer))
