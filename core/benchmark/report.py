@@ -78,7 +78,8 @@ def report(rows: Sequence[Row], pictures: dict[str, str]) -> str:
             f"Run time, {asked}",
             [
                 "Seconds from the file's bytes to the watermarked mesh, shared steps counted for every method that "
-                'needs them. The paper\'s were measured on 12 cores with two GPUs; it says "linear".',
+                'needs them. The paper\'s were measured on 12 cores with two GPUs; it says "linear". A time beyond the '
+                "span of the vertices is extrapolated, and processes that run side by side slow each other down.",
                 run_times(rows, count),
                 *_pictures(pictures, "run-time"),
             ],

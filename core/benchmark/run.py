@@ -16,7 +16,7 @@ from core.benchmark.progress import Progress
 from core.benchmark.report import write_report
 from core.benchmark.results import write_results
 from core.benchmark.rows import Row, appending, asset_seed, combinations, key
-from core.benchmark.select import ordered
+from core.benchmark.select import latest, ordered
 from core.benchmark.worker import Open
 from core.errors import ErrorCode, MeshmarkError
 
@@ -41,7 +41,7 @@ def run(options: BenchmarkOptions, opener: Open | None = None) -> list[Row]:
     """
     require_matplotlib()
     if options.report_only:
-        found = rows_of.read(options.out)
+        found = latest(rows_of.read(options.out))
         if not found:
             raise MeshmarkError(
                 ErrorCode.MISSING_FILE, f"{options.out} holds no rows.", "Run the benchmark without --report-only."

@@ -33,6 +33,19 @@ def ordered(rows: Iterable[Row]) -> list[Row]:
     )
 
 
+def latest(rows: Sequence[Row]) -> list[Row]:
+    """The rows with the settings and version of the newest one, the newest for each asset, method, count and attack.
+
+    A folder may hold the rows of several runs; means over different settings would say nothing.
+    """
+    newest = max(rows, key=lambda row: row["at"], default=None)
+    found: dict[tuple[object, ...], Row] = {}
+    for row in sorted(rows, key=lambda row: row["at"]):
+        if newest and all(row[name] == newest[name] for name in ("settings", "version")):
+            found[tuple(row[name] for name in ("sha256", "method", "count", "attack", "strength"))] = row
+    return list(found.values())
+
+
 def ok(rows: Iterable[Row]) -> list[Row]:
     """The rows that have values."""
     return [row for row in rows if row["status"] == "ok"]

@@ -197,6 +197,14 @@ def test_the_report_is_made_again_from_the_rows_alone(tmp_path: Path) -> None:
     assert (asked.out / "run-time.png").stat().st_size > 1000
 
 
+def test_a_report_alone_does_not_mix_the_rows_of_different_settings(tmp_path: Path) -> None:
+    run(options(tmp_path, "a"), open_fake)
+    newer = run(options(tmp_path, relief=0.05), open_fake)
+    assert [row["key"] for row in run(options(tmp_path, report_only=True))] == [row["key"] for row in newer]
+    other_seed = run(options(tmp_path, relief=0.05, seed=1), open_fake)
+    assert [row["key"] for row in run(options(tmp_path, report_only=True))] == [row["key"] for row in other_seed]
+
+
 def test_a_report_without_rows_is_refused(tmp_path: Path) -> None:
     with pytest.raises(MeshmarkError) as caught:
         run(options(tmp_path, report_only=True))
