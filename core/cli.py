@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import TypeAlias
 
 from core import __version__
+from core.benchmark.datasets import LAYOUTS
+from core.benchmark.options import PAPER_ATTACKS, AttackAsked, BenchmarkOptions
 from core.errors import ErrorCode, MeshmarkError
 from core.parameters import Evaluate, Mode, Preset, parse_parameters
 
@@ -32,6 +34,9 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True)
     _add_apply(commands)
     _add_evaluate(commands)
+    _add_attack(commands)
+    _add_benchmark(commands)
+    _add_models(commands)
     return parser
 
 
@@ -82,6 +87,94 @@ def _add_evaluate(commands: Commands) -> None:
     )
 
 
+def _add_attack(commands: Commands) -> None:
+    attack = commands.add_parser(
+        "attack",
+        help="damage a watermarked file as a thief would",
+        description="Damage a watermarked file as a thief would. Only plain geometry comes out.",
+        epilog="Attacks: crop, removal, remesh, decimate, subdivide, rotate, translate, scale, noise, smooth and "
+        "reexport. What a strength means is said when one is out of range.",
+    )
+    attack.set_defaults(run=_attack)
+    attack.add_argument("name", metavar="NAME", help="which attack")
+    attack.add_argument("input", type=Path, metavar="IN", help=ACCEPTED)
+    attack.add_argument("output", type=Path, metavar="OUT.glb", help="what is left")
+    attack.add_argument("--strength", type=float, metavar="S", help="default: as in the paper where it has one")
+    attack.add_argument("--seed", type=int, default=0, help="seed of every random draw (default 0)")
+    attack.add_argument("--original", type=Path, help="the file without watermarks; removal needs it to find letters")
+
+
+def _add_benchmark(commands: Commands) -> None:
+    benchmark = commands.add_parser(
+        "benchmark",
+        help="compare methods over a folder of assets",
+        description="Watermark, attack and measure every asset by every method; write the paper's tables and plots.",
+    )
+    benchmark.set_defaults(run=_benchmark)
+    known = BenchmarkOptions(Path(), Path())
+    benchmark.add_argument("folder", type=Path, metavar="DIR", help="the assets")
+    benchmark.add_argument("--out", type=Path, metavar="OUT", required=True, help="rows, tables, plots; resumes there")
+    benchmark.add_argument("--dataset", default=known.dataset, choices=LAYOUTS, help="how DIR is laid out")
+    benchmark.add_argument("--split", default=known.split, help="of a dataset that is split (default %(default)s)")
+    benchmark.add_argument("--samples", type=int, metavar="N", help="draw so many assets, stratified by class")
+    benchmark.add_argument(
+        "--methods",
+        type=_names,
+        default=known.methods,
+        metavar="M,...",
+        help="meshmark, li, paper, paper-no-curve-matching, paper-no-optimization, paper-no-filtering, invisible "
+        "(default: all)",
+    )
+    benchmark.add_argument("--counts", type=_numbers, default=known.counts, metavar="N,...", help="default 4,16,32")
+    benchmark.add_argument(
+        "--attacks",
+        type=_names,
+        default=(),
+        metavar="A[:STRENGTH],...",
+        help="see `meshmark attack --help`; all is crop,removal,remesh,decimate,subdivide",
+    )
+    benchmark.add_argument(
+        "--attack-counts", type=_numbers, default=(), metavar="N,...", help="default: the middle one of --counts"
+    )
+    benchmark.add_argument("--text", default=known.text, help="default %(default)s")
+    benchmark.add_argument(
+        "--size", type=float, metavar="W", help="text width; default: 5.5, and what fits for meshmark"
+    )
+    benchmark.add_argument("--relief", type=float, metavar="H", help="height of letters; default: 0.04 text widths")
+    benchmark.add_argument("--color", metavar='"#rrggbb"', help="let OCR read letters of this colour, too")
+    benchmark.add_argument("--level", choices=[Evaluate.FULL.value, Evaluate.GEOMETRY.value], default=known.level.value)
+    benchmark.add_argument("--views", type=int, default=known.views, help="of the 24 views (default %(default)s)")
+    benchmark.add_argument(
+        "--resolution", type=int, default=known.resolution, metavar="PIXELS", help="default %(default)s"
+    )
+    benchmark.add_argument("--seed", type=int, default=known.seed, help="default %(default)s")
+    benchmark.add_argument(
+        "--processes", type=int, default=known.processes, metavar="P", help="assets at once (default %(default)s)"
+    )
+    benchmark.add_argument("--row-seconds", type=float, default=known.row_seconds, help="longest step (%(default)s)")
+    benchmark.add_argument("--retry-failed", action="store_true", help="run failed rows again")
+    benchmark.add_argument("--report-only", action="store_true", help="write tables and plots of the rows in OUT")
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def _numbers(text: str) -> tuple[int, ...]:
+    return tuple(int(number) for number in _names(text))
+
+
+def _add_models(commands: Commands) -> None:
+    models = commands.add_parser(
+        "models",
+        help="weights that make the semantics score the paper's",
+        description="List or fetch the weights that do not ship with Meshmark. $MESHMARK_MODELS is where they lie.",
+    )
+    models.set_defaults(run=_models)
+    models.add_argument("what", choices=["list", "fetch"])
+    models.add_argument("name", nargs="?", metavar="NAME", help="which; default: all")
+
+
 def _apply(options: argparse.Namespace) -> None:
     names = ("text", "preset", "mode", "size", "relief", "count", "color", "seed", "evaluate")
     # Without a report nobody would see what measuring it takes seconds to find.
@@ -127,6 +220,44 @@ def _evaluate(options: argparse.Namespace) -> None:
     for name, value in (metrics["watermark_quality"] | metrics["asset_utility"]).items():
         missing = metrics["missing"].get(name)
         print(f"{name:13}{missing['message'] if missing else format(value, '.4g')}")
+
+
+def _attack(options: argparse.Namespace) -> None:
+    from core.attacks.attack import attack_file
+
+    original = _read(options.original) if options.original else None
+    left = attack_file(_read(options.input), options.name, options.strength, options.seed, original)
+    _write(options.output, left)
+    print(f"{options.output}: {len(left):,} bytes")
+
+
+def _benchmark(options: argparse.Namespace) -> None:
+    from core.benchmark.run import run
+
+    asked = {name: getattr(options, name) for name in BenchmarkOptions.__dataclass_fields__}
+    attacks = PAPER_ATTACKS if options.attacks == ("all",) else options.attacks
+    asked["attacks"] = tuple(AttackAsked.parse(attack) for attack in attacks)
+    rows = run(BenchmarkOptions(**asked | {"level": Evaluate(options.level)}))
+    failed = sum(row["status"] != "ok" for row in rows)
+    print(f"{options.out / 'REPORT.md'}: {len(rows)} rows, {failed} of them refused or failed")
+
+
+def _models(options: argparse.Namespace) -> None:
+    from core.models import fetch, listing
+
+    for listed in listing():
+        name = listed.model.name
+        if options.name in (None, name):
+            if options.what == "fetch":
+                print(fetch(name, progress=_show_bytes if sys.stderr.isatty() else None))
+            else:
+                print(f"{name:24}{listed.state:12}{listed.model.size:>12,} bytes  {listed.path}")
+    if options.name not in (None, *(listed.model.name for listed in listing())):
+        fetch(options.name)  # says that there is none of that name
+
+
+def _show_bytes(done: int, total: int) -> None:
+    _show(f"{done:,} of {total:,} bytes", done / total)
 
 
 def _show(stage: str, share: float) -> None:

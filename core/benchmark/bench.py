@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.asset.plain import Mesh, plain, plain_glb
+from core.asset.surface import Surface
 from core.attacks.attack import ATTACKS
 from core.attacks.target import Attacked, Target, letter_faces, whole
 from core.baselines import STRATEGIES
 from core.baselines.invisible import LENGTH, bit_accuracy, embed, extract
-from core.baselines.strategy import Marked, Prepared, prepare
+from core.baselines.strategy import Marked, Prepared, prepare, text_width
 from core.benchmark.datasets import Asset
 from core.benchmark.options import INVISIBLE, NO_ATTACK, AttackAsked, BenchmarkOptions
 from core.benchmark.rows import Row
@@ -28,7 +29,7 @@ from core.metrics.recognition import Reader
 from core.parameters import Evaluate, Parameters
 from core.placement.boxes import Boxes
 from core.rendering.pictures import DIRECTIONS, UPS, pictures
-from core.rendering.renderer import Renderer
+from core.rendering.renderer import Frame, Renderer
 from core.spatial import SpatialIndex
 
 Float = NDArray[np.float64]
@@ -102,6 +103,7 @@ class AssetBench:
         with _timed(self._parts, "reading"):
             self._prepared: Prepared = prepare(data, options.text, seed)
         self._mesh = plain(self._prepared.surface)
+        self._parameters = Parameters(text=options.text, size=options.size, relief=options.relief, seed=seed)
 
     def facts(self) -> Row:
         """Bytes, vertices (those of one place and node counted once) and faces of the asset."""
@@ -121,13 +123,7 @@ class AssetBench:
                 bits = np.random.default_rng(self._seed).random(LENGTH) < 0.5
                 marked = Marked(embed(self._mesh, bits), NO_BOXES, np.empty(0))
             else:
-                parameters = Parameters(
-                    text=self._options.text,
-                    size=self._options.size,
-                    relief=self._options.relief,
-                    count=count,
-                    seed=self._seed,
-                ).resolved()
+                parameters = self._parameters.model_copy(update={"count": count}).resolved()
                 marked = STRATEGIES[method](self._prepared, parameters, np.random.default_rng(self._seed))
         return Trial(marked, seconds | {"run": round(sum(seconds.values()), 4)}, bits)
 
@@ -143,11 +139,11 @@ class AssetBench:
         options, marked = self._options, trial.marked
         seconds = dict(trial.seconds) if attack.name == NO_ATTACK else {}
         attacked = self._attacked(marked, attack, seconds)
-        original = self._original(attacked.transform)
+        original, frame = self._original(attacked.transform)
         scale = float(np.cbrt(np.linalg.det(attacked.transform[:3, :3])))
         boxes = moved_boxes(marked.boxes[attacked.kept], attacked.transform)
         surface = attacked.mesh.surface()
-        seen = self._seen(plain_glb(attacked.mesh), seconds, "pictures")
+        seen = self._seen(plain_glb(attacked.mesh), seconds, "pictures", frame)
         pair = Pair(
             original=original,
             watermarked=Subject(surface, SpatialIndex(surface.positions, surface.faces), seen, self._seed),
@@ -164,7 +160,7 @@ class AssetBench:
             missing = {name: code for name, code in missing.items() if values[name] is None}
         if options.color is not None and options.level is Evaluate.FULL and trial.bits is None:
             letters = trial.letters(attacked, self._prepared.index)
-            values |= self._coloured(plain_glb(attacked.mesh, letters, options.color), seconds)
+            values |= self._coloured(plain_glb(attacked.mesh, letters, options.color), seconds, frame)
         row: Row = {
             "marks": len(marked.boxes) if trial.bits is None else None,
             "survived": float(attacked.kept.mean()) if len(attacked.kept) else None,
@@ -184,8 +180,8 @@ class AssetBench:
         """Seconds that a shared part took, which is made now unless it is there."""
         make: dict[str, Callable[[], Any]] = {
             "solid": lambda: self._prepared.solid,
-            "candidates": lambda: self._prepared.initial(self._options.size),
-            "fine-tuning": lambda: self._prepared.fitted(self._options.size),
+            "candidates": lambda: self._prepared.initial(text_width(self._parameters)),
+            "fine-tuning": lambda: self._prepared.fitted(text_width(self._parameters)),
             "saliency": lambda: self._prepared.saliency,
         }
         if name not in self._parts:
@@ -202,28 +198,32 @@ class AssetBench:
         with _timed(seconds, "attack"):
             return ATTACKS[attack.name](marked.mesh, target, attack.strength)
 
-    def _original(self, transform: Float) -> Subject:
+    def _original(self, transform: Float) -> tuple[Subject, Frame | None]:
+        """The original moved along with an attack, and the frame in which both are shown."""
         if (transform == np.eye(4)).all():
             return self._unmoved
         surface = replace(self._prepared.surface, positions=moved_points(self._prepared.surface.positions, transform))
         mesh = Mesh(moved_points(self._mesh.positions, transform), self._mesh.faces)
-        index = SpatialIndex(surface.positions, surface.faces)
-        return Subject(surface, index, self._seen(plain_glb(mesh), {}, "original"), self._seed)
+        return self._shown(surface, SpatialIndex(surface.positions, surface.faces), mesh)
 
     @cached_property
-    def _unmoved(self) -> Subject:
-        prepared = self._prepared
-        return Subject(prepared.surface, prepared.index, self._seen(plain_glb(self._mesh), {}, "original"), self._seed)
+    def _unmoved(self) -> tuple[Subject, Frame | None]:
+        return self._shown(self._prepared.surface, self._prepared.index, self._mesh)
 
-    def _coloured(self, glb: bytes, seconds: dict[str, float]) -> dict[str, float]:
-        seen = self._seen(glb, seconds, "coloured pictures")
+    def _shown(self, surface: Surface, index: SpatialIndex, mesh: Mesh) -> tuple[Subject, Frame | None]:
+        seen = self._seen(plain_glb(mesh), {}, "original", None)
+        renderer = self._renderer if isinstance(seen, np.ndarray) and len(seen) else None
+        return Subject(surface, index, seen, self._seed), renderer.frame if isinstance(renderer, Renderer) else None
+
+    def _coloured(self, glb: bytes, seconds: dict[str, float], frame: Frame | None) -> dict[str, float]:
+        seen = self._seen(glb, seconds, "coloured pictures", frame)
         if isinstance(seen, MeshmarkError) or len(seen) == 0:
             return {}
         with _timed(seconds, "coloured OCR"):
             read = ocr(seen, self._options.text, self._reader)
         return {"ocr_color": read.ratio, "ocr_color_ge_0.8": read.ge_08, "ocr_color_exact": read.exact}
 
-    def _seen(self, glb: bytes, seconds: dict[str, float], step: str) -> Pictures | MeshmarkError:
+    def _seen(self, glb: bytes, seconds: dict[str, float], step: str, frame: Frame | None) -> Pictures | MeshmarkError:
         """Pictures of ``glb``, evenly chosen among the paper's 24 views; or why there are none. Timed as ``step``."""
         if self._options.level is not Evaluate.FULL:
             return np.empty((0, 1, 1, 3), dtype=np.uint8)
@@ -233,7 +233,7 @@ class AssetBench:
         views = np.arange(self._options.views) * len(DIRECTIONS) // self._options.views
         try:
             with _timed(seconds, step):
-                return pictures(glb, renderer, DIRECTIONS[views], UPS[views])
+                return pictures(glb, renderer, DIRECTIONS[views], UPS[views], frame)
         except MeshmarkError as error:
             return error
 

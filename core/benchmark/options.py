@@ -11,6 +11,10 @@ NO_ATTACK = "none"
 REMOVAL = "removal"
 PAPER_ATTACKS = ("crop", "removal", "remesh", "decimate", "subdivide")
 INVISIBLE = "invisible"  # the one method that places nothing: it has no count
+METHODS = (
+    *("meshmark", "li", "paper", "paper-no-curve-matching", "paper-no-optimization", "paper-no-filtering"),
+    INVISIBLE,
+)
 
 
 @dataclass(frozen=True)
@@ -49,8 +53,9 @@ class BenchmarkOptions:
         attacks: besides the unattacked asset, which is always measured.
         attack_counts: the counts at which attacks are run; empty for the middle one of ``counts``.
         text: what the watermarks say.
-        size: width of the text, the same for all methods.
-        relief: height of the letters where the method leaves it open.
+        size: width of the text, the same for all methods; None: 5.5, and for our own product at most that, as wide as
+            fits each place.
+        relief: height of the letters where the method leaves it open; None: 0.04 text widths.
         color: ``"#rrggbb"``: OCR is measured on letters of this colour too.
         views: how many of the paper's 24 views the pictures show.
         resolution: of the pictures, in pixels.
@@ -67,17 +72,17 @@ class BenchmarkOptions:
     dataset: str = "folder"
     split: str = "train"
     samples: int | None = None
-    methods: tuple[str, ...] = ("meshmark", "li", "paper")
+    methods: tuple[str, ...] = METHODS
     counts: tuple[int, ...] = (4, 16, 32)
     attacks: tuple[AttackAsked, ...] = ()
     attack_counts: tuple[int, ...] = ()
     text: str = "watermark"
-    size: float = 5.5
-    relief: float = 0.22
+    size: float | None = None
+    relief: float | None = None
     color: str | None = None
     views: int = 24
     resolution: int = 1024
-    level: Evaluate = Evaluate.GEOMETRY
+    level: Evaluate = Evaluate.FULL
     seed: int = 0
     processes: int = 1
     row_seconds: float = 900.0

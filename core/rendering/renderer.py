@@ -117,10 +117,21 @@ class Renderer:
             direction: from the object to the camera.
             up: (3,), what points upwards in the picture; not parallel to ``direction``.
         """
-        return self.render_with_depth(direction, up)[0]
+        drawer = self._context._renderer
+        with_depth = drawer._read_main_framebuffer
+        drawer._read_main_framebuffer = self._read_picture
+        try:
+            picture, _ = self._draw(direction, up)
+        finally:
+            drawer._read_main_framebuffer = with_depth
+        return np.array(picture)
 
     def render_with_depth(self, direction: ArrayLike, up: ArrayLike) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """As :meth:`render`, and the (size, size) distance along the view axis in size-30 units, 0 where nothing is."""
+        picture, depth = self._draw(direction, up)
+        return np.array(picture), np.array(depth)
+
+    def _draw(self, direction: ArrayLike, up: ArrayLike) -> tuple[Any, Any]:
         backward = _unit(np.asarray(direction, dtype=np.float64))
         right = _unit(np.cross(np.asarray(up, dtype=np.float64), backward))
         pose = np.eye(4)
@@ -128,7 +139,19 @@ class Renderer:
         pose[:3, 3] = self._center + self._distance * backward
         self._scene.set_pose(self._camera, pose)
         picture, depth = self._context.render(self._scene)
-        return np.array(picture), np.array(depth)
+        return picture, depth
+
+    def _read_picture(self, *_: Any) -> tuple[NDArray[np.uint8], None]:
+        """Stands in for pyrender's own, which spends most of its time on the depth, wanted or not."""
+        from OpenGL import GL
+
+        drawer, size = self._context._renderer, self.size
+        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, drawer._main_fb_ms)
+        GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, drawer._main_fb)
+        GL.glBlitFramebuffer(0, 0, size, size, 0, 0, size, size, GL.GL_COLOR_BUFFER_BIT, GL.GL_LINEAR)
+        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, drawer._main_fb)
+        pixels = GL.glReadPixels(0, 0, size, size, GL.GL_RGB, GL.GL_UNSIGNED_BYTE)
+        return np.frombuffer(pixels, dtype=np.uint8).reshape(size, size, 3)[::-1], None
 
     def _primitive(self, drawable: Drawable, textures: dict[Texture, Any]) -> Any:
         material = drawable.material
