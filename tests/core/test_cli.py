@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from core.asset.flatten import flatten
+from core.asset.gltf import Document
 from core.cli import main
 from core.errors import ErrorCode, MeshmarkError
 from core.lettering.fonts import DEFAULT_FONT
@@ -90,3 +92,49 @@ def test_a_preview_that_cannot_be_rendered_is_said_whatever_else_there_was_to_wa
     assert main(arguments) == 1
     assert capsys.readouterr().err.startswith("meshmark: rendering_unavailable: No EGL here.")
     assert model.exists()
+
+
+def test_an_attack_leaves_a_file_that_is_damaged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    left = tmp_path / "left.glb"
+    assert main(["attack", "crop", str(SPOT), str(left), "--strength", "0.3", "--seed", "2"]) == 0
+    assert 0 < len(flatten(Document.from_glb(left.read_bytes())).surface.faces) < 5856
+    assert str(left) in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "arguments", [["nonsense"], ["removal"], ["crop", "--strength", "7"], ["decimate", "--strength", "-1"]]
+)
+def test_an_attack_that_cannot_be_made_says_so_and_writes_nothing(
+    arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name, *options = arguments
+    assert main(["attack", name, str(SPOT), str(tmp_path / "left.glb"), *options]) == 1
+    assert capsys.readouterr().err.startswith("meshmark: invalid_parameters: ")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_models_are_listed_with_their_state(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("MESHMARK_MODELS", str(tmp_path))
+    assert main(["models", "list"]) == 0
+    assert capsys.readouterr().out.split()[:2] == ["resnet50-v1-12-int8", "missing"]
+    (tmp_path / "resnet50-v1-12-int8.onnx").write_bytes(b"half of it")
+    assert main(["models", "list"]) == 0
+    assert capsys.readouterr().out.split()[:2] == ["resnet50-v1-12-int8", "corrupt"]
+    assert main(["models", "fetch", "nonsense"]) == 1
+    assert capsys.readouterr().err.startswith("meshmark: model_unavailable: ")
+
+
+def test_a_benchmark_writes_its_report_and_says_what_was_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    meshes, out = tmp_path / "meshes", tmp_path / "out"
+    meshes.mkdir()
+    (meshes / "spot.glb").write_bytes(SPOT.read_bytes())
+    asked = ["--methods", "meshmark,li", "--counts", "4", "--attacks", "crop,subdivide:1", "--level", "geometry"]
+    assert main(["benchmark", str(meshes), "--out", str(out), *asked]) == 0
+    assert "6 rows, 0 of them refused or failed" in capsys.readouterr().out
+    assert {"REPORT.md", "results.csv", "results.json", "rows.jsonl"} <= {path.name for path in out.iterdir()}
+    assert main(["benchmark", str(meshes), "--out", str(out), "--methods", "nonsense"]) == 1
+    assert capsys.readouterr().err.startswith("meshmark: invalid_parameters: ")
