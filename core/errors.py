@@ -26,6 +26,7 @@ class ErrorCode(StrEnum):
     EMPTY_TEXT = "empty_text"
     MISSING_GLYPHS = "missing_glyphs"
     INVALID_FONT = "invalid_font"
+    UNKNOWN_REGION = "unknown_region"
     # The work itself.
     NO_PLACEMENT = "no_placement"
     NOT_MANIFOLD = "not_manifold"

@@ -2,14 +2,26 @@
 
 import re
 from enum import StrEnum
+from itertools import groupby
 from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from core.errors import ErrorCode, MeshmarkError
 
 MAX_TEXT_LENGTH = 64
+MAX_NAME_LENGTH = 256
+MAX_REGIONS = 32
 # Of the text's width: 0.22 at 5.5. Higher reads better from the side, but narrow text turns into a row of spikes.
 RELIEF = 0.04
 
@@ -53,6 +65,74 @@ PRESETS: dict[Preset, dict[str, Any]] = {
 }
 
 
+Name = Annotated[str, Field(min_length=1, max_length=MAX_NAME_LENGTH)]
+Point = tuple[float, float, float]
+
+
+class NodeRegion(BaseModel):
+    """All nodes of a name, and everything below them. What a bone moves counts as below the bone."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", json_schema_extra={"examples": [{"node": "Head"}]})
+
+    node: Annotated[Name, Field(description="Name of a node; of a node without one, the name of its mesh.")]
+
+
+class MaterialRegion(BaseModel):
+    """Everything of one material."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", json_schema_extra={"examples": [{"material": "Glass"}]})
+
+    material: Annotated[Name, Field(description="Name of a material.")]
+
+
+class Box(BaseModel):
+    """An upright box in the asset's own world coordinates, not in the size-30 frame.
+
+    These are the coordinates of the GLB that comes out: glTF's default scene, metres, Y up. A GLB or glTF keeps its
+    own; a 3MF or DAE is converted to them.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    min: Annotated[Point, Field(description="The corner with the smallest x, y and z.")]
+    max: Annotated[Point, Field(description="The corner with the largest x, y and z.")]
+
+    @model_validator(mode="after")
+    def _has_extent(self) -> Self:
+        if not all(low < high for low, high in zip(self.min, self.max, strict=True)):
+            raise PydanticCustomError("box", "Each of x, y and z should be smaller in min than in max")
+        return self
+
+
+class BoxRegion(BaseModel):
+    """Everything inside a box."""
+
+    model_config = ConfigDict(
+        frozen=True,
+        extra="forbid",
+        json_schema_extra={"examples": [{"box": {"min": [-0.3, 1.4, -0.3], "max": [0.3, 1.9, 0.3]}}]},
+    )
+
+    box: Box
+
+
+def _kind_of_region(value: Any) -> str | None:
+    """The one of the three keys that a region has, from a mapping or a model."""
+    keys = value if isinstance(value, dict) else type(value).model_fields if isinstance(value, BaseModel) else ()
+    kinds = [kind for kind in ("node", "material", "box") if kind in keys]
+    return kinds[0] if len(kinds) == 1 else None
+
+
+Region = Annotated[
+    Annotated[NodeRegion, Tag("node")] | Annotated[MaterialRegion, Tag("material")] | Annotated[BoxRegion, Tag("box")],
+    Discriminator(
+        _kind_of_region,
+        custom_error_type="region",
+        custom_error_message="Input should be an object with exactly one of the keys node, material and box",
+    ),
+]
+
+
 class Parameters(BaseModel):
     """One watermarking request. ``None`` means "what the preset says"; :meth:`resolved` fills it in."""
 
@@ -78,6 +158,17 @@ class Parameters(BaseModel):
         str | None, Field(description='Letter colour as "#rrggbb"; null or "none" keeps the surface\'s material.')
     ] = None
     seed: Annotated[int, Field(ge=0, le=2**63 - 1, description="Seed of every random draw.")] = 0
+    keep_out: Annotated[
+        list[Region],
+        Field(max_length=MAX_REGIONS, description="Where no watermark may stand, by node, material or box."),
+    ] = []
+    prefer: Annotated[
+        list[Region],
+        Field(
+            max_length=MAX_REGIONS,
+            description="Where watermarks should rather stand. What is kept out stays out.",
+        ),
+    ] = []
     solver: Annotated[Solver | None, Field(description="How boxes are fitted to the surface.")] = None
     evaluate: Annotated[Evaluate, Field(description="Which metrics the report carries.")] = Evaluate.FULL
 
@@ -122,8 +213,10 @@ def parse_parameters(data: dict[str, Any] | str | bytes) -> Parameters:
             return Parameters.model_validate(data)
         return Parameters.model_validate_json(data)
     except ValidationError as error:
+        # A region is reported as keep_out.0.box.box.min: the first "box" is only the kind that was recognised.
         problems = "; ".join(
-            f"{'.'.join(str(part) for part in item['loc']) or 'params'}: {item['msg']}" for item in error.errors()
+            f"{'.'.join(str(part) for part, _ in groupby(item['loc'])) or 'params'}: {item['msg']}"
+            for item in error.errors()
         )
         raise MeshmarkError(
             ErrorCode.INVALID_PARAMETERS,

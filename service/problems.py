@@ -33,6 +33,7 @@ STATUS: dict[ErrorCode, int] = {
     ErrorCode.EMPTY_TEXT: 422,
     ErrorCode.MISSING_GLYPHS: 422,
     ErrorCode.INVALID_FONT: 422,
+    ErrorCode.UNKNOWN_REGION: 422,
     ErrorCode.NO_PLACEMENT: 422,
     ErrorCode.NOT_MANIFOLD: 422,
     ErrorCode.RENDERING_UNAVAILABLE: 500,
