@@ -4,7 +4,7 @@ import argparse
 import json
 import sys
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from core import __version__
 from core.benchmark.datasets import LAYOUTS
@@ -56,6 +56,15 @@ def _add_apply(commands: Commands) -> None:
     apply.add_argument("--count", type=int, metavar="N", help="the most watermarks to place")
     apply.add_argument("--color", default="none", metavar='"#rrggbb"', help='letter colour, or "none" (default)')
     apply.add_argument("--seed", type=int, default=0, help="seed of every random draw (default 0)")
+    for name, meaning in (("--keep-out", "where no watermark may stand"), ("--prefer", "where they should rather")):
+        apply.add_argument(
+            name,
+            type=_region,
+            action="append",
+            default=[],
+            metavar="node=NAME|material=NAME|box=X,Y,Z,X,Y,Z",
+            help=f"{meaning}; a box from its lowest to its highest corner, in the asset's coordinates; may be repeated",
+        )
     apply.add_argument(
         "--evaluate",
         choices=[level.value for level in Evaluate],
@@ -156,6 +165,14 @@ def _add_benchmark(commands: Commands) -> None:
     benchmark.add_argument("--report-only", action="store_true", help="write tables and plots of the rows in OUT")
 
 
+def _region(text: str) -> dict[str, Any]:
+    """``node=Head`` as the region it stands for; what is wrong with it is found with all other parameters."""
+    kind, _, value = text.partition("=")
+    if kind == "box":
+        return {kind: {"min": value.split(",")[:3], "max": value.split(",")[3:]}}
+    return {kind: value}
+
+
 def _names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
@@ -176,7 +193,7 @@ def _add_models(commands: Commands) -> None:
 
 
 def _apply(options: argparse.Namespace) -> None:
-    names = ("text", "preset", "mode", "size", "relief", "count", "color", "seed", "evaluate")
+    names = ("text", "preset", "mode", "size", "relief", "count", "color", "seed", "keep_out", "prefer", "evaluate")
     # Without a report nobody would see what measuring it takes seconds to find.
     options.evaluate = options.evaluate or (Evaluate.FULL if options.report else Evaluate.NONE).value
     parameters = parse_parameters({name: getattr(options, name) for name in names})

@@ -1,0 +1,44 @@
+"""Whether triangles and oriented boxes meet an upright box, by separating axes.
+
+Two convex bodies are apart if and only if their projections are apart on a face normal of either or on the cross
+product of an edge of each (Gottschalk, Lin, Manocha 1996; for triangles Akenine-Moeller 2001).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.placement.boxes import Boxes
+
+Float = NDArray[np.float64]
+Bool = NDArray[np.bool_]
+
+# Bodies this close, size-30 units, meet. The cross product of parallel edges is rounding noise; its projections lie
+# far below this, so it separates nothing.
+TOUCH = 1e-9
+
+
+def triangles_meet(triangles: Float, low: Float, high: Float) -> Bool:
+    """(T,) which (T, 3, 3) triangles have a point in common with the box from ``low`` (3,) to ``high`` (3,)."""
+    meet = (triangles.min(axis=1) <= high + TOUCH).all(axis=1) & (triangles.max(axis=1) >= low - TOUCH).all(axis=1)
+    near = np.flatnonzero(meet)
+    half = (high - low) / 2
+    corners = triangles[near] - (low + high) / 2
+    edges = np.roll(corners, -1, axis=1) - corners
+    normal = np.cross(edges[:, 0], edges[:, 1])
+    axes = np.concatenate([normal[:, None], np.cross(np.eye(3)[:, None], edges[:, None]).reshape(-1, 9, 3)], axis=1)
+    along = np.einsum("tcx,tax->tac", corners, axes)
+    reach = np.abs(axes) @ half + TOUCH
+    meet[near] = ((along.min(axis=2) <= reach) & (along.max(axis=2) >= -reach)).all(axis=1)
+    return np.asarray(meet)
+
+
+def boxes_meet(boxes: Boxes, upright: Float) -> Bool:
+    """(B, K) which oriented boxes have a point in common with each upright one (K, 2, 3: lowest, highest corner)."""
+    middle, half = upright.mean(axis=1), (upright[:, 1] - upright[:, 0]) / 2
+    crosses = np.cross(np.eye(3)[:, None], boxes.axes[:, None]).reshape(-1, 9, 3)
+    world = np.broadcast_to(np.eye(3), boxes.axes.shape)
+    axes = np.concatenate([world, boxes.axes, crosses], axis=1)
+    apart = np.abs(np.einsum("bax,bkx->bka", axes, boxes.center[:, None] - middle))
+    own = np.einsum("bja,bj->ba", np.abs(np.einsum("bjx,bax->bja", boxes.axes, axes)), boxes.size / 2)
+    reach = own[:, None] + np.einsum("bax,kx->bka", np.abs(axes), half)
+    return np.asarray((apart <= reach + TOUCH).all(axis=2))

@@ -1,0 +1,218 @@
+"""Where a request keeps watermarks out and where it prefers them: nodes, materials and boxes as faces and boxes."""
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.asset.flatten import DrawnPrimitive, Scene
+from core.asset.gltf import Document, typed
+from core.asset.hierarchy import scene_nodes
+from core.asset.skin import read_influences
+from core.asset.surface import Surface
+from core.errors import ErrorCode, MeshmarkError
+from core.ground.intersect import boxes_meet, triangles_meet
+from core.parameters import MAX_NAME_LENGTH, Box, BoxRegion, MaterialRegion, NodeRegion, Parameters
+from core.placement.boxes import Boxes
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+Bool = NDArray[np.bool_]
+
+LISTED = 10  # names in an error
+FAR = 1e6  # size-30 units; a box that reaches further is cut off there, the surface ends at 15
+
+
+@dataclass(frozen=True, eq=False)
+class Regions:
+    """The regions of a request on one surface, size-30 frame.
+
+    A face may be far larger than a region's box, so boxes are kept beside the masks: a face that is only partly in a
+    box stays allowed, and what is placed on it is tested against the box itself.
+
+    Attributes:
+        allowed: (F,) faces that are not kept out: neither by name nor by lying wholly in one of ``boxes_out``.
+        preferred: (F,) allowed faces that are preferred by name or lie wholly in one of ``boxes_in``.
+        boxes_out: (K, 2, 3) lowest and highest corner of the boxes to keep out of.
+        boxes_in: (L, 2, 3) those of the preferred boxes.
+    """
+
+    allowed: Bool
+    preferred: Bool
+    boxes_out: Float
+    boxes_in: Float
+
+    def within(self, usable: Bool) -> Bool:
+        """(F,) the ``usable`` faces that are allowed.
+
+        Raises:
+            MeshmarkError: ``no_placement`` when there were usable faces and ``keep_out`` leaves none of them.
+        """
+        left = usable & self.allowed
+        if usable.any() and not left.any():
+            raise MeshmarkError(
+                ErrorCode.NO_PLACEMENT,
+                f"`keep_out` leaves no place for a watermark: it takes all {usable.sum()} faces that could carry one.",
+                "Keep less of the asset out.",
+            )
+        return left
+
+    def touches(self, boxes: Boxes, margin: float = 0.0) -> Bool:
+        """(B,) which oriented boxes reach into one of ``boxes_out``, or come as close as ``margin`` to it."""
+        grown = self.boxes_out + margin * np.array([[-1.0], [1.0]])
+        return np.asarray(boxes_meet(boxes, grown).any(axis=1))
+
+    def preference(self, points: Float, face: Int) -> Float:
+        """(B,) share of (B, N, 3) ``points`` on the faces (B, N) that are preferred; -1 as a face is none."""
+        inside = self.preferred[face]
+        for low, high in self.boxes_in:
+            inside |= ((points >= low) & (points <= high)).all(axis=2)
+        return np.asarray((inside & (face >= 0)).mean(axis=1))
+
+
+def regions(scene: Scene, surface: Surface, parameters: Parameters) -> Regions:
+    """What ``keep_out`` and ``prefer`` mean on ``surface``, which has the faces of ``scene.surface`` in their order.
+
+    A node's name means all nodes of that name and everything below them; a node without a name goes by that of its
+    mesh, as in viewers. What a skin moves belongs to the joint that moves it most (see :func:`_followers`).
+    ``keep_out`` wins over ``prefer``.
+
+    Raises:
+        MeshmarkError: ``unknown_region`` for a name that no triangle goes by, or a box that touches none.
+    """
+    masks, boxes = {}, {}
+    for field, asked in (("keep_out", parameters.keep_out), ("prefer", parameters.prefer)):
+        mask, corners = np.zeros(len(surface.faces), dtype=bool), np.zeros((0, 2, 3))
+        for number, region in enumerate(asked):
+            where = f"{field}[{number}]"
+            match region:
+                case NodeRegion(node=name):
+                    found = _node_faces(scene, name)
+                    if not found.any():
+                        raise _unknown(where, "node", name, _drawing_names(scene))
+                    mask |= found
+                case MaterialRegion(material=name):
+                    found = _material_faces(scene, name)
+                    if not found.any():
+                        raise _unknown(where, "material", name, _material_names(scene))
+                    mask |= found
+                case BoxRegion(box=box):
+                    low, high = _corners(surface, box, where)
+                    inside = ((surface.positions >= low) & (surface.positions <= high)).all(axis=1)
+                    mask |= inside[surface.faces].all(axis=1)
+                    corners = np.concatenate([corners, [[low, high]]])
+        masks[field], boxes[field] = mask, corners
+    allowed = ~masks["keep_out"]
+    return Regions(allowed, masks["prefer"] & allowed, boxes["keep_out"], boxes["prefer"])
+
+
+def _node_faces(scene: Scene, name: str) -> Bool:
+    """(F,) faces that nodes of this name draw, or nodes below them; of a skin, those that such nodes move."""
+    inside: set[int] = set()
+    for node in scene_nodes(scene.document):  # parents come before their children
+        if _node_name(scene.document, node) == name:
+            inside.add(node)
+        if node in inside:
+            inside.update(typed(scene.document.entry("nodes", node), "children", list))
+    drawn = np.array([primitive.node in inside for primitive in scene.primitives])
+    mask: Bool = drawn[scene.surface.face_primitive]
+    for number, primitive in enumerate(scene.primitives):
+        joints = np.flatnonzero([joint in inside for joint in _joints(scene.document, primitive)])
+        if len(joints) and not drawn[number]:
+            mask[scene.surface.face_primitive == number] = _followers(scene.document, primitive, joints)
+    return mask
+
+
+def _followers(document: Document, primitive: DrawnPrimitive, joints: Int) -> Bool:
+    """(T,) triangles with a corner that follows these ``joints`` of the skin by half its weight or more."""
+    followed, weights = read_influences(document, _entry(document, primitive)["attributes"])
+    share = (weights * np.isin(followed, joints)).sum(axis=1)
+    return np.asarray((share[primitive.triangles] >= 0.5).any(axis=1))
+
+
+def _joints(document: Document, primitive: DrawnPrimitive) -> list[int]:
+    """The nodes whose moves a primitive follows; none where no skin moves it."""
+    if primitive.joint_matrices is None:
+        return []
+    return typed(document.entry("skins", document.entry("nodes", primitive.node)["skin"]), "joints", list)
+
+
+def _node_name(document: Document, node: int) -> str | None:
+    entry = document.entry("nodes", node)
+    name = entry.get("name") or ("mesh" in entry and document.entry("meshes", entry["mesh"]).get("name"))
+    return name if isinstance(name, str) else None
+
+
+def _drawing_names(scene: Scene) -> Iterable[str | None]:
+    """Names of all nodes that draw or move a triangle, or have one below them that does."""
+    document = scene.document
+    drawing = {primitive.node for primitive in scene.primitives}
+    for primitive in scene.primitives:
+        drawing.update(_joints(document, primitive))
+    nodes = scene_nodes(document)
+    for node in reversed(nodes):
+        if not drawing.isdisjoint(typed(document.entry("nodes", node), "children", list)):
+            drawing.add(node)
+    return (_node_name(document, node) for node in nodes if node in drawing)
+
+
+def _entry(document: Document, primitive: DrawnPrimitive) -> dict[str, Any]:
+    entry: dict[str, Any] = document.entry("meshes", primitive.mesh)["primitives"][primitive.primitive]
+    return entry
+
+
+def _material_of(document: Document, primitive: DrawnPrimitive) -> str | None:
+    entry = _entry(document, primitive)
+    name = document.entry("materials", entry["material"]).get("name") if "material" in entry else None
+    return name if isinstance(name, str) else None
+
+
+def _material_names(scene: Scene) -> Iterable[str | None]:
+    return (_material_of(scene.document, primitive) for primitive in scene.primitives)
+
+
+def _material_faces(scene: Scene, name: str) -> Bool:
+    """(F,) faces of the materials of this name."""
+    return np.array([found == name for found in _material_names(scene)])[scene.surface.face_primitive]
+
+
+def _unknown(where: str, kind: str, name: str, names: Iterable[str | None]) -> MeshmarkError:
+    # First those that the name may be a misspelling of, then all in file order.
+    usable = list(dict.fromkeys(known for known in names if known and len(known) <= MAX_NAME_LENGTH))
+    listed = list(dict.fromkeys(get_close_matches(name, usable, LISTED) + usable))[:LISTED]
+    more = f" and {len(usable) - LISTED} more" if len(usable) > LISTED else ""
+    return MeshmarkError(
+        ErrorCode.UNKNOWN_REGION,
+        f"`{where}`: no triangle of this asset belongs to a {kind} named {_quoted(name)}.",
+        f"There are these: {', '.join(map(_quoted, listed))}{more}."
+        if listed
+        else f"No {kind} of this asset has a name; give a box instead.",
+    )
+
+
+def _quoted(name: str) -> str:
+    return json.dumps(name, ensure_ascii=False)  # a name may hold quotes and control characters
+
+
+def _corners(surface: Surface, box: Box, where: str) -> tuple[Float, Float]:
+    """Lowest and highest corner of a box that some triangle meets, size-30 frame."""
+    with np.errstate(over="ignore"):
+        corners = (np.array([box.min, box.max]) - surface.offset) * surface.scale
+    low, high = np.clip(corners, -FAR, FAR)
+    triangles = surface.positions[surface.faces]
+    if not triangles_meet(triangles, low, high).any():
+        reach = surface.to_world(np.stack([triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))]))
+        raise MeshmarkError(
+            ErrorCode.UNKNOWN_REGION,
+            f"`{where}`: no triangle of this asset reaches into the box from {_point(box.min)} to {_point(box.max)}.",
+            f"The asset lies between {_point(reach[0])} and {_point(reach[1])}; a box is given in these coordinates.",
+        )
+    return low, high
+
+
+def _point(point: Iterable[float]) -> str:
+    return f"({', '.join(f'{value:.6g}' for value in point)})"
