@@ -24,6 +24,7 @@ Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
 LISTED = 10  # names in an error
+FOLLOWS = 0.5  # weight from which a corner belongs to the joints that move it
 FAR = 1e6  # size-30 units; a box that reaches further is cut off there, the surface ends at 15
 
 
@@ -78,8 +79,8 @@ def regions(scene: Scene, surface: Surface, parameters: Parameters) -> Regions:
     """What ``keep_out`` and ``prefer`` mean on ``surface``, which has the faces of ``scene.surface`` in their order.
 
     A node's name means all nodes of that name and everything below them; a node without a name goes by that of its
-    mesh, as in viewers. What a skin moves belongs to the joint that moves it most (see :func:`_followers`).
-    ``keep_out`` wins over ``prefer``.
+    mesh, as in viewers. A triangle of a skin belongs to a joint, too, if a corner follows that joint and those
+    below it by at least half its weight. ``keep_out`` wins over ``prefer``.
 
     Raises:
         MeshmarkError: ``unknown_region`` for a name that no triangle goes by, or a box that touches none.
@@ -102,7 +103,7 @@ def regions(scene: Scene, surface: Surface, parameters: Parameters) -> Regions:
                     mask |= found
                 case BoxRegion(box=box):
                     low, high = _corners(surface, box, where)
-                    inside = ((surface.positions >= low) & (surface.positions <= high)).all(axis=1)
+                    inside = np.all((surface.positions >= low) & (surface.positions <= high), axis=1)
                     mask |= inside[surface.faces].all(axis=1)
                     corners = np.concatenate([corners, [[low, high]]])
         masks[field], boxes[field] = mask, corners
@@ -118,7 +119,7 @@ def _node_faces(scene: Scene, name: str) -> Bool:
             inside.add(node)
         if node in inside:
             inside.update(typed(scene.document.entry("nodes", node), "children", list))
-    drawn = np.array([primitive.node in inside for primitive in scene.primitives])
+    drawn: Bool = np.array([primitive.node in inside for primitive in scene.primitives])
     mask: Bool = drawn[scene.surface.face_primitive]
     for number, primitive in enumerate(scene.primitives):
         joints = np.flatnonzero([joint in inside for joint in _joints(scene.document, primitive)])
@@ -128,10 +129,20 @@ def _node_faces(scene: Scene, name: str) -> Bool:
 
 
 def _followers(document: Document, primitive: DrawnPrimitive, joints: Int) -> Bool:
-    """(T,) triangles with a corner that follows these ``joints`` of the skin by half its weight or more."""
+    """(T,) triangles with a corner that follows these ``joints`` of the skin by at least half its weight."""
     followed, weights = read_influences(document, _entry(document, primitive)["attributes"])
     share = (weights * np.isin(followed, joints)).sum(axis=1)
-    return np.asarray((share[primitive.triangles] >= 0.5).any(axis=1))
+    return np.asarray((share[primitive.triangles] >= FOLLOWS).any(axis=1))
+
+
+def _leaders(document: Document, primitive: DrawnPrimitive) -> Iterable[int]:
+    """The nodes that some corner of a skinned primitive follows by at least half its weight."""
+    joints = _joints(document, primitive)
+    if not joints:
+        return ()
+    followed, weights = read_influences(document, _entry(document, primitive)["attributes"])
+    used = np.unique(primitive.triangles)
+    return (joints[joint] for joint in np.unique(followed[used][weights[used] >= FOLLOWS]))
 
 
 def _joints(document: Document, primitive: DrawnPrimitive) -> list[int]:
@@ -152,7 +163,7 @@ def _drawing_names(scene: Scene) -> Iterable[str | None]:
     document = scene.document
     drawing = {primitive.node for primitive in scene.primitives}
     for primitive in scene.primitives:
-        drawing.update(_joints(document, primitive))
+        drawing.update(_leaders(document, primitive))
     nodes = scene_nodes(document)
     for node in reversed(nodes):
         if not drawing.isdisjoint(typed(document.entry("nodes", node), "children", list)):
@@ -188,7 +199,7 @@ def _unknown(where: str, kind: str, name: str, names: Iterable[str | None]) -> M
     return MeshmarkError(
         ErrorCode.UNKNOWN_REGION,
         f"`{where}`: no triangle of this asset belongs to a {kind} named {_quoted(name)}.",
-        f"There are these: {', '.join(map(_quoted, listed))}{more}."
+        f"Its {kind}s are {', '.join(map(_quoted, listed))}{more}."
         if listed
         else f"No {kind} of this asset has a name; give a box instead.",
     )
