@@ -37,7 +37,8 @@ if TYPE_CHECKING:
     from core.asset.surface import Surface
     from core.embossing.emboss import Mark
     from core.ground.ground import Ground
-    from core.placement.selection import Placement
+    from core.ground.saliency import Saliency
+    from core.placement.objective import Placement
     from core.report import Warnings
 
 FAILED_CUTS = 10  # for each mark that is asked for
@@ -68,6 +69,7 @@ class Job:
     lettering: Lettering = field(init=False)
     # place
     usable: NDArray[np.bool_] = field(init=False)  # (F,) faces a watermark may be cut into
+    saliency: "Saliency" = field(init=False)
     placement: "Placement" = field(init=False)
     # emboss
     mesh: WorkingMesh = field(init=False)
@@ -127,21 +129,34 @@ def _letter(job: Job) -> None:
 
 
 def _place(job: Job) -> None:
+    from core.ground.regions import regions
+    from core.ground.saliency import saliency
     from core.placement.place import place
 
-    def on(usable: NDArray[np.bool_]) -> "Placement":
-        rng = np.random.default_rng(job.parameters.seed)
-        ground, aspect = job.ground, job.lettering.aspect
-        return place(ground.surface, ground.index, aspect, job.parameters, rng, job.report_progress, usable)
+    ground, parameters = job.ground, job.parameters
+    asked = regions(job.scene, ground.surface, parameters)
+    job.saliency = saliency(ground.surface, parameters.seed)
 
-    job.usable = job.ground.solid
+    def on(usable: NDArray[np.bool_]) -> "Placement":
+        job.usable = asked.within(usable)
+        return place(
+            ground.surface,
+            ground.index,
+            job.saliency,
+            job.lettering.aspect,
+            parameters,
+            np.random.default_rng(parameters.seed),
+            job.report_progress,
+            job.usable,
+            asked,
+        )
+
     try:
-        job.placement = on(job.usable)
+        job.placement = on(ground.solid)
     except MeshmarkError as error:
-        if error.code is not ErrorCode.NO_PLACEMENT or (job.ground.possible == job.ground.solid).all():
+        if error.code is not ErrorCode.NO_PLACEMENT or (ground.possible == ground.solid).all():
             raise
-        job.usable = job.ground.possible
-        job.placement = on(job.usable)
+        job.placement = on(ground.possible)
         job.warnings.append(
             {
                 "code": "see_through_surface",
@@ -164,10 +179,11 @@ def _emboss(job: Job) -> None:
     job.marks, job.refusals = {}, Counter()
     letters = stamp(job.lettering)
     dead: set[int] = set()
+    chosen: list[int] = list(job.placement.start)
     # A cut is the costly part; where this many fail, the rest of the asset is no better.
     cuts_left = FAILED_CUTS * job.parameters.count
     while cuts_left > 0:
-        chosen = select(job.placement, job.parameters.count, fixed=list(job.marks), dead=dead)
+        chosen = select(job.placement, job.parameters.count, fixed=list(job.marks), dead=dead, start=chosen)
         fresh = [box for box in chosen if box not in job.marks]
         if not fresh:
             break
@@ -268,7 +284,7 @@ def _evaluate(job: Job) -> None:
     before, after = job.views if isinstance(job.views, tuple) else (job.views, job.views)
     written_index = SpatialIndex(job.written.positions, job.written.faces)
     pair = Pair(
-        Subject(job.ground.surface, job.ground.index, before, job.parameters.seed),
+        Subject(job.ground.surface, job.ground.index, before, job.parameters.seed, job.saliency),
         Subject(job.written, written_index, after),
         *boxes_of(job.marks, job.parameters),
         job.parameters.text,

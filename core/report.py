@@ -16,7 +16,7 @@ from core.metrics.topology import topology
 from core.metrics.wps_area import wps_area
 from core.parameters import Evaluate, Parameters
 from core.placement.boxes import Boxes
-from core.placement.selection import Placement
+from core.placement.objective import Placement
 from core.rendering.views import view_directions
 
 SCHEMA = "meshmark.report/1"

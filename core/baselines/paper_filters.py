@@ -10,15 +10,16 @@ from core.metrics.se import VOTE
 from core.metrics.sight import top_face
 from core.placement.boxes import Boxes
 from core.placement.filters import occluded, overlapping, roughness, smooth
+from core.placement.objective import FACING_VIEW
 from core.placement.place import ROUGHNESS_DENSITY
 from core.placement.sampling import sample
-from core.placement.selection import FACING_VIEW, OCTANTS
 from core.rendering.views import view_directions
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
+OCTANTS = 8
 BEYOND = 2 * MODEL_SIZE  # further than any ray can run inside the size-30 frame
 
 

@@ -67,17 +67,19 @@ class Subject:
         index: over ``surface``.
         pictures: (V, S, S, 3) the paper's views, or why there are none; None will do for ``evaluate: geometry``.
         seed: of the samples of its saliency.
+        mapped: its saliency map, where that is known already.
     """
 
     surface: Surface
     index: SpatialIndex
     pictures: Pictures | MeshmarkError | None
     seed: int = 0
+    mapped: Saliency | None = None
 
     @cached_property
     def saliency(self) -> Saliency:
         """The saliency map of ``surface``."""
-        return saliency(self.surface, self.seed)
+        return saliency(self.surface, self.seed) if self.mapped is None else self.mapped
 
     @property
     def views(self) -> Pictures:

@@ -4,7 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.placement.boxes import Boxes
-from core.placement.selection import facing, visibility
+from core.placement.objective import facing
+from core.placement.selection import visibility
 from core.rendering.views import view_directions
 from core.spatial import SpatialIndex
 

@@ -4,9 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from core.asset.surface import Surface
 from core.placement.boxes import Boxes
-from core.placement.sampling import sample, thin
+from core.placement.sampling import thin
 
 Float = NDArray[np.float64]
 
@@ -15,24 +14,17 @@ UP = np.array([0.0, 1.0, 0.0])
 POLE = np.cos(np.radians(20.0))
 
 
-def candidates(
-    surface: Surface, size: tuple[float, float, float], number: int, radius: float, rng: np.random.Generator
-) -> Boxes:
-    """One box at each of at most ``number`` even surface samples (paper, section "Initialization").
+def candidates(points: Float, normals: Float, size: tuple[float, float, float], radius: float) -> Boxes:
+    """Boxes at area samples, thinned to be roughly equidistant (paper, section "Initialization").
 
     Args:
-        surface: where to look.
+        points: (N, 3) area samples of the surface (the paper's H_s = 300), size-30 units.
+        normals: (N, 3) unit normals there.
         size: width, height and thickness of each box, size-30 units.
-        number: area samples drawn before thinning (the paper's H_s = 300).
         radius: samples closer than this to an earlier one are rejected (the paper's H_r = 1).
-        rng: the source of every draw.
-
-    Raises:
-        MeshmarkError: ``no_faces`` when the surface has no area.
     """
-    points, face = sample(surface, number, rng)
     kept = thin(points, radius)
-    normal = _mean_normals(points, surface.normals[face], kept, reach=size[0] / 4)
+    normal = _mean_normals(points, normals, kept, reach=size[0] / 4)
     return Boxes(points[kept], upright(normal), np.tile(np.asarray(size, dtype=np.float64), (len(kept), 1)))
 
 

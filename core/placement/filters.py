@@ -37,11 +37,13 @@ class Footprint:
         height: (B, N) along the normal from the middle plane, size-30 units; -inf where nothing is met.
         cosine: (B, N) between the box's normal and the normal of the face that is met; -1 where none is.
         local: (B, N, 2) grid points in box coordinates, right and up.
+        face: (B, N) the face that is met; -1 where none is.
     """
 
     height: Float
     cosine: Float
     local: Float
+    face: Int
 
 
 def footprint(
@@ -68,7 +70,7 @@ def footprint(
     distance, face = index.first_hit(points.reshape(-1, 3), down.reshape(-1, 3))
     distance, face = distance.reshape(points.shape[:2]), face.reshape(points.shape[:2])
     cosine = np.where(face >= 0, np.einsum("bni,bi->bn", normals[face], normal), -1.0)
-    return Footprint(start[:, None] - distance, cosine, local)
+    return Footprint(start[:, None] - distance, cosine, local, face)
 
 
 def well_aligned(loss: Float) -> Bool:

@@ -1,7 +1,7 @@
 """The whole of placement for one text: candidates, fine-tuning, filters, and what selection needs."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 
 from core.asset.surface import MODEL_SIZE, Surface
 from core.errors import ErrorCode, MeshmarkError
+from core.ground.regions import Regions
+from core.ground.saliency import Saliency
 from core.parameters import Mode, Parameters, Preset, Solver
 from core.placement.boxes import Boxes
-from core.placement.candidates import candidates, upright
+from core.placement.candidates import candidates
 from core.placement.filters import (
     above,
     covered,
@@ -23,22 +25,39 @@ from core.placement.filters import (
     well_aligned,
 )
 from core.placement.finetune import LOSS_THRESHOLD, adam, distinct, levenberg_marquardt
+from core.placement.objective import (
+    BARRED,
+    FACING_VIEW,
+    Columns,
+    Placement,
+    Terms,
+    bend,
+    columns,
+    cost,
+    distance,
+    facing,
+    likelihood,
+    obstructed,
+    roll,
+)
 from core.placement.sampling import sample
-from core.placement.selection import Placement, facing, select, visibility
+from core.placement.selection import select, visibility
 from core.placement.surfels import Surfels
-from core.rendering.views import fibonacci_directions, view_directions
 from core.spatial import SpatialIndex
 
 Float = NDArray[np.float64]
+Bool = NDArray[np.bool_]
 
 WIDTHS = (5.5, 4.0, 3.0, 2.0)
-LAST_RESORT = (1.2, 0.8)  # hardly legible but close up; only where nothing wider has room anywhere
+SMALLEST = (1.2, 0.8)  # hardly legible but close up; only for what nothing wider shows
 # WIDTHS are meant for a word like "watermark", an eighth as high as wide; other proportions get the same area.
 USUAL_ASPECT = 0.125
 THICKNESS, THINNEST, THICKEST = 0.09, 0.25, 0.6  # of the width; 0.5 at 5.5, as in the paper
 PAPER_SAMPLES, PAPER_RADIUS = 300, 1.0
-# Drawn before thinning, and about how many stay: as many as one second fits on one core.
+# Drawn before thinning, and about how many stay: as many as one second fits on one core. Narrower text looks only for
+# what wider text left unseen, and draws more for it: thin edges and small parts have little of the area.
 SAMPLES, CANDIDATES = 8000, 1100
+MORE_SAMPLES, MORE_CANDIDATES = 40_000, 400
 # Of that many random darts thinned to a radius r, about 0.5 area / r^2 stay.
 PACKING = 0.5
 COPY = 0.05  # fitted boxes closer than this are one (finetune.distinct)
@@ -46,33 +65,66 @@ ROUGHNESS_DENSITY = 60  # area samples under one box
 LIFT = 1.5  # reliefs above the surface at which visibility starts: just clear of the letters
 SKIN = 0.01  # how far below the surface rays start that look for the other side of a wall
 SIGHT_GRID = (8, 2)
-FIBONACCI = 200
-# What narrower text costs, by the share of the widest that is missing: it only fills what wider text leaves.
-NARROW = 0.3
-# With this share of all directions seen, narrower text is not tried.
+# A direction that marks serve with at least this likelihood needs no narrower text.
+SERVED = 0.5
+# With this share of the directions served that any surface looks at, narrower text is not tried.
 ENOUGH = 0.97
+LOOKING = 0.001  # share of the surface under which none looks at a direction
+
+
+@dataclass(frozen=True, eq=False)
+class _Site:
+    """What all widths share.
+
+    Attributes:
+        surface: the asset.
+        ground: the part of it that boxes may stand on.
+        normals: (F, 3) of ``surface``, zero where no box may stand.
+        surfels: the stand-in for ``ground``.
+        index: over ``surface``.
+        saliency: of ``surface``.
+        regions: what the request keeps out of or prefers.
+        aspect: height of the text over its width.
+        parameters: resolved.
+        served: the columns of the objective.
+    """
+
+    surface: Surface
+    ground: Surface
+    normals: Float
+    surfels: Surfels
+    index: SpatialIndex
+    saliency: Saliency
+    regions: Regions | None
+    aspect: float
+    parameters: Parameters
+    served: Columns
 
 
 def place(
     surface: Surface,
     index: SpatialIndex,
+    saliency: Saliency,
     aspect: float,
     parameters: Parameters,
     rng: np.random.Generator,
     progress: Callable[[float], None] = lambda _: None,
-    usable: NDArray[np.bool_] | None = None,
+    usable: Bool | None = None,
+    regions: Regions | None = None,
 ) -> Placement:
     """All boxes on ``surface`` that may carry the text; :func:`core.placement.selection.select` picks among them.
 
     Args:
         surface: the asset.
         index: over ``surface``.
+        saliency: of ``surface``.
         aspect: height of the text over its width.
-        parameters: resolved. With ``size`` None the widest of four widths that covers the asset is taken, and
-            where none does, what survived of all of them; two narrower ones are a last resort.
+        parameters: resolved. With ``size`` None four widths are tried from the widest on, then two that are hardly
+            legible, each only for the directions that wider text does not serve, until there are none.
         rng: the source of every draw.
         progress: called with the share done, 0 to 1.
         usable: (F,) the faces that boxes may stand on; all if None. The others still stand in the way.
+        regions: what the request keeps out of or prefers; nothing if None.
 
     Raises:
         MeshmarkError: ``no_placement`` when no box survives, saying what removed most; ``no_faces``.
@@ -98,8 +150,7 @@ def place(
     if parameters.size is not None:
         widths = [parameters.size]
     else:
-        widths = [min(width * float(np.sqrt(USUAL_ASPECT / aspect)), MODEL_SIZE) for width in WIDTHS + LAST_RESORT]
-    usual = widths[: len(WIDTHS)][-1]
+        widths = [min(width * float(np.sqrt(USUAL_ASPECT / aspect)), MODEL_SIZE) for width in WIDTHS + SMALLEST]
     # Letters stand on as much surface as they cover. Less than that is no asset but needles, on which searches for
     # the closest point take forever.
     area = float(ground.areas.sum())
@@ -111,73 +162,67 @@ def place(
             "less than the text would cover.",
             "Check for vertices far away from the others, or use a smaller `size`.",
         )
-    surfels = Surfels(ground, rng)
-    placements: list[Placement] = []
+    served = columns(saliency.points.mean(axis=0))
+    site = _Site(surface, ground, normals, Surfels(ground, rng), index, saliency, regions, aspect, parameters, served)
+    # Nothing on a cube, for one, looks along its diagonals within 45 degrees.
+    possible = (site.surfels.normals @ served.directions.T >= FACING_VIEW).mean(axis=0) > LOOKING
+    worth = served.weight[: len(possible)]
+    found: Placement | None = None
     left: list[dict[str, int]] = []
-    wanted = _directions()[0]
+    wanted: Float | None = None
     for step, width in enumerate(widths):
 
         def share(done: float, step: int = step) -> None:
             progress((step + done) / len(widths))
 
-        placement, counts = place_width(ground, surfels, normals, index, width, aspect, parameters, rng, wanted, share)
-        placements.append(placement)
+        placement, counts = _of_width(site, width, wanted, rng, share)
         left.append(counts)
+        found = placement if found is None else _pool(found, placement)
         share(1.0)
-        pooled = _pool(placements, widths)
-        chosen = select(pooled, parameters.count)
-        seen = pooled.visible[chosen].any(axis=0)
-        if len(chosen) == parameters.count or pooled.weight[seen].sum() >= ENOUGH:
-            break
-        if width <= usual and chosen:
-            break
-        wanted = pooled.directions[~seen]
-    if len(pooled.boxes) == 0:
+        chosen = select(found, parameters.count, start=found.start)
+        found = replace(found, start=tuple(chosen))
+        if len(found.boxes) and not found.barred[chosen].any():
+            unserved = possible & (found.unserved(chosen)[: len(possible)] > 1 - SERVED)
+            if worth[unserved].sum() <= (1 - ENOUGH) * worth[possible].sum():
+                break
+            wanted = served.directions[unserved]
+    assert found is not None
+    if len(found.boxes) == 0:
         raise _no_placement(widths, left)
-    return pooled
+    return found
 
 
-def place_width(
-    ground: Surface,
-    surfels: Surfels,
-    normals: Float,
-    index: SpatialIndex,
+def _of_width(
+    site: _Site,
     width: float,
-    aspect: float,
-    parameters: Parameters,
+    wanted: Float | None,
     rng: np.random.Generator,
-    wanted: Float,
-    progress: Callable[[float], None] = lambda _: None,
+    progress: Callable[[float], None],
 ) -> tuple[Placement, dict[str, int]]:
     """The survivors for one text width, and how many boxes were left after each stage, by stage.
 
-    Boxes stand on ``ground``, of which ``surfels`` are the stand-in; ``normals`` (F, 3) are those of the faces in
-    ``index``, zero where no box may stand. Only candidates that look towards one of the directions ``wanted`` (K, 3),
-    within 45 degrees, are fitted.
+    Only candidates that look towards one of the directions ``wanted`` (K, 3), within 45 degrees, are fitted.
     """
+    parameters, index, ground = site.parameters, site.index, site.ground
     relief = abs(parameters.relief_at(width))
-    size = (width, width * aspect, float(np.clip(THICKNESS * width, THINNEST, THICKEST)))
-    if parameters.preset is Preset.PAPER:
-        number, radius = PAPER_SAMPLES, PAPER_RADIUS
-    else:
-        number, radius = SAMPLES, float(np.sqrt(PACKING * ground.areas.sum() / CANDIDATES))
-    boxes = candidates(ground, size, number, radius, rng)
+    size = (width, width * site.aspect, float(np.clip(THICKNESS * width, THINNEST, THICKEST)))
+    boxes = _candidates(site, size, wanted, rng)
     left = {"candidates": len(boxes)}
-    boxes = boxes[np.flatnonzero(facing(boxes, wanted).any(axis=1))]
-    left["wanted"] = len(boxes)
 
     if parameters.solver is Solver.ADAM:
         boxes, loss = adam(boxes, index, progress)
     else:
-        boxes, loss = levenberg_marquardt(boxes, index, surfels)
+        boxes, loss = levenberg_marquardt(boxes, index, site.surfels)
     kept = np.flatnonzero(well_aligned(loss))
     boxes, loss = boxes[kept], loss[kept]
     left["aligned"] = len(boxes)
     kept = distinct(boxes, loss, COPY)
+    if site.regions is not None:
+        kept = kept[~site.regions.touches(boxes[kept])]
     boxes, loss = boxes[kept], loss[kept]
     left["distinct"] = len(boxes)
 
-    met = footprint(boxes, index, normals, clearance=relief)
+    met = footprint(boxes, index, site.normals, clearance=relief)
     kept = np.flatnonzero(covered(met, boxes))
     boxes, loss = boxes[kept], loss[kept]
     left["covered"] = len(boxes)
@@ -188,60 +233,82 @@ def place_width(
     boxes, loss, rough = boxes[kept], loss[kept], rough[kept]
     left["smooth"] = len(boxes)
 
-    met = footprint(boxes, index, normals, relief, SIGHT_GRID, margin=0.0)
+    met = footprint(boxes, index, site.normals, relief, SIGHT_GRID, margin=0.0)
     sight = above(boxes, met, LIFT * relief)
     blocked = occluded(boxes, sight, index, reach=width)
     if parameters.mode is Mode.DEBOSS:
         blocked |= thin_walled(boxes, above(boxes, met, -SKIN), index, depth=LIFT * relief)
-    kept = np.flatnonzero(~blocked)
-    boxes, loss, rough, sight, height = boxes[kept], loss[kept], rough[kept], sight[kept], met.height[kept]
-    left["open"] = len(boxes)
-
-    directions, weight = _directions()
-    visible = visibility(boxes, sight, index, directions)
+    visible = np.zeros((len(boxes), len(site.served.directions)), dtype=bool)
+    visible[~blocked] = visibility(boxes[~blocked], sight[~blocked], index, site.served.directions)
+    left["open"] = int((~blocked).sum())
+    bent, preferred = bend(boxes, met.height), np.zeros(len(boxes))
+    if site.regions is not None:
+        preferred = site.regions.preference(above(boxes, met, 0.0), met.face)
     kept = np.flatnonzero(visible.any(axis=1))
-    boxes, loss, rough, height, visible = boxes[kept], loss[kept], rough[kept], height[kept], visible[kept]
+    boxes, loss, rough, visible = boxes[kept], loss[kept], rough[kept], visible[kept]
+    bent, preferred = bent[kept], preferred[kept]
     left["seen"] = len(boxes)
-    cost = _cost(boxes, rough, height)
-    return Placement(boxes, loss, rough, cost, visible, directions, weight), left
+
+    _, salient = site.saliency.under(boxes)
+    terms = Terms(
+        obstructed=obstructed(visible, facing(boxes, site.served.directions), site.served),
+        salient=salient,
+        roll=roll(boxes),
+        bend=bent,
+        rough=rough - 1,
+        busy=np.zeros(len(boxes)),
+        preferred=preferred,
+        distance=distance(boxes, relief, float(site.surface.areas.sum())),
+    )
+    placement = Placement(
+        boxes=boxes,
+        loss=loss,
+        roughness=rough,
+        visible=visible,
+        likelihood=likelihood(boxes, visible, bent, site.served),
+        cost=cost(terms),
+        barred=salient > BARRED,
+        weight=site.served.weight,
+    )
+    return placement, left
+
+
+def _candidates(site: _Site, size: tuple[float, float, float], wanted: Float | None, rng: np.random.Generator) -> Boxes:
+    """Boxes to start from; where directions are ``wanted``, only on surface that looks there."""
+    if site.parameters.preset is Preset.PAPER:
+        points, face = sample(site.ground, PAPER_SAMPLES, rng)
+        return candidates(points, site.ground.normals[face], size, PAPER_RADIUS)
+    number, most = (SAMPLES, CANDIDATES) if wanted is None else (MORE_SAMPLES, MORE_CANDIDATES)
+    points, face = sample(site.ground, number, rng)
+    normals = site.ground.normals[face]
+    area = float(site.ground.areas.sum())
+    if wanted is not None:
+        looking = np.flatnonzero((normals @ wanted.T >= FACING_VIEW).any(axis=1))
+        area *= len(looking) / number
+        points, normals = points[looking[:SAMPLES]], normals[looking[:SAMPLES]]
+    return candidates(points, normals, size, float(np.sqrt(PACKING * area / most)))
 
 
 def _roughness_samples(surface: Surface, size: tuple[float, float, float]) -> int:
     return int(np.clip(ROUGHNESS_DENSITY * surface.areas.sum() / (size[0] * size[1]), 1000, 200_000))
 
 
-def _directions() -> tuple[Float, Float]:
-    """The 24 views and 200 even directions, (D, 3), and their weights (D,): each set is worth half."""
-    views, even = view_directions()[0], fibonacci_directions(FIBONACCI)
-    weight = np.concatenate([np.full(len(views), 0.5 / len(views)), np.full(len(even), 0.5 / len(even))])
-    return np.concatenate([views, even]), weight
-
-
-def _cost(boxes: Boxes, rough: Float, height: Float) -> Float:
-    """(B,) what makes a box a worse place for text: rolled, on bent or on rough ground."""
-    level = np.einsum("bi,bi->b", boxes.axes[:, 1], upright(boxes.axes[:, 2])[:, 1])
-    roll = np.sqrt(1 - np.clip(level, 0, 1) ** 2)
-    bend = np.sqrt((height**2).mean(axis=1)) / (boxes.size[:, 2] / 2)
-    return np.asarray(0.6 * roll + bend + (rough - 1))
-
-
-def _pool(found: list[Placement], widths: Sequence[float]) -> Placement:
-    """One placement from several widths, widest first."""
-    narrow = np.concatenate(
-        [np.full(len(p.boxes), NARROW * (1 - w / widths[0])) for p, w in zip(found, widths, strict=False)]
-    )
+def _pool(one: Placement, other: Placement) -> Placement:
+    """The boxes of both; those of ``one`` keep their numbers."""
     return Placement(
         boxes=Boxes(
-            np.concatenate([p.boxes.center for p in found]),
-            np.concatenate([p.boxes.axes for p in found]),
-            np.concatenate([p.boxes.size for p in found]),
+            np.concatenate([one.boxes.center, other.boxes.center]),
+            np.concatenate([one.boxes.axes, other.boxes.axes]),
+            np.concatenate([one.boxes.size, other.boxes.size]),
         ),
-        loss=np.concatenate([p.loss for p in found]),
-        roughness=np.concatenate([p.roughness for p in found]),
-        cost=np.concatenate([p.cost for p in found]) + narrow,
-        visible=np.concatenate([p.visible for p in found]),
-        directions=found[0].directions,
-        weight=found[0].weight,
+        loss=np.concatenate([one.loss, other.loss]),
+        roughness=np.concatenate([one.roughness, other.roughness]),
+        visible=np.concatenate([one.visible, other.visible]),
+        likelihood=np.concatenate([one.likelihood, other.likelihood]),
+        cost=np.concatenate([one.cost, other.cost]),
+        barred=np.concatenate([one.barred, other.barred]),
+        weight=one.weight,
+        start=one.start,
     )
 
 
