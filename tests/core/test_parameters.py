@@ -54,6 +54,29 @@ def test_a_text_without_letters_has_its_own_code(text: str) -> None:
         ({"text": "x" * 65}, "text"),
         ({"text": 5}, "text"),
         ({"colour": "#000000"}, "colour"),
+        ({"keep_out": {"node": "Head"}}, "keep_out: Input should be a valid list"),
+        ({"keep_out": ["Head"]}, "keep_out.0: Input should be an object with exactly one of the keys node, material"),
+        ({"keep_out": [{}]}, "keep_out.0: Input should be an object with exactly one"),
+        (
+            {"prefer": [{"node": "a"}, {"node": "a", "material": "b"}]},
+            "prefer.1: Input should be an object with exactly",
+        ),
+        ({"prefer": [{"nodes": "a"}]}, "prefer.0: Input should be an object with exactly one"),
+        ({"keep_out": [{"node": "a", "depth": 1}]}, "keep_out.0.node.depth: Extra inputs are not permitted"),
+        ({"keep_out": [{"node": ""}]}, "keep_out.0.node: String should have at least 1"),
+        ({"keep_out": [{"material": "x" * 257}]}, "keep_out.0.material: String should have at most 256"),
+        ({"keep_out": [{"material": None}]}, "keep_out.0.material: Input should be a valid string"),
+        ({"keep_out": [{"node": "a"}] * 33}, "keep_out: List should have at most 32 items"),
+        ({"keep_out": [{"box": {"min": [0, 0, 0]}}]}, "keep_out.0.box.max: Field required"),
+        ({"keep_out": [{"box": {"min": [0, 0], "max": [1, 1, 1]}}]}, "keep_out.0.box.min.2: Field required"),
+        ({"keep_out": [{"box": {"min": [0, 0, 0], "max": [1, 1, 1, 1]}}]}, "keep_out.0.box.max: Tuple should have"),
+        ({"keep_out": [{"box": {"min": [0, 0, 0], "max": [1, 0, 1]}}]}, "keep_out.0.box: Each of x, y and z should be"),
+        (
+            {"prefer": [{"box": {"min": [0, 0, 0], "max": [1, 1, float("nan")]}}]},
+            "prefer.0.box.max.2: Input should be a",
+        ),
+        ({"prefer": [{"box": {"min": [-1e999, 0, 0], "max": [1, 1, 1]}}]}, "prefer.0.box.min.0: Input should be a"),
+        ({"prefer": [{"box": {"min": [0, 0, 0], "max": [1, 1, 1], "unit": "m"}}]}, "prefer.0.box.unit: Extra inputs"),
     ],
 )
 def test_each_wrong_value_is_named(wrong: dict[str, Any], named: str) -> None:
@@ -61,6 +84,18 @@ def test_each_wrong_value_is_named(wrong: dict[str, Any], named: str) -> None:
         parse_parameters({"text": "a"} | wrong)
     assert caught.value.code is ErrorCode.INVALID_PARAMETERS
     assert named in caught.value.message
+
+
+def test_regions_come_back_as_they_were_sent() -> None:
+    regions = [
+        {"node": "Head"},
+        {"material": "Glass"},
+        {"box": {"min": [-1.0, 0.0, 2.5], "max": [1.0, 0.5, 3.0]}},
+    ]
+    asked = parse_parameters({"text": "a", "keep_out": regions, "prefer": regions[:1]})
+    dumped = asked.resolved().model_dump(mode="json")
+    assert (dumped["keep_out"], dumped["prefer"]) == (regions, regions[:1])
+    assert parse_parameters(json.dumps(dumped)) == asked.resolved()
 
 
 @pytest.mark.parametrize("broken", ["", "{", "[]", "null", '"text"', "{}", b"\xff", '{"text": NaN}'])
