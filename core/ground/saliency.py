@@ -1,7 +1,6 @@
 """Where an asset has features that a watermark should not cover: the spread of normals at several scales."""
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +8,7 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from core.asset.surface import Surface
+from core.ground.under import Samples
 from core.placement.boxes import Boxes
 from core.placement.sampling import sample
 
@@ -21,75 +21,32 @@ CELLS = 4  # to a radius: neighbours are summed up in cubes of this share of it
 # Salient parts stand out from the rest by at least this much raw saliency: normals that lean by 16 degrees (root mean
 # square) where those of the rest are parallel. Less is the noise of the samples or the shape of a ball.
 CONTRAST = 0.1
-FEWEST = 8  # samples that a box is judged by
-NEAREST = 64  # among which those of a box with too few are looked for
 
 
 @dataclass(frozen=True, eq=False)
-class Saliency:
+class Saliency(Samples):
     """A saliency map on area samples of a surface.
 
     Attributes:
-        points: (N, 3) float64, size-30 units.
-        normals: (N, 3) float64, unit, of the face that each point lies on.
         value: (N,) float64, 0 to 1, higher is more salient.
         threshold: a point is salient where ``value`` is greater (Otsu); 1 where nothing stands out.
+        face: (N,) int64, the face of the surface that each point lies on.
     """
 
-    points: Float
-    normals: Float
     value: Float
     threshold: float
+    face: Int
 
     @property
     def salient(self) -> NDArray[np.bool_]:
         """(N,) which points are salient."""
         return self.value > self.threshold
 
-    @cached_property
-    def _tree(self) -> cKDTree:
-        return cKDTree(self.points)
-
     def under(self, boxes: Boxes) -> tuple[Float, Float]:
-        """Mean ``value`` (B,) and share of salient points (B,) of the surface inside each of B boxes.
-
-        Points whose normals look away from the box belong to the far side of a thin part and do not count. A box
-        that fewer than 8 points lie in, smaller than the spacing of the samples, is judged by the 8 nearest to its
-        centre that look at it.
-        """
-        owner, which = self._inside(boxes)
-        count = np.bincount(owner, minlength=len(boxes))
-        few = np.flatnonzero(count < FEWEST)
-        if len(few):
-            kept = count[owner] >= FEWEST
-            nearest = self._nearest(boxes[few])
-            owner = np.concatenate([owner[kept], np.repeat(few, nearest.shape[1])])
-            which = np.concatenate([which[kept], nearest.ravel()])
-        count = np.maximum(np.bincount(owner, minlength=len(boxes)), 1)
-        mean, share = (
-            np.bincount(owner, weights=weights[which], minlength=len(boxes)) / count
-            for weights in (self.value, self.salient)
-        )
+        """Mean ``value`` (B,) and share of salient points (B,) of the surface inside each of B boxes: see
+        :meth:`core.ground.under.Samples.means_under`."""
+        mean, share = self.means_under(boxes, np.column_stack([self.value, self.salient])).T
         return mean, share
-
-    def _inside(self, boxes: Boxes) -> tuple[Int, Int]:
-        """Pairs of a box and a point inside it that looks at it: (P,), (P,)."""
-        if len(boxes) == 0:
-            return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
-        found = self._tree.query_ball_point(boxes.center, np.linalg.norm(boxes.size, axis=1) / 2)
-        owner = np.repeat(np.arange(len(boxes)), [len(item) for item in found])
-        which = np.concatenate([np.asarray(item, dtype=np.int64) for item in found])
-        local = np.einsum("ni,nji->nj", self.points[which] - boxes.center[owner], boxes.axes[owner])
-        toward = np.einsum("ni,ni->n", self.normals[which], boxes.axes[owner, 2])
-        inside = (np.abs(local) <= boxes.size[owner] / 2).all(axis=1) & (toward > 0)
-        return owner[inside], which[inside]
-
-    def _nearest(self, boxes: Boxes) -> Int:
-        """(B, 8) the points nearest to each centre that look at the box; others only where there are too few."""
-        _, near = self._tree.query(boxes.center, k=min(NEAREST, len(self.points)))
-        toward = np.einsum("bni,bi->bn", self.normals[near], boxes.axes[:, 2])
-        order = np.argsort(toward <= 0, axis=1, kind="stable")  # each group stays sorted by distance
-        return np.asarray(np.take_along_axis(near, order[:, :FEWEST], axis=1), dtype=np.int64)
 
 
 def saliency(surface: Surface, seed: int) -> Saliency:
@@ -117,13 +74,13 @@ def saliency(surface: Surface, seed: int) -> Saliency:
     points, face = sample(surface, SAMPLES, np.random.default_rng(seed))
     normals = surface.normals[face]
     raw = np.mean([_spread(points, normals, radius) for radius in RADII], axis=0)
-    cut = _otsu(raw)
+    cut = otsu(raw)
     above = raw > cut
     low, high = np.percentile(raw, [1, 99])
     stands_out = above.any() and raw[above].mean() - raw[~above].mean() >= CONTRAST
     top = max(high, raw[above].mean()) if stands_out else max(high, low + CONTRAST)
     value = np.clip((raw - low) / (top - low), 0, 1)
-    return Saliency(points, normals, value, float((cut - low) / (top - low)) if stands_out else 1.0)
+    return Saliency(points, normals, value, float((cut - low) / (top - low)) if stands_out else 1.0, face)
 
 
 def _spread(points: Float, normals: Float, radius: float) -> Float:
@@ -146,7 +103,7 @@ def _spread(points: Float, normals: Float, radius: float) -> Float:
     return np.asarray((1 / norm - 1) / (np.sqrt(3) - 1))
 
 
-def _otsu(values: Float) -> float:
+def otsu(values: Float) -> float:
     """The threshold that splits ``values`` into the two classes furthest apart (Otsu 1979), over all splits."""
     ordered = np.sort(values)
     low = np.arange(1, len(ordered))

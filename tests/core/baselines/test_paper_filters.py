@@ -97,7 +97,9 @@ def test_a_box_on_a_salient_part_is_dropped() -> None:
     plate = asset(grid(30, 20, 30, 20))
     points = np.random.default_rng(0).uniform([-15, -10, 0], [15, 10, 0], (20_000, 3))
     right = (points[:, 0] > 0).astype(np.float64)
-    plate.saliency = Saliency(points, np.tile([0.0, 0.0, 1.0], (len(points), 1)), right, 0.5)
+    plate.saliency = Saliency(
+        points, np.tile([0.0, 0.0, 1.0], (len(points), 1)), right, 0.5, np.zeros(len(points), dtype=np.int64)
+    )
     assert left(plate, on(plate, (-8, 0, 0), (8, 0, 0))) == [[-8, 0, 0]]
     assert "salient" in dropped_because(plate, on(plate, (8, 0, 0)))
 

@@ -148,6 +148,7 @@ def hand_made() -> Saliency:
         normals=np.repeat([[0.0, 0, 1], [0, 0, -1]], x.size, axis=0),
         value=np.concatenate([value, np.ones(x.size)]),
         threshold=0.5,
+        face=np.zeros(2 * x.size, dtype=np.int64),
     )
 
 

@@ -1,0 +1,130 @@
+"""Where the base colour of an asset has details (eyes, faces, logos, print) that a watermark should not cover."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from core.asset.flatten import Scene
+from core.asset.surface import Surface
+from core.ground.base_color import base_color
+from core.ground.saliency import otsu
+from core.ground.under import Samples
+from core.placement.boxes import Boxes
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+RADIUS = 1.0  # size-30 units: an eye, a line of print, about the height of a watermark's letters
+NEIGHBOURS = 32  # at most; more than this lie within the radius only on assets of little area
+PARALLEL = 0.5  # cosine between the normals of neighbours: the two sides of a cape are not one picture
+TILT = 0.35  # tangent of the angle between a sample's plane and its neighbours: nor are a cape and the back below it
+BUSY = 30.0  # CIELAB units of spread: half of the surface black, half grey (L* 60)
+# What stands out has a spread that is larger than the rest's by this many CIELAB units, and by this factor: less is
+# shading, grain or the noise of the samples.
+CONTRAST, FACTOR = 8.0, 2.0
+RARE = 0.25  # the most of a surface that can stand out from the rest of it
+
+_XYZ = np.array(
+    [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Detail(Samples):
+    """The detail of an asset's base colour, on samples of its surface.
+
+    Attributes:
+        stands_out: (N,) float64, 0 to 1: how much the colours around a sample vary beyond what is usual on the asset.
+            0 everywhere where no part does.
+        busy: (N,) float64, 0 to 1: how much they vary at all. Letters without a colour of their own are lost on busy
+            ground.
+        luminance: (N,) float64, relative luminance 0 to 1 (WCAG 2) of the base colour at each sample.
+        threshold: a sample belongs to a detail where ``stands_out`` is greater; 1 where nothing stands out.
+    """
+
+    stands_out: Float
+    busy: Float
+    luminance: Float
+    threshold: float
+
+    def under(self, boxes: Boxes) -> tuple[Float, Float, Float]:
+        """Mean ``stands_out`` (B,), share of samples above the threshold (B,) and mean ``busy`` (B,) of the surface
+        inside each of B boxes: see :meth:`core.ground.under.Samples.means_under`."""
+        values = np.column_stack([self.stands_out, self.stands_out > self.threshold, self.busy])
+        mean, share, busy = self.means_under(boxes, values).T
+        return mean, share, busy
+
+
+def detail(scene: Scene, surface: Surface, points: Float, face: Int) -> Detail | None:
+    """The :class:`Detail` of an asset's base colour at ``points`` (N, 3), spread evenly over its surface.
+
+    Around each sample the spread of colour, the root mean square distance from the mean in CIELAB, is taken over its
+    nearest samples within one size-30 unit on the same sheet of the surface, nearer ones weighing more; so neither UV
+    layout nor tessellation matters, and noise finer than the samples counts in full. The mean of these spreads over
+    the same neighbours tells a place full of detail from the plain border of a large patch. Otsu's threshold (1979)
+    parts details from the rest, once more among the details while these are more than a quarter of the surface; they
+    count where they stand out from the asset's own texture. (Centre-surround differences, as of Itti, Koch, Niebur
+    1998, find the middle of an eye but not its outline, and small print hardly at all.)
+
+    Args:
+        scene: the asset.
+        surface: the scene's, in which faces may be wound the other way round.
+        points: size-30 frame; the samples of :func:`core.ground.saliency.saliency` will do.
+        face: (N,) the face of ``surface`` that each point lies on.
+
+    Returns:
+        ``None`` where the asset has one colour everywhere.
+
+    Raises:
+        MeshmarkError: ``malformed_file`` for materials that refer to what does not exist.
+    """
+    linear = base_color(scene, surface, points, face)
+    if (linear == linear[0]).all():
+        return None
+    normals = surface.normals[face]
+    spread, around = _spread(points, normals, _lab(linear))
+    stands_out, threshold = _standing_out(around)
+    return Detail(points, normals, stands_out, np.minimum(spread / BUSY, 1), linear @ _XYZ[1], threshold)
+
+
+def _spread(points: Float, normals: Float, lab: Float) -> tuple[Float, Float]:
+    """(N,) the spread of colour around each sample, and (N,) its mean around each sample."""
+    tree, count = cKDTree(points), min(NEIGHBOURS, len(points))
+    distance, near = tree.query(points, k=np.arange(1, count + 1), distance_upper_bound=RADIUS)
+    found = near < len(points)
+    near, distance = np.where(found, near, 0), np.where(found, distance, 0)
+    # Single precision: these are half a million rows.
+    position, normal, color = (values.astype(np.float32) for values in (points, normals, lab))
+    height = np.abs(np.einsum("nki,ni->nk", position[near] - position[:, None], normal))
+    same_sheet = (np.einsum("nki,ni->nk", normal[near], normal) > PARALLEL) & (height <= TILT * distance + 1e-4)
+    weight = np.where(found & same_sheet, 1 - (distance / RADIUS) ** 2, 0)
+    own = near == np.arange(len(points))[:, None]
+    weight = np.where(own, 1, weight)
+    weight /= weight.sum(axis=1, keepdims=True)
+    mean = np.einsum("nk,nki->ni", weight, color[near])
+    offset = color[near] - mean[:, None].astype(np.float32)
+    spread = np.sqrt(np.einsum("nk,nki,nki->n", weight, offset, offset))
+    return spread, np.einsum("nk,nk->n", weight, spread[near])
+
+
+def _standing_out(spread: Float) -> tuple[Float, float]:
+    """(N,) 0 to 1 from the mean of the usual spreads to that of the large ones, and what parts these on that scale."""
+    cut = otsu(spread)
+    while (spread > cut).mean() > RARE:
+        cut = otsu(spread[spread > cut])
+    above = spread > cut
+    if not above.any():
+        return np.zeros(len(spread)), 1.0
+    low, high = spread[~above].mean(), spread[above].mean()
+    if high < max(low + CONTRAST, low * FACTOR):
+        return np.zeros(len(spread)), 1.0
+    return np.clip((spread - low) / (high - low), 0, 1), float((cut - low) / (high - low))
+
+
+def _lab(linear: Float) -> Float:
+    """(N, 3) CIELAB (D65) of linear sRGB colours."""
+    xyz = linear @ _XYZ.T / _XYZ.sum(axis=1)
+    x, y, z = np.where(xyz > (6 / 29) ** 3, np.cbrt(xyz), xyz / (3 * (6 / 29) ** 2) + 4 / 29).T
+    return np.column_stack([116 * y - 16, 500 * (x - y), 200 * (y - z)])

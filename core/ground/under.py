@@ -1,0 +1,71 @@
+"""Samples of a surface that carry values, and what of them lies under a watermark."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from core.placement.boxes import Boxes
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+FEWEST = 8  # samples that a box is judged by
+NEAREST = 64  # among which those of a box with too few are looked for
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Points on a surface.
+
+    Attributes:
+        points: (N, 3) float64, size-30 units.
+        normals: (N, 3) float64, unit, of the face that each point lies on.
+    """
+
+    points: Float
+    normals: Float
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self.points)
+
+    def means_under(self, boxes: Boxes, values: Float) -> Float:
+        """(B, K) means of ``values`` (N, K) over the samples inside each of B boxes.
+
+        Points whose normals look away from the box belong to the far side of a thin part and do not count. A box
+        that fewer than 8 points lie in, smaller than the spacing of the samples, is judged by the 8 nearest to its
+        centre that look at it.
+        """
+        owner, which = self._inside(boxes)
+        count = np.bincount(owner, minlength=len(boxes))
+        few = np.flatnonzero(count < FEWEST)
+        if len(few):
+            kept = count[owner] >= FEWEST
+            nearest = self._nearest(boxes[few])
+            owner = np.concatenate([owner[kept], np.repeat(few, nearest.shape[1])])
+            which = np.concatenate([which[kept], nearest.ravel()])
+        count = np.maximum(np.bincount(owner, minlength=len(boxes)), 1)
+        total = [np.bincount(owner, weights=column[which], minlength=len(boxes)) for column in values.T]
+        return np.column_stack(total) / count[:, None]
+
+    def _inside(self, boxes: Boxes) -> tuple[Int, Int]:
+        """Pairs of a box and a point inside it that looks at it: (P,), (P,)."""
+        if len(boxes) == 0:
+            return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
+        found = self._tree.query_ball_point(boxes.center, np.linalg.norm(boxes.size, axis=1) / 2)
+        owner = np.repeat(np.arange(len(boxes)), [len(item) for item in found])
+        which = np.concatenate([np.asarray(item, dtype=np.int64) for item in found])
+        local = np.einsum("ni,nji->nj", self.points[which] - boxes.center[owner], boxes.axes[owner])
+        toward = np.einsum("ni,ni->n", self.normals[which], boxes.axes[owner, 2])
+        inside = (np.abs(local) <= boxes.size[owner] / 2).all(axis=1) & (toward > 0)
+        return owner[inside], which[inside]
+
+    def _nearest(self, boxes: Boxes) -> Int:
+        """(B, 8) the points nearest to each centre that look at the box; others only where there are too few."""
+        _, near = self._tree.query(boxes.center, k=min(NEAREST, len(self.points)))
+        toward = np.einsum("bni,bi->bn", self.normals[near], boxes.axes[:, 2])
+        order = np.argsort(toward <= 0, axis=1, kind="stable")  # each group stays sorted by distance
+        return np.asarray(np.take_along_axis(near, order[:, :FEWEST], axis=1), dtype=np.int64)
