@@ -20,10 +20,10 @@ RADIUS = 1.0  # size-30 units: an eye, a line of print, about the height of a wa
 NEIGHBOURS = 32  # at most; more than this lie within the radius only on assets of little area
 PARALLEL = 0.5  # cosine between the normals of neighbours: the two sides of a cape are not one picture
 TILT = 0.35  # tangent of the angle between a sample's plane and its neighbours: nor are a cape and the back below it
-BUSY = 30.0  # CIELAB units of spread: half of the surface black, half grey (L* 60)
-# What stands out has a spread that is larger than the rest's by this many CIELAB units, and by this factor: less is
-# shading, grain or the noise of the samples.
-CONTRAST, FACTOR = 8.0, 2.0
+BUSIEST = 30.0  # CIELAB units of spread: half of the surface black, half grey (L* 60); more is no busier
+# What stands out is busier than the rest by this much, and by this factor: less is shading, grain or the noise of the
+# samples.
+CONTRAST, FACTOR = 0.25, 2.0
 RARE = 0.25  # the most of a surface that can stand out from the rest of it
 
 _XYZ = np.array(
@@ -84,43 +84,41 @@ def detail(scene: Scene, surface: Surface, points: Float, face: Int) -> Detail |
     if (linear == linear[0]).all():
         return None
     normals = surface.normals[face]
-    spread, around = _spread(points, normals, _lab(linear))
+    busy, around = _busy(points, normals, _lab(linear))
     stands_out, threshold = _standing_out(around)
-    return Detail(points, normals, stands_out, np.minimum(spread / BUSY, 1), linear @ _XYZ[1], threshold)
+    return Detail(points, normals, stands_out, busy, linear @ _XYZ[1], threshold)
 
 
-def _spread(points: Float, normals: Float, lab: Float) -> tuple[Float, Float]:
-    """(N,) the spread of colour around each sample, and (N,) its mean around each sample."""
-    tree, count = cKDTree(points), min(NEIGHBOURS, len(points))
-    distance, near = tree.query(points, k=np.arange(1, count + 1), distance_upper_bound=RADIUS)
+def _busy(points: Float, normals: Float, lab: Float) -> tuple[Float, Float]:
+    """(N,) the spread of colour around each sample, 0 to 1 for the busiest, and (N,) its mean around each sample."""
+    number = np.arange(len(points))
+    distance, near = cKDTree(points).query(points, k=min(NEIGHBOURS, len(points)), distance_upper_bound=RADIUS)
     found = near < len(points)
     near, distance = np.where(found, near, 0), np.where(found, distance, 0)
     # Single precision: these are half a million rows.
     position, normal, color = (values.astype(np.float32) for values in (points, normals, lab))
     height = np.abs(np.einsum("nki,ni->nk", position[near] - position[:, None], normal))
-    same_sheet = (np.einsum("nki,ni->nk", normal[near], normal) > PARALLEL) & (height <= TILT * distance + 1e-4)
-    weight = np.where(found & same_sheet, 1 - (distance / RADIUS) ** 2, 0)
-    own = near == np.arange(len(points))[:, None]
-    weight = np.where(own, 1, weight)
+    same_sheet = (np.einsum("nki,ni->nk", normal[near], normal) > PARALLEL) & (height <= TILT * distance)
+    counts = found & (same_sheet | (near == number[:, None]))
+    weight = np.where(counts, (1 - (distance / RADIUS) ** 2) ** 2, 0).astype(np.float32)
     weight /= weight.sum(axis=1, keepdims=True)
-    mean = np.einsum("nk,nki->ni", weight, color[near])
-    offset = color[near] - mean[:, None].astype(np.float32)
-    spread = np.sqrt(np.einsum("nk,nki,nki->n", weight, offset, offset))
-    return spread, np.einsum("nk,nk->n", weight, spread[near])
+    offset = color[near] - np.einsum("nk,nki->ni", weight, color[near])[:, None]
+    busy = np.minimum(np.sqrt(np.einsum("nk,nki,nki->n", weight, offset, offset)) / BUSIEST, 1).astype(np.float64)
+    return busy, np.einsum("nk,nk->n", weight, busy[near])
 
 
-def _standing_out(spread: Float) -> tuple[Float, float]:
-    """(N,) 0 to 1 from the mean of the usual spreads to that of the large ones, and what parts these on that scale."""
-    cut = otsu(spread)
-    while (spread > cut).mean() > RARE:
-        cut = otsu(spread[spread > cut])
-    above = spread > cut
+def _standing_out(busy: Float) -> tuple[Float, float]:
+    """(N,) 0 at the mean of the usual values to 1 at that of the large ones, and what parts these on that scale."""
+    cut = otsu(busy)
+    while (busy > cut).mean() > RARE:
+        cut = otsu(busy[busy > cut])
+    above = busy > cut
     if not above.any():
-        return np.zeros(len(spread)), 1.0
-    low, high = spread[~above].mean(), spread[above].mean()
+        return np.zeros(len(busy)), 1.0
+    low, high = busy[~above].mean(), busy[above].mean()
     if high < max(low + CONTRAST, low * FACTOR):
-        return np.zeros(len(spread)), 1.0
-    return np.clip((spread - low) / (high - low), 0, 1), float((cut - low) / (high - low))
+        return np.zeros(len(busy)), 1.0
+    return np.clip((busy - low) / (high - low), 0, 1), float((cut - low) / (high - low))
 
 
 def _lab(linear: Float) -> Float:
