@@ -1,4 +1,4 @@
-"""One watermark into the working mesh: patch, stand, cut, lift, check."""
+"""One watermark into the working mesh: patch, stand, cut, draft, lift, check."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from core.asset.edit import Kind
 from core.embossing.arrange import arrange
 from core.embossing.check import is_closed
+from core.embossing.draft import Draft
 from core.embossing.lift import MIN_AGREEMENT, folded, lift, obstructed
 from core.embossing.mesh import WorkingMesh, barycentric
 from core.embossing.patch import AREA_TOLERANCE, Patch, boundary_edges, directed_edges, patches
@@ -28,6 +29,7 @@ CUTS: tuple[tuple[str, Cut], ...] = (("split", split), ("arrangement", arrange))
 # In-plane shifts in text widths, far below what an eye sees: they break coincidences of outline and mesh.
 SHIFTS = ((0.0, 0.0), (0.0013, 0.0009), (-0.0011, 0.0017))
 
+DRAFTS = (1.0, 0.5, 0.0)  # shares of the draft, tried in turn: a mark is never refused because of it
 FINEST = 4  # spacings of the file's coordinates that an edge must be long
 
 
@@ -71,7 +73,7 @@ def emboss(mesh: WorkingMesh, box: Boxes, letters: Stamp, relief: float, index: 
         if relief < 0 and any(mesh.covered(patch.faces).any() for patch, _ in used):
             return Refusal.SECOND_LAYER
         for name, cut in CUTS:
-            outcome = _apply(mesh, moved, used, cut, relief, index)
+            outcome = _apply(mesh, moved, used, cut, letters.draft, relief, index)
             if not isinstance(outcome, Refusal):
                 return Mark(moved, name, outcome)
             if outcome in (Refusal.SECOND_LAYER, Refusal.THIN_WALL, Refusal.FOLDED):
@@ -119,6 +121,7 @@ class _Surgery:
     letter_source: Int
     feet: Int  # (T,) the vertices of ``letters``
     normals: Float  # (T, 3) smooth normals there
+    shift: Float  # (T, 3) along the surface, where the draft moves them
 
 
 def _apply(
@@ -126,6 +129,7 @@ def _apply(
     box: Boxes,
     used: list[tuple[Patch, CrossSection]],
     cut: Cut,
+    draft: Draft,
     relief: float,
     index: SpatialIndex,
 ) -> int | Refusal:
@@ -135,7 +139,7 @@ def _apply(
         pieces = cut(patch, text)
         if pieces is None:
             return Refusal.CUT_FAILED
-        surgery = _surgery(mesh, box, patch, pieces, first)
+        surgery = _surgery(mesh, box, patch, pieces, draft, first)
         added = np.concatenate([surgery.rest, surgery.letters])
         if not is_closed(surgery.removed_corners, surgery.boundary, added):
             return Refusal.NOT_CLOSED
@@ -148,20 +152,17 @@ def _apply(
     letters = np.concatenate([s.letters for s in surgeries])
     letter_source = np.concatenate([s.letter_source for s in surgeries])
     normals = np.concatenate([s.normals for s in surgeries])
+    shift = np.concatenate([s.shift for s in surgeries])
     normal = box.axes[0, 2]
 
     # Tops are numbered after everything on the surface, in the order of `feet`. Nothing here is as long as the mesh.
     order = np.argsort(feet)
-    feet, normals = feet[order], normals[order]
+    feet, normals, shift = feet[order], normals[order], shift[order]
     caps = np.searchsorted(feet, letters)
     standing = _positions(mesh, new, feet)
-    tops = lift(standing, normals, relief, index)
-    if folded(tops, caps, normal):
-        tops = lift(standing, np.broadcast_to(normal, normals.shape), relief, index)
-        if folded(tops, caps, normal):
-            return Refusal.FOLDED
-    if obstructed(standing, tops, relief, index):
-        return Refusal.SECOND_LAYER if relief > 0 else Refusal.THIN_WALL
+    tops = _tops(standing, shift, normals, normal, caps, relief, index)
+    if isinstance(tops, Refusal):
+        return tops
 
     outline = boundary_edges(letters)
     first_top = known + len(new)
@@ -188,7 +189,26 @@ def _apply(
     return len(corners) - len(removed)
 
 
-def _surgery(mesh: WorkingMesh, box: Boxes, patch: Patch, pieces: Pieces, first: int) -> _Surgery:
+def _tops(
+    feet: Float, shift: Float, normals: Float, normal: Float, caps: Int, relief: float, index: SpatialIndex
+) -> Float | Refusal:
+    """(T, 3) tops of the ``feet`` (T, 3), set in by ``shift`` (T, 3) or, where the surface has no room for that, by
+    half of it or not at all: a watermark is never refused because of its draft."""
+    for share in DRAFTS:
+        below = feet + share * shift
+        tops = lift(below, normals, relief, index)
+        if not folded(tops, caps, normal) and not obstructed(below, tops, relief, index):
+            return tops
+    if folded(tops, caps, normal):
+        tops = lift(feet, np.broadcast_to(normal, normals.shape), relief, index)
+        if folded(tops, caps, normal):
+            return Refusal.FOLDED
+    if obstructed(feet, tops, relief, index):
+        return Refusal.SECOND_LAYER if relief > 0 else Refusal.THIN_WALL
+    return tops
+
+
+def _surgery(mesh: WorkingMesh, box: Boxes, patch: Patch, pieces: Pieces, draft: Draft, first: int) -> _Surgery:
     """The cut of one patch in the mesh's own numbers; new vertices are numbered from ``first``."""
     known = len(patch.points)
     new = box.center[0] + box.size[0, 0] * pieces.points[known:] @ box.axes[0]
@@ -202,12 +222,15 @@ def _surgery(mesh: WorkingMesh, box: Boxes, patch: Patch, pieces: Pieces, first:
     for corner in range(3):
         np.add.at(vertex_normal, patch.triangles[:, corner], face_normal)
     vertex_normal /= np.maximum(np.linalg.norm(vertex_normal, axis=1, keepdims=True), np.finfo(float).tiny)
-    local, where = np.unique(pieces.letters, return_index=True)
+    local, where, flat = np.unique(pieces.letters, return_index=True, return_inverse=True)
     face = pieces.letter_faces[where // 3]
     weight = barycentric(pieces.points[local][:, None], corners[face])[:, 0]
     normals = np.einsum("tk,tkj->tj", weight, vertex_normal[patch.triangles[face]])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
     normals[normals[:, 2] < MIN_AGREEMENT] = (0.0, 0.0, 1.0)
+    across = draft.of(pieces.points[local, :2], flat.reshape(-1, 3))
+    # In the tangent plane, and seen along the box normal exactly the draft.
+    along = -np.sum(across * normals[:, :2], axis=1, keepdims=True) / normals[:, 2:]
 
     return _Surgery(
         removed=patch.faces,
@@ -220,6 +243,7 @@ def _surgery(mesh: WorkingMesh, box: Boxes, patch: Patch, pieces: Pieces, first:
         letter_source=source[pieces.letter_faces],
         feet=vertices[local],
         normals=normals @ box.axes[0],
+        shift=box.size[0, 0] * np.hstack([across, along]) @ box.axes[0],
     )
 
 

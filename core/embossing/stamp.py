@@ -6,6 +6,7 @@ import numpy as np
 from manifold3d import CrossSection, FillRule
 from numpy.typing import NDArray
 
+from core.embossing.draft import Draft, draft
 from core.embossing.patch import Patch
 from core.lettering.outline import Lettering
 from core.placement.boxes import Boxes
@@ -27,19 +28,21 @@ class Stamp:
         islands: one cross-section for each connected shape, holes included.
         samples: for each island (N, 2) points of its outlines.
         finest: the length of the shortest side of any outline.
+        draft: how their tops are set in.
     """
 
     islands: tuple[CrossSection, ...]
     samples: tuple[Float, ...]
     finest: float
+    draft: Draft
 
 
 def stamp(lettering: Lettering) -> Stamp:
     """The islands of ``lettering``."""
-    islands = CrossSection(list(lettering.polygons), FillRule.Positive).decompose()
+    islands = tuple(CrossSection(list(lettering.polygons), FillRule.Positive).decompose())
     rings = [island.to_polygons() for island in islands]
     finest = min(float(np.linalg.norm(r - np.roll(r, 1, axis=0), axis=1).min()) for ring in rings for r in ring)
-    return Stamp(tuple(islands), tuple(np.concatenate(ring) for ring in rings), finest)
+    return Stamp(islands, tuple(np.concatenate(ring) for ring in rings), finest, draft(islands))
 
 
 def stand(

@@ -16,10 +16,17 @@ from core.embossing.refusal import Refusal
 from core.embossing.split import split
 from core.embossing.stamp import stamp
 from core.lettering.outline import lettering
-from tests.core.embossing.bench import LETTERS, TEXT, Bench, box_at
+from tests.core.embossing.bench import LETTERS, TEXT, Bench, Float, Int, box_at
 from tests.core.shapes import box, edge_counts, grid, join, moved, sphere, surface
 
+LETTERS_AREA = sum(island.area() for island in LETTERS.islands)  # in square text widths
 ON_SPHERE = box_at(center=(0.0, 0.0, 10.0), thickness=0.6)
+
+
+def _seen_from_above(triangles: Float) -> Float:
+    """(M,) areas of triangles (M, 3, 3) projected along z, negative where they look down."""
+    u, v = triangles[:, 1, :2] - triangles[:, 0, :2], triangles[:, 2, :2] - triangles[:, 0, :2]
+    return np.asarray((u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / 2)
 
 
 def test_a_closed_asset_stays_closed() -> None:
@@ -65,10 +72,35 @@ def test_no_letter_is_lost() -> None:
     bench = Bench(grid(10.0, 4.0, 50, 20))
     bench.emboss(box_at())
     edit = bench.edit()
-    caps = edit.position[edit.kind == Kind.CAP]
-    area = np.linalg.norm(np.cross(caps[:, 1] - caps[:, 0], caps[:, 2] - caps[:, 0]), axis=1).sum() / 2
-    wanted = 4.0**2 * sum(island.area() for island in LETTERS.islands)
-    assert area == pytest.approx(wanted, rel=1e-6)
+    wanted = 16.0 * LETTERS_AREA
+    assert _seen_from_above(edit.position[edit.kind != Kind.SURFACE]).sum() == pytest.approx(wanted, rel=1e-6)
+
+
+@pytest.mark.parametrize("relief", [0.2, -0.2])
+def test_walls_lean_so_that_they_are_seen_from_straight_ahead(relief: float) -> None:
+    bench = Bench(grid(10.0, 4.0, 50, 20))
+    bench.emboss(box_at(), relief)
+    edit = bench.edit()
+    walls = _seen_from_above(edit.position[edit.kind == Kind.WALL])
+    letters = 16.0 * LETTERS_AREA
+    assert walls.min() > -1e-6 * letters
+    assert walls.sum() > 0.4 * letters
+    assert _seen_from_above(edit.position[edit.kind == Kind.CAP]).min() > -1e-6 * letters
+
+
+def test_where_the_surface_has_no_room_for_leaning_walls_they_are_upright(monkeypatch: pytest.MonkeyPatch) -> None:
+    folds = module.folded
+
+    def fussy(tops: Float, triangles: Int, normal: Float) -> bool:
+        corners = tops[triangles]
+        return folds(tops, triangles, normal) or bool(_seen_from_above(corners).sum() < 0.8 * 16 * LETTERS_AREA)
+
+    monkeypatch.setattr(module, "folded", fussy)
+    bench = Bench(grid(10.0, 4.0, 50, 20))
+    assert isinstance(bench.emboss(box_at()), Mark)
+    edit = bench.edit()
+    assert _seen_from_above(edit.position[edit.kind == Kind.CAP]).sum() == pytest.approx(16 * LETTERS_AREA, rel=1e-6)
+    assert edge_counts(bench.faces()) == edge_counts(bench.surface.weld[bench.surface.faces])
 
 
 def test_untouched_faces_are_kept_and_only_faces_under_the_text_go() -> None:
@@ -84,21 +116,21 @@ def test_the_sheet_around_the_letters_still_covers_the_same_area() -> None:
     bench = Bench(grid(10.0, 4.0, 20, 8))
     bench.emboss(box_at())
     edit = bench.edit()
-    flat = edit.position[edit.kind != Kind.WALL][..., :2]
-    u, v = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
     kept = bench.surface.areas[edit.keep].sum()
-    assert kept + np.sum(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / 2 == pytest.approx(40.0, rel=1e-9)
+    assert kept + _seen_from_above(edit.position).sum() == pytest.approx(40.0, rel=1e-9)
 
 
 def test_walls_of_raised_letters_face_away_from_the_letters() -> None:
     bench = Bench(grid(10.0, 4.0, 20, 8))
     bench.emboss(box_at(), relief=0.2)
     edit = bench.edit()
-    # A closed-off volume: letters on their foot print. The divergence theorem gives its size.
+    # A closed-off volume: letters on their foot print. The divergence theorem gives its size, which is that of a
+    # pyramid's stump between the areas of feet and tops.
     parts = edit.position[edit.kind != Kind.SURFACE]
     volume = np.einsum("fi,fi->f", parts[:, 0], np.cross(parts[:, 1], parts[:, 2])).sum() / 6
-    letters = 4.0**2 * sum(island.area() for island in LETTERS.islands)
-    assert volume == pytest.approx(0.2 * letters, rel=1e-6)
+    feet = _seen_from_above(parts).sum()
+    tops = _seen_from_above(edit.position[edit.kind == Kind.CAP]).sum()
+    assert volume == pytest.approx(0.2 * (feet + np.sqrt(feet * tops) + tops) / 3, rel=0.02)
 
 
 def test_a_text_over_the_edge_of_the_sheet_is_refused_and_changes_nothing() -> None:
@@ -196,10 +228,8 @@ def test_either_way_of_cutting_gives_the_same_letters(cut: module.Cut, monkeypat
     bench = Bench(sphere(10.0))
     assert isinstance(bench.emboss(ON_SPHERE), Mark)
     edit = bench.edit()
-    caps = edit.position[edit.kind == Kind.CAP]
-    area = np.linalg.norm(np.cross(caps[:, 1] - caps[:, 0], caps[:, 2] - caps[:, 0]), axis=1).sum() / 2
-    flat = 16.0 * sum(island.area() for island in LETTERS.islands)
-    assert area == pytest.approx(flat * (10.2 / 10) ** 2, rel=0.02)
+    letters = _seen_from_above(edit.position[edit.kind != Kind.SURFACE]).sum()
+    assert letters == pytest.approx(16.0 * LETTERS_AREA, rel=1e-6)
     assert edge_counts(bench.faces()) == (0, 0)
 
 

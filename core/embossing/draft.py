@@ -1,0 +1,118 @@
+"""The draft of moulded and minted letters: their tops are a little smaller than their feet, so that walls lean.
+
+A vertical wall seen head-on is not there at all, and a top is shaded as the ground around it. A leaning wall turns to
+the light on one side of a stroke and away from it on the other, so that letters have a bright and a dark contour.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from manifold3d import CrossSection, triangulate
+from numpy.typing import NDArray
+
+from core.spatial import SpatialIndex
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+INSET = 0.3  # of the strokes' mean width
+MITRE = 2.0  # insets that a corner moves at most: a sharp one would run far along its bisector
+# Triangles keep these shares of their area on the way: those of the letters themselves, and those cut from a surface.
+LETTER_ROOM, CUT_ROOM = 0.1, 0.05
+SLIVER = 1e-8  # square text widths; what is smaller may do as it likes
+# Where a triangle has no room, the corner opposite its longest side moves this much less, the others only that much.
+EASE_APEX, EASE, ROUNDS = 0.8, 0.97, 120
+
+
+@dataclass(frozen=True, eq=False)
+class Draft:
+    """How the points of letters move inwards, linearly over each triangle of the letters; in text widths.
+
+    Attributes:
+        shift: (N, 2) of the outlines' points.
+        triangles: (K, 3) of the letters, counter-clockwise.
+        index: of these triangles in the plane z = 0.
+    """
+
+    shift: Float
+    triangles: Int
+    index: SpatialIndex
+
+    def of(self, points: Float, triangles: Int) -> Float:
+        """(T, 2) how far the corners ``points`` (T, 2) of ``triangles`` (L, 3) move, which were cut from a surface
+        along the outlines. None of the triangles turns over. What lies on one side of an outline stays on one line,
+        in the same order, and strokes are compressed evenly between their two sides."""
+        _, face, nearest = self.index.closest(np.column_stack([points, np.zeros(len(points))]))
+        corners = self.triangles[face]
+        a, b, c = (self.index.positions[corners[:, k], :2] for k in range(3))
+        point = nearest[:, :2]
+        area = np.stack([_area(b, c, point), _area(c, a, point), _area(a, b, point)], axis=1)
+        shift = np.einsum("tk,tkj->tj", area / area.sum(axis=1, keepdims=True), self.shift[corners])
+        return _eased(points, shift, triangles, CUT_ROOM)
+
+
+def draft(islands: tuple[CrossSection, ...]) -> Draft:
+    """The draft of letters (text widths): everywhere the same inset, less where they are too thin for it."""
+    rings = [np.ascontiguousarray(ring) for island in islands for ring in island.to_polygons()]
+    points = np.concatenate(rings)
+    triangles = np.asarray(triangulate(rings), dtype=np.int64)
+    triangles = triangles[_area(*_corners(points, triangles)) > 0]
+    perimeter = sum(float(np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1).sum()) for ring in rings)
+    stroke = 2 * sum(island.area() for island in islands) / perimeter  # of a long one, exactly its width
+    inwards = INSET * stroke * np.concatenate([_mitres(ring) for ring in rings])
+    shift = _eased(points, inwards, triangles, LETTER_ROOM)
+    return Draft(shift, triangles, SpatialIndex(np.column_stack([points, np.zeros(len(points))]), triangles))
+
+
+def _mitres(ring: Float) -> Float:
+    """(N, 2) where the corners of a ``ring`` (N, 2), the letter on its left, go when its sides move inwards by 1."""
+    along = np.roll(ring, -1, axis=0) - ring
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    after = np.column_stack([-along[:, 1], along[:, 0]])
+    bisector = after + np.roll(after, 1, axis=0)
+    length = np.maximum(np.linalg.norm(bisector, axis=1, keepdims=True), np.finfo(float).tiny)
+    return np.asarray(bisector / length * np.minimum(2 / length, MITRE))
+
+
+def _eased(points: Float, shift: Float, triangles: Int, room: float) -> Float:
+    """``shift`` (T, 2) of ``points`` (T, 2), made shorter where one of the ``triangles`` (L, 3) would keep less than
+    ``room`` of its area on the way; nothing moves where that does not help."""
+    a, b, c = _corners(points, triangles)
+    opposite = np.stack([np.sum((c - b) ** 2, axis=1), np.sum((a - c) ** 2, axis=1), np.sum((b - a) ** 2, axis=1)])
+    apex = np.take_along_axis(triangles, opposite.argmax(axis=0)[:, None], axis=1)[:, 0]
+    share = np.ones(len(points))
+    near = np.arange(len(triangles))
+    for _ in range(ROUNDS):
+        tight = near[_is_tight(points, share[:, None] * shift, triangles[near], room)]
+        if not len(tight):
+            return share[:, None] * shift
+        factor = np.ones(len(points))
+        factor[triangles[tight]] = EASE
+        factor[apex[tight]] = EASE_APEX
+        share *= factor
+        near = np.flatnonzero((share < 1)[triangles].any(axis=1))
+    return np.zeros_like(shift)
+
+
+def _is_tight(points: Float, shift: Float, triangles: Int, room: float) -> NDArray[np.bool_]:
+    """(L,) whether a triangle has less than ``room`` of its area left while its corners move by any part of ``shift``.
+
+    The area is quadratic in the part of the way: it is least at an end or at the vertex of the parabola.
+    """
+    start = _area(*_corners(points, triangles))
+    end = _area(*_corners(points + shift, triangles))
+    bend = _area(*_corners(shift, triangles))
+    slope = end - start - bend
+    turn = np.clip(np.divide(-slope, 2 * bend, out=np.zeros_like(bend), where=bend > 0), 0.0, 1.0)
+    least = np.minimum(end, start + turn * (slope + turn * bend))
+    return np.asarray(least < room * start - 2 * SLIVER)
+
+
+def _corners(points: Float, triangles: Int) -> tuple[Float, Float, Float]:
+    return points[triangles[:, 0]], points[triangles[:, 1]], points[triangles[:, 2]]
+
+
+def _area(a: Float, b: Float, c: Float) -> Float:
+    """Twice the signed areas of the triangles a, b, c, (..., 2) each."""
+    u, v = b - a, c - a
+    return np.asarray(u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0])
