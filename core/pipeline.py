@@ -131,11 +131,13 @@ def _letter(job: Job) -> None:
 def _place(job: Job) -> None:
     from core.ground.regions import regions
     from core.ground.saliency import saliency
+    from core.ground.texture import detail
     from core.placement.place import place
 
     ground, parameters = job.ground, job.parameters
     asked = regions(job.scene, ground.surface, parameters)
     job.saliency = saliency(ground.surface, parameters.seed)
+    texture = detail(job.scene, ground.surface, job.saliency.points, job.saliency.face)
 
     def on(usable: NDArray[np.bool_]) -> "Placement":
         job.usable = asked.within(usable)
@@ -143,6 +145,7 @@ def _place(job: Job) -> None:
             ground.surface,
             ground.index,
             job.saliency,
+            texture,
             job.lettering.aspect,
             parameters,
             np.random.default_rng(parameters.seed),
@@ -172,6 +175,7 @@ def _emboss(job: Job) -> None:
     from core.embossing.emboss import Mark, emboss
     from core.embossing.refusal import CHEAP, Refusal
     from core.embossing.stamp import stamp
+    from core.placement.place import narrowest_legible
     from core.placement.selection import select
 
     assert job.parameters.count is not None
@@ -207,6 +211,16 @@ def _emboss(job: Job) -> None:
             "Move the model to the origin of its own coordinates."
             if coarse
             else "Ask for a smaller `size` or `relief`, or use a shorter text.",
+        )
+    widest = max(mark.box.size[0, 0] for mark in job.marks.values())
+    if job.parameters.size is None and widest < narrowest_legible(job.lettering.aspect):
+        job.warnings.append(
+            {
+                "code": "small_text",
+                "message": f"Nothing on this asset has room for text that reads well; the widest is {widest:.2g} where "
+                "the asset's largest side is 30, and is legible only from close up.",
+                "remedy": "Use a shorter text.",
+            }
         )
 
 

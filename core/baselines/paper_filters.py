@@ -11,7 +11,6 @@ from core.metrics.sight import top_face
 from core.placement.boxes import Boxes
 from core.placement.filters import occluded, overlapping, roughness, smooth
 from core.placement.objective import FACING_VIEW
-from core.placement.place import ROUGHNESS_DENSITY
 from core.placement.sampling import sample
 from core.rendering.views import view_directions
 
@@ -20,6 +19,7 @@ Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
 OCTANTS = 8
+ROUGHNESS_DENSITY = 60  # area samples under one box
 BEYOND = 2 * MODEL_SIZE  # further than any ray can run inside the size-30 frame
 
 

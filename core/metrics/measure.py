@@ -14,6 +14,7 @@ from core.asset.surface import Surface
 from core.errors import ErrorCode, MeshmarkError
 from core.ground.saliency import Saliency, saliency
 from core.metrics.coverage import coverage
+from core.metrics.crop_survival import crop_survival
 from core.metrics.features import Extractor, extractor
 from core.metrics.ipe import ipe
 from core.metrics.lce import lce
@@ -41,6 +42,7 @@ HIGHER_IS_BETTER = {
         "ray": True,
         "ray_box": True,
         "coverage": True,
+        "crop_survival": True,
         "ocr": True,
         "ocr_ge_0.8": True,
         "ocr_exact": True,
@@ -207,6 +209,7 @@ def _visibility(pair: Pair, _: Measurement) -> Values:
         "ray": ray(boxes, letters, index),
         "ray_box": ray(boxes, top_face(boxes), index),
         "coverage": coverage(boxes, letters, index),
+        "crop_survival": crop_survival(pair.original.surface, boxes),
     }
 
 
@@ -267,7 +270,7 @@ class _Group:
 
 _GROUPS = (
     _Group("placement", ("wps", "wps_area"), Evaluate.GEOMETRY, _placement),
-    _Group("visibility", ("ray", "ray_box", "coverage"), Evaluate.GEOMETRY, _visibility),
+    _Group("visibility", ("ray", "ray_box", "coverage", "crop_survival"), Evaluate.GEOMETRY, _visibility),
     _Group("shape", ("smse", "smse_squared", "ipe"), Evaluate.GEOMETRY, _shape),
     _Group("curvature", ("lce",), Evaluate.GEOMETRY, _curvature),
     _Group("saliency", ("se",), Evaluate.GEOMETRY, _saliency),

@@ -11,6 +11,7 @@ from core.asset.surface import MODEL_SIZE, Surface
 from core.errors import ErrorCode, MeshmarkError
 from core.ground.regions import Regions
 from core.ground.saliency import Saliency
+from core.ground.texture import Detail
 from core.parameters import Mode, Parameters, Preset, Solver
 from core.placement.boxes import Boxes
 from core.placement.candidates import candidates
@@ -19,7 +20,7 @@ from core.placement.filters import (
     covered,
     footprint,
     occluded,
-    roughness,
+    roughness_met,
     smooth,
     thin_walled,
     well_aligned,
@@ -57,19 +58,25 @@ PAPER_SAMPLES, PAPER_RADIUS = 300, 1.0
 # Drawn before thinning, and about how many stay: as many as one second fits on one core. Narrower text looks only for
 # what wider text left unseen, and draws more for it: thin edges and small parts have little of the area.
 SAMPLES, CANDIDATES = 8000, 1100
-MORE_SAMPLES, MORE_CANDIDATES = 40_000, 400
+MORE_SAMPLES, MORE_CANDIDATES = 40_000, 200
 # Of that many random darts thinned to a radius r, about 0.5 area / r^2 stay.
 PACKING = 0.5
 COPY = 0.05  # fitted boxes closer than this are one (finetune.distinct)
-ROUGHNESS_DENSITY = 60  # area samples under one box
 LIFT = 1.5  # reliefs above the surface at which visibility starts: just clear of the letters
 SKIN = 0.01  # how far below the surface rays start that look for the other side of a wall
 SIGHT_GRID = (8, 2)
-# A direction that marks serve with at least this likelihood needs no narrower text.
-SERVED = 0.5
-# With this share of the directions served that any surface looks at, narrower text is not tried.
+# With this share of the directions seen that any surface looks at, narrower text is not tried.
 ENOUGH = 0.97
 LOOKING = 0.001  # share of the surface under which none looks at a direction
+
+
+def narrowest_legible(aspect: float) -> float:
+    """The width under which text of this height over width is legible only from close up, size-30 units."""
+    return _scaled(WIDTHS[-1], aspect)
+
+
+def _scaled(width: float, aspect: float) -> float:
+    return min(width * float(np.sqrt(USUAL_ASPECT / aspect)), MODEL_SIZE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +90,7 @@ class _Site:
         surfels: the stand-in for ``ground``.
         index: over ``surface``.
         saliency: of ``surface``.
+        detail: of the texture of ``surface``; None where it has one colour.
         regions: what the request keeps out of or prefers.
         aspect: height of the text over its width.
         parameters: resolved.
@@ -95,6 +103,7 @@ class _Site:
     surfels: Surfels
     index: SpatialIndex
     saliency: Saliency
+    detail: Detail | None
     regions: Regions | None
     aspect: float
     parameters: Parameters
@@ -105,6 +114,7 @@ def place(
     surface: Surface,
     index: SpatialIndex,
     saliency: Saliency,
+    detail: Detail | None,
     aspect: float,
     parameters: Parameters,
     rng: np.random.Generator,
@@ -118,9 +128,10 @@ def place(
         surface: the asset.
         index: over ``surface``.
         saliency: of ``surface``.
+        detail: of the texture of ``surface``; None where it has one colour.
         aspect: height of the text over its width.
         parameters: resolved. With ``size`` None four widths are tried from the widest on, then two that are hardly
-            legible, each only for the directions that wider text does not serve, until there are none.
+            legible, each only for the directions in which wider text is not seen, until there are none.
         rng: the source of every draw.
         progress: called with the share done, 0 to 1.
         usable: (F,) the faces that boxes may stand on; all if None. The others still stand in the way.
@@ -150,7 +161,7 @@ def place(
     if parameters.size is not None:
         widths = [parameters.size]
     else:
-        widths = [min(width * float(np.sqrt(USUAL_ASPECT / aspect)), MODEL_SIZE) for width in WIDTHS + SMALLEST]
+        widths = [_scaled(width, aspect) for width in WIDTHS + SMALLEST]
     # Letters stand on as much surface as they cover. Less than that is no asset but needles, on which searches for
     # the closest point take forever.
     area = float(ground.areas.sum())
@@ -162,10 +173,12 @@ def place(
             "less than the text would cover.",
             "Check for vertices far away from the others, or use a smaller `size`.",
         )
-    served = columns(saliency.points.mean(axis=0))
-    site = _Site(surface, ground, normals, Surfels(ground, rng), index, saliency, regions, aspect, parameters, served)
+    served = columns(surface)
+    site = _Site(
+        surface, ground, normals, Surfels(ground, rng), index, saliency, detail, regions, aspect, parameters, served
+    )
     # Nothing on a cube, for one, looks along its diagonals within 45 degrees.
-    possible = (site.surfels.normals @ served.directions.T >= FACING_VIEW).mean(axis=0) > LOOKING
+    possible = (surfels.normals @ served.directions.T >= FACING_VIEW).mean(axis=0) > LOOKING
     worth = served.weight[: len(possible)]
     found: Placement | None = None
     left: list[dict[str, int]] = []
@@ -182,10 +195,10 @@ def place(
         chosen = select(found, parameters.count, start=found.start)
         found = replace(found, start=tuple(chosen))
         if len(found.boxes) and not found.barred[chosen].any():
-            unserved = possible & (found.unserved(chosen)[: len(possible)] > 1 - SERVED)
-            if worth[unserved].sum() <= (1 - ENOUGH) * worth[possible].sum():
+            unseen = possible & ~found.visible[chosen].any(axis=0)
+            if worth[unseen].sum() <= (1 - ENOUGH) * worth[possible].sum():
                 break
-            wanted = served.directions[unserved]
+            wanted = served.directions[unseen]
     assert found is not None
     if len(found.boxes) == 0:
         raise _no_placement(widths, left)
@@ -203,7 +216,7 @@ def _of_width(
 
     Only candidates that look towards one of the directions ``wanted`` (K, 3), within 45 degrees, are fitted.
     """
-    parameters, index, ground = site.parameters, site.index, site.ground
+    parameters, index = site.parameters, site.index
     relief = abs(parameters.relief_at(width))
     size = (width, width * site.aspect, float(np.clip(THICKNESS * width, THINNEST, THICKEST)))
     boxes = _candidates(site, size, wanted, rng)
@@ -227,8 +240,7 @@ def _of_width(
     boxes, loss = boxes[kept], loss[kept]
     left["covered"] = len(boxes)
 
-    points, face = sample(ground, _roughness_samples(ground, size), rng)
-    rough = roughness(boxes, points, ground.normals[face])
+    rough = roughness_met(met, site.normals)[kept]
     kept = np.flatnonzero(smooth(rough))
     boxes, loss, rough = boxes[kept], loss[kept], rough[kept]
     left["smooth"] = len(boxes)
@@ -250,13 +262,17 @@ def _of_width(
     left["seen"] = len(boxes)
 
     _, salient = site.saliency.under(boxes)
+    details, busy = np.zeros(len(boxes)), np.zeros(len(boxes))
+    if site.detail is not None:
+        _, details, busy = site.detail.under(boxes)
     terms = Terms(
         obstructed=obstructed(visible, facing(boxes, site.served.directions), site.served),
         salient=salient,
         roll=roll(boxes),
         bend=bent,
         rough=rough - 1,
-        busy=np.zeros(len(boxes)),
+        detail=details,
+        busy=busy,
         preferred=preferred,
         distance=distance(boxes, relief, float(site.surface.areas.sum())),
     )
@@ -267,7 +283,7 @@ def _of_width(
         visible=visible,
         likelihood=likelihood(boxes, visible, bent, site.served),
         cost=cost(terms),
-        barred=salient > BARRED,
+        barred=(salient > BARRED) | (details > BARRED),
         weight=site.served.weight,
     )
     return placement, left
@@ -287,10 +303,6 @@ def _candidates(site: _Site, size: tuple[float, float, float], wanted: Float | N
         area *= len(looking) / number
         points, normals = points[looking[:SAMPLES]], normals[looking[:SAMPLES]]
     return candidates(points, normals, size, float(np.sqrt(PACKING * area / most)))
-
-
-def _roughness_samples(surface: Surface, size: tuple[float, float, float]) -> int:
-    return int(np.clip(ROUGHNESS_DENSITY * surface.areas.sum() / (size[0] * size[1]), 1000, 200_000))
 
 
 def _pool(one: Placement, other: Placement) -> Placement:

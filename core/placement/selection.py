@@ -17,8 +17,8 @@ Bool = NDArray[np.bool_]
 Free = Callable[[list[int]], Bool]  # which boxes overlap none of the given ones
 
 SPACING = 0.3  # between boxes, size-30 units
-SWEEPS = 4
-NEGLIGIBLE = 1e-9  # gain for which nothing is exchanged
+EXCHANGES = 64
+NEGLIGIBLE = 1e-6  # gain for which nothing is exchanged
 
 
 def visibility(boxes: Boxes, points: Float, index: SpatialIndex, directions: Float) -> Bool:
@@ -68,7 +68,7 @@ def select(
     tried = [list(fixed)] + ([begun] if len(begun) > len(fixed) else [])
     for chosen in tried:
         _add(placement, chosen, free, count)
-        for _ in range(SWEEPS):
+        for _ in range(EXCHANGES):
             if not _exchange(placement, chosen, free, len(fixed)):
                 break
             _add(placement, chosen, free, count)
@@ -76,25 +76,30 @@ def select(
 
 
 def _add(placement: Placement, chosen: list[int], free: Free, count: int) -> None:
-    """Add the box that gains most, while any gains. The first is added even so: an asset is never left unmarked."""
+    """Add the box that gains most, while any gains. The first is added even so: an asset is never
+    left unmarked."""
     while len(chosen) < count:
-        gain = np.where(free(chosen), placement.gain(chosen), -np.inf)
+        gain = np.where(free(chosen), placement.gain([chosen])[:, 0], -np.inf)
         if len(gain) == 0 or gain.max() <= (0 if chosen else -np.inf):
             return
         chosen.append(int(gain.argmax()))
 
 
 def _exchange(placement: Placement, chosen: list[int], free: Free, fixed: int) -> bool:
-    """Replace single boxes by better ones and give up those that cost more than they add; whether anything changed."""
-    changed = False
-    for position in reversed(range(fixed, len(chosen))):
-        others = chosen[:position] + chosen[position + 1 :]
-        gain = placement.gain(others)
-        best = int(np.where(free(others), gain, -np.inf).argmax())
-        if gain[best] < 0 and others:
-            chosen[:] = others
-            changed = True
-        elif gain[best] > gain[chosen[position]] + NEGLIGIBLE:
-            chosen[position] = best
-            changed = True
-    return changed
+    """Make the one change of a single box, another in its place or none, that raises the objective most, if any."""
+    if len(chosen) == fixed:
+        return False
+    others = [chosen[:position] + chosen[position + 1 :] for position in range(fixed, len(chosen))]
+    gain = placement.gain(others)
+    own = gain[chosen[fixed:], np.arange(len(others))]
+    gain[~np.stack([free(rest) for rest in others], axis=1)] = -np.inf
+    best, which = gain.max(axis=0), gain.argmax(axis=0)
+    better = np.maximum(best, 0 if len(others) > 1 else -np.inf) - own
+    position = int(better.argmax())
+    if better[position] <= NEGLIGIBLE:
+        return False
+    if best[position] > 0 or len(others) == 1:
+        chosen[fixed + position] = int(which[position])
+    else:
+        chosen.pop(fixed + position)
+    return True
