@@ -174,11 +174,10 @@ def place(
             "Check for vertices far away from the others, or use a smaller `size`.",
         )
     served = columns(surface)
-    site = _Site(
-        surface, ground, normals, Surfels(ground, rng), index, saliency, detail, regions, aspect, parameters, served
-    )
+    surfels = Surfels(ground, rng)
+    site = _Site(surface, ground, normals, surfels, index, saliency, detail, regions, aspect, parameters, served)
     # Nothing on a cube, for one, looks along its diagonals within 45 degrees.
-    possible = (surfels.normals @ served.directions.T >= FACING_VIEW).mean(axis=0) > LOOKING
+    possible = (site.surfels.normals @ served.directions.T >= FACING_VIEW).mean(axis=0) > LOOKING
     worth = served.weight[: len(possible)]
     found: Placement | None = None
     left: list[dict[str, int]] = []
@@ -230,10 +229,12 @@ def _of_width(
     boxes, loss = boxes[kept], loss[kept]
     left["aligned"] = len(boxes)
     kept = distinct(boxes, loss, COPY)
-    if site.regions is not None:
-        kept = kept[~site.regions.touches(boxes[kept])]
     boxes, loss = boxes[kept], loss[kept]
     left["distinct"] = len(boxes)
+    if site.regions is not None:
+        kept = np.flatnonzero(~site.regions.touches(boxes, margin=relief))
+        boxes, loss = boxes[kept], loss[kept]
+    left["free"] = len(boxes)
 
     met = footprint(boxes, index, site.normals, clearance=relief)
     kept = np.flatnonzero(covered(met, boxes))
@@ -326,6 +327,7 @@ def _pool(one: Placement, other: Placement) -> Placement:
 
 REASONS = {
     "aligned": f"the surface bends away from it or ends under it (loss above {LOSS_THRESHOLD})",
+    "free": "it reaches into a `keep_out` box",
     "covered": "it hangs over an edge, a hole or a second layer",
     "smooth": "the surface under it is too rough",
     "open": "another part is right in front of it or, for sunken letters, right behind it",
