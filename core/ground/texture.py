@@ -81,12 +81,12 @@ def detail(scene: Scene, surface: Surface, points: Float, face: Int) -> Detail |
         MeshmarkError: ``malformed_file`` for materials that refer to what does not exist.
     """
     linear = base_color(scene, surface, points, face)
-    if (linear == linear[0]).all():
+    if np.allclose(linear, linear[0]):
         return None
     normals = surface.normals[face]
     busy, around = _busy(points, normals, _lab(linear))
     stands_out, threshold = _standing_out(around)
-    return Detail(points, normals, stands_out, busy, linear @ _XYZ[1], threshold)
+    return Detail(points, normals, stands_out, busy, np.minimum(linear @ _XYZ[1], 1), threshold)
 
 
 def _busy(points: Float, normals: Float, lab: Float) -> tuple[Float, Float]:
