@@ -24,6 +24,7 @@ _ENCODED = np.arange(256) / 255
 LINEAR = np.where(_ENCODED <= 0.04045, _ENCODED / 12.92, ((_ENCODED + 0.055) / 1.055) ** 2.4)  # IEC 61966-2-1
 
 
+@np.errstate(over="ignore", invalid="ignore")  # factors and transforms that no picture survives
 def base_color(scene: Scene, surface: Surface, points: Float, face: Int) -> Float:
     """(N, 3) linear RGB, 0 to 1, at ``points`` (N, 3) on the faces ``face`` (N,) of a scene's surface.
 
@@ -59,7 +60,7 @@ def base_color(scene: Scene, surface: Surface, points: Float, face: Int) -> Floa
         mine = np.flatnonzero(kind_of[owner] == kind)
         seen = read_material(scene.document, material, texture)
         color[mine] = _seen(scene.document, seen, dict(attributes), inside[mine])
-    return np.clip(color, 0, 1)
+    return np.clip(np.nan_to_num(color), 0, 1)
 
 
 def _seen(document: Document, material: Material, attributes: dict[str, int], points: Points) -> Float:
@@ -67,7 +68,8 @@ def _seen(document: Document, material: Material, attributes: dict[str, int], po
     color = np.repeat(material.color[None, :3], len(points.rows), axis=0)
     uv = _attribute(document, f"TEXCOORD_{material.uv_set}", attributes, points, columns=2)
     if material.texture is not None and uv is not None:
-        color *= _texels(material.texture, uv @ material.uv_transform[:, :2].T + material.uv_transform[:, 2])
+        moved = uv @ material.uv_transform[:, :2].T + material.uv_transform[:, 2]
+        color *= _texels(material.texture, np.nan_to_num(moved))
     tint = _attribute(document, "COLOR_0", attributes, points, columns=3)
     return color if tint is None else color * tint
 

@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.asset.gltf import Document, malformed
+from core.asset.gltf import Document, malformed, typed
 from core.rendering.textures import Texture
 
 Float = NDArray[np.float64]
+
+SPECULAR_GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"
 
 _INVISIBLE = 1 / 512  # alpha that rounds to nothing: dropped, so that it hides nothing behind it
 
@@ -47,11 +49,12 @@ def read_material(document: Document, index: int | None, read_texture: Callable[
         MeshmarkError: ``malformed_file``.
     """
     material = {} if index is None else document.entry("materials", index)
-    diffuse = material.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness")
-    base = material.get("pbrMetallicRoughness", {}) if diffuse is None else diffuse
-    name = "baseColor" if diffuse is None else "diffuse"
-    reference = base.get(f"{name}Texture", {})
-    transform = reference.get("extensions", {}).get("KHR_texture_transform", {})
+    extensions = typed(material, "extensions", dict)
+    name, base = "baseColor", typed(material, "pbrMetallicRoughness", dict)
+    if SPECULAR_GLOSSINESS in extensions:
+        name, base = "diffuse", typed(extensions, SPECULAR_GLOSSINESS, dict)
+    reference = typed(base, f"{name}Texture", dict)
+    transform = typed(typed(reference, "extensions", dict), "KHR_texture_transform", dict)
     mode = material.get("alphaMode", "OPAQUE")
     try:
         return Material(
@@ -63,7 +66,7 @@ def read_material(document: Document, index: int | None, read_texture: Callable[
             alpha_cutoff={"MASK": float(material.get("alphaCutoff", 0.5)), "BLEND": _INVISIBLE}.get(mode, 0.0),
             double_sided=bool(material.get("doubleSided", False)),
         )
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise malformed(f"materials[{index}] has a value of the wrong type.") from None
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from core.asset.gltf import Document
+from core.asset.gltf import Document, typed
 
 MAX_PIXELS = 2**26  # what is larger is not decoded; the primitive is drawn in its plain base colour
 
@@ -45,7 +45,8 @@ def read_texture(document: Document, index: int, limit: int) -> Texture | None:
         MeshmarkError: ``malformed_file`` for references to objects that do not exist.
     """
     texture = document.entry("textures", index)
-    source = texture.get("extensions", {}).get("EXT_texture_webp", {}).get("source", texture.get("source"))
+    webp = typed(typed(texture, "extensions", dict), "EXT_texture_webp", dict)
+    source = webp.get("source", texture.get("source"))
     if source is None:
         return None
     pixels = _decode(_image_bytes(document, source), limit)
@@ -80,13 +81,14 @@ def _decode(data: bytes | None, limit: int) -> NDArray[np.uint8] | None:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the size is checked just below
-            image = Image.open(BytesIO(data), formats=_FORMATS)
+            image: Image.Image = Image.open(BytesIO(data), formats=_FORMATS)
         if image.width * image.height > MAX_PIXELS:
             return None
         image.draft("RGB", (limit, limit))  # lets a JPEG be decoded at a fraction of its size
-        rgba = image.convert("RGBA")
+        image = image.convert("RGBA")
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):  # what Pillow raises on damaged files
         return None
-    factor = -(-max(rgba.size) // limit)
-    # Band by band: Pillow would blacken texels of alpha 0, whose colour opaque materials show.
-    return np.dstack([np.asarray(band.reduce(factor)) for band in rgba.split()])
+    factor = -(-max(image.size) // limit)
+    # Band by band: Pillow would blacken texels of alpha 0, whose colour opaque materials show. One at a time: those of
+    # the largest image take 64 MiB each.
+    return np.dstack([np.asarray(image.getchannel(band).reduce(factor)) for band in range(4)])

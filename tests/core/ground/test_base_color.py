@@ -85,6 +85,37 @@ def test_texture_coordinates_beyond_all_bounds_still_have_a_colour() -> None:
     assert np.isfinite(at(quad(uv=np.full((4, 2), np.nan)), (1, 0))).all()
 
 
+def test_factors_and_transforms_beyond_all_bounds_still_have_a_colour() -> None:
+    wild = quad(
+        material={"baseColorFactor": [1e308, -1e308, 0, 1]},
+        extensions={"KHR_texture_transform": {"scale": [1e308, -1e308], "rotation": 1}},
+    )
+    seen = at(wild, *QUARTER_MIDDLES)
+    assert ((seen >= 0) & (seen <= 1)).all()
+
+
+@pytest.mark.parametrize(
+    "material",
+    [
+        {"extensions": []},
+        {"pbrMetallicRoughness": 1},
+        {"pbrMetallicRoughness": {"baseColorTexture": [0]}},
+        {"pbrMetallicRoughness": {"baseColorTexture": {"index": "0"}}},
+        {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, "extensions": {"KHR_texture_transform": 1}}}},
+        {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, "texCoord": []}}},
+        {"pbrMetallicRoughness": {"baseColorFactor": [10**400, 1, 1, 1]}},
+        {"extensions": {"KHR_materials_pbrSpecularGlossiness": None}},
+    ],
+)
+def test_a_material_that_is_not_well_formed_is_refused(material: dict[str, Any]) -> None:
+    writer = GlbWriter()
+    writer.image_texture(png(QUARTERS))
+    shown = flat(writer.mesh(QUAD, QUAD_FACES, {"TEXCOORD_0": QUAD_UV}, material))
+    with pytest.raises(MeshmarkError) as caught:
+        at(shown, (1, 0))
+    assert caught.value.code is ErrorCode.MALFORMED_FILE
+
+
 @pytest.mark.parametrize(
     ("transform", "expected"),
     [
