@@ -3,8 +3,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from core.asset.surface import Surface
+from core.placement.boxes import Boxes
 from core.placement.candidates import candidates, upright
+from core.placement.sampling import sample
 from tests.core.placement.shapes import cuboid, sphere
+
+
+def on(shape: Surface, size: tuple[float, float, float], number: int, radius: float) -> Boxes:
+    points, face = sample(shape, number, np.random.default_rng(0))
+    return candidates(points, shape.normals[face], size, radius)
+
 
 unit = st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda v: np.linalg.norm(v) > 0.01)
 
@@ -47,7 +56,7 @@ def test_on_top_text_reads_as_from_a_camera_tilted_up_from_the_front() -> None:
 
 
 def test_a_cube_gets_boxes_on_all_six_sides_each_facing_out() -> None:
-    found = candidates(cuboid(30, 30, 30), (5.5, 1, 0.5), 2000, 2.0, np.random.default_rng(0))
+    found = on(cuboid(30, 30, 30), (5.5, 1, 0.5), 2000, 2.0)
     assert np.isfinite(found.axes).all()
     assert np.abs(np.abs(found.center).max(axis=1) - 15).max() < 1e-9
     side = np.abs(found.center).argmax(axis=1) * 2 + (
@@ -58,14 +67,14 @@ def test_a_cube_gets_boxes_on_all_six_sides_each_facing_out() -> None:
 
 
 def test_candidates_are_equidistant() -> None:
-    found = candidates(sphere(10), (3, 0.6, 0.3), 3000, 1.5, np.random.default_rng(0))
+    found = on(sphere(10), (3, 0.6, 0.3), 3000, 1.5)
     apart = np.linalg.norm(found.center[:, None] - found.center[None], axis=2) + 100 * np.eye(len(found))
     assert apart.min() >= 1.5
     assert apart.min(axis=1).max() < 3.0
 
 
 def test_the_far_side_of_a_thin_wall_does_not_turn_a_box() -> None:
-    found = candidates(cuboid(20, 20, 0.05), (4, 1, 0.4), 2000, 1.0, np.random.default_rng(0))
+    found = on(cuboid(20, 20, 0.05), (4, 1, 0.4), 2000, 1.0)
     inner = found[np.flatnonzero(np.abs(found.center[:, :2]).max(axis=1) < 8)]
     assert np.allclose(np.abs(inner.axes[:, 2, 2]), 1)
     assert np.array_equal(np.sign(inner.axes[:, 2, 2]), np.sign(inner.center[:, 2]))

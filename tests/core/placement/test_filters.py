@@ -13,6 +13,7 @@ from core.placement.filters import (
     occluded,
     overlapping,
     roughness,
+    roughness_met,
     smooth,
     thin_walled,
     well_aligned,
@@ -47,6 +48,19 @@ def surface_points(shape: Surface, where: Boxes, lift: float) -> NDArray[np.floa
 def rough(shape: Surface, where: Boxes) -> float:
     points, face = sample(shape, 4000, np.random.default_rng(0))
     return float(roughness(where, points, shape.normals[face])[0])
+
+
+def rough_by_rays(shape: Surface, where: Boxes) -> float:
+    return float(roughness_met(footprint(where, index_of(shape), shape.normals, CLEARANCE), shape.normals)[0])
+
+
+def test_rays_find_about_the_same_roughness_as_area_samples() -> None:
+    for shape, where in ((plane(10, 10), box()), (sphere(10), box((0, 0, 10), size=(6, 2, 1.5)))):
+        assert rough_by_rays(shape, where) == pytest.approx(rough(shape, where), abs=0.02)
+
+
+def test_a_box_over_nothing_is_infinitely_rough() -> None:
+    assert rough_by_rays(plane(1, 1), box((20, 0, 0))) == np.inf
 
 
 def test_only_boxes_below_the_papers_loss_are_well_aligned() -> None:

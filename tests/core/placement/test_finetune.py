@@ -3,12 +3,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from core.asset.surface import Surface
 from core.placement.boxes import Boxes
 from core.placement.candidates import candidates
 from core.placement.finetune import LOSS_THRESHOLD, adam, alignment_loss, levenberg_marquardt, perimeter
+from core.placement.sampling import sample
 from tests.core.placement.shapes import box, boxes, cuboid, index_of, moved, plane, rotation, sphere
 
 TILTED = box((1, 2, 0.4), (5.5, 1, 0.5), rotation((1, 1, 0), 20))
+
+
+def started(shape: Surface, size: tuple[float, float, float], number: int, radius: float) -> Boxes:
+    points, face = sample(shape, number, np.random.default_rng(0))
+    return candidates(points, shape.normals[face], size, radius)
 
 
 def test_the_loss_has_179_points_on_the_outline_with_all_four_midpoints() -> None:
@@ -76,7 +83,7 @@ def test_a_box_with_nowhere_to_lie_is_given_up_and_the_others_are_not_disturbed(
 
 def test_fitted_text_on_a_ball_stays_nearly_upright() -> None:
     shape = sphere(12)
-    start = candidates(shape, (4, 0.8, 0.4), 400, 3.0, np.random.default_rng(0))
+    start = started(shape, (4, 0.8, 0.4), 400, 3.0)
     fitted, loss = levenberg_marquardt(start, index_of(shape))
     good = loss < LOSS_THRESHOLD
     away_from_poles = np.abs(fitted.axes[:, 2, 1]) < 0.8
@@ -113,7 +120,7 @@ def test_adam_gives_up_after_200_steps_where_no_place_fits() -> None:
 
 def test_both_solvers_serve_faces_exactly_along_every_axis() -> None:
     shape = cuboid(20, 20, 20)
-    start = candidates(shape, (4, 0.8, 0.4), 60, 4.0, np.random.default_rng(0))
+    start = started(shape, (4, 0.8, 0.4), 60, 4.0)
     for solver in (levenberg_marquardt, adam):
         fitted, loss = solver(start, index_of(shape))
         assert np.isfinite(fitted.center).all()

@@ -8,10 +8,12 @@ from core.asset.formats import to_document
 from core.asset.gate import admit
 from core.asset.surface import Surface
 from core.errors import ErrorCode, MeshmarkError
+from core.ground.saliency import saliency
 from core.parameters import Mode, Parameters, Preset
 from core.placement.filters import overlapping
+from core.placement.objective import Placement
 from core.placement.place import place
-from core.placement.selection import Placement, select
+from core.placement.selection import select
 from tests.core.asset.meshes import MESHES
 from tests.core.placement.shapes import cuboid, index_of, inside_out, join, moved, plane, sphere, surface
 
@@ -20,7 +22,8 @@ ASPECT = 0.125
 
 def placed(shape: Surface, aspect: float = ASPECT, **asked: object) -> Placement:
     parameters = Parameters.model_validate({"text": "watermark"} | asked).resolved()
-    return place(shape, index_of(shape), aspect, parameters, np.random.default_rng(parameters.seed))
+    salient = saliency(shape, parameters.seed)
+    return place(shape, index_of(shape), salient, None, aspect, parameters, np.random.default_rng(parameters.seed))
 
 
 def test_a_cube_of_twelve_faces_is_marked_on_every_side() -> None:
@@ -60,7 +63,7 @@ def test_parts_too_narrow_for_wide_text_get_narrower_text() -> None:
     found = placed(join(cuboid(30, 0.8, 0.8), moved(cuboid(3.2, 12, 3.2), shift=(0, 0.4, 0))))
     widths = set(found.boxes.size[select(found, 16), 0].tolist())
     assert len(widths) > 1
-    assert widths <= {5.5, 4.0, 3.0, 2.0}
+    assert widths <= {5.5, 4.0, 3.0, 2.0, 1.2, 0.8}
 
 
 def test_text_of_other_proportions_gets_the_same_area() -> None:
@@ -113,7 +116,16 @@ def test_progress_rises_to_one() -> None:
     shares: list[float] = []
     parameters = Parameters(text="watermark", size=2.0).resolved()
     shape = cuboid(30, 30, 30)
-    place(shape, index_of(shape), ASPECT, parameters, np.random.default_rng(0), shares.append)
+    place(
+        shape,
+        index_of(shape),
+        saliency(shape, 0),
+        None,
+        ASPECT,
+        parameters,
+        np.random.default_rng(0),
+        shares.append,
+    )
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
 
@@ -122,7 +134,16 @@ def test_the_slow_solver_reports_its_progress_as_it_goes() -> None:
     shares: list[float] = []
     parameters = Parameters(text="watermark", preset=Preset.PAPER).resolved()
     shape = cuboid(10, 6, 6)
-    place(shape, index_of(shape), ASPECT, parameters, np.random.default_rng(0), shares.append)
+    place(
+        shape,
+        index_of(shape),
+        saliency(shape, 0),
+        None,
+        ASPECT,
+        parameters,
+        np.random.default_rng(0),
+        shares.append,
+    )
     assert len(shares) > 3
     assert shares == sorted(shares)
 
@@ -137,8 +158,45 @@ def test_real_assets_get_marks_that_are_seen_from_nearly_everywhere(path: Path) 
     chosen = select(found, 16)
     assert 8 <= len(chosen) <= 16
     assert found.visible[chosen].any(axis=0).mean() > 0.85
+    assert not found.barred[chosen].any()
     for position, one in enumerate(chosen):
         assert not overlapping(found.boxes, one)[chosen[position + 1 :]].any()
+
+
+def test_the_thin_edge_of_a_plate_gets_the_small_text_it_has_room_for() -> None:
+    found = placed(cuboid(30, 0.3, 30))
+    chosen = select(found, 16)
+    edge = np.abs(found.boxes.axes[chosen, 2, 1]) < 0.5
+    assert edge.any()
+    assert found.boxes.size[chosen, 0][edge].max() < 2.5
+    assert found.boxes.size[chosen, 0][~edge].max() == 5.5
+    assert found.visible[chosen].any(axis=0).mean() > 0.8
+
+
+def test_the_two_sides_of_a_plate_get_no_more_marks_than_show_something_new() -> None:
+    found = placed(cuboid(30, 30, 1))
+    chosen = select(found, 16)
+    front = found.boxes.axes[chosen, 2, 2] > 0.9
+    assert 1 <= front.sum() <= 3
+
+
+def test_more_widths_never_make_the_choice_worse() -> None:
+    found = placed(join(cuboid(30, 2, 2), moved(cuboid(3.2, 12, 3.2), shift=(0, 6, 0))))
+    widths = np.unique(found.boxes.size[:, 0])[::-1]
+    best, start = -np.inf, []
+    for width in widths:
+        some = np.flatnonzero(found.boxes.size[:, 0] < width)
+        start = select(found, 16, dead=some.tolist(), start=start)
+        assert found.value(start) >= best
+        best = found.value(start)
+
+
+def test_salient_parts_are_spared_while_there_is_anything_else() -> None:
+    ridges = [moved(cuboid(20, 0.5, 0.5), shift=(0, y, 0.8)) for y in np.arange(-6, 6, 1.2)]
+    found = placed(join(cuboid(30, 30, 1), *ridges))
+    chosen = select(found, 16)
+    assert found.barred.any()
+    assert not found.barred[chosen].any()
 
 
 def test_an_asset_with_less_surface_than_the_text_covers_is_refused_before_any_search() -> None:

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -6,9 +8,12 @@ from hypothesis import strategies as st
 from core.placement.boxes import Boxes
 from core.placement.candidates import upright
 from core.placement.filters import overlapping
-from core.placement.selection import Placement, facing, select, visibility
-from core.rendering.views import fibonacci_directions, view_directions
+from core.placement.objective import Placement, columns, facing, likelihood
+from core.placement.selection import select, visibility
+from core.rendering.views import fibonacci_directions
 from tests.core.placement.shapes import box, boxes, index_of, inside_out, join, moved, plane, rotation, sphere
+
+SERVED = columns(sphere(12))
 
 
 def on_a_ball(number: int, seed: int = 0, radius: float = 12.0) -> Placement:
@@ -16,16 +21,17 @@ def on_a_ball(number: int, seed: int = 0, radius: float = 12.0) -> Placement:
     rng = np.random.default_rng(seed)
     normal = rng.normal(size=(number, 3))
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    found = Boxes(normal * radius, upright(normal), np.tile([4.0, 0.8, 0.4], (number, 1)))
-    directions = np.concatenate([view_directions()[0], fibonacci_directions(200)])
+    found = Boxes(normal * radius, upright(normal), np.tile([4.0, 0.5, 0.4], (number, 1)))
+    visible = facing(found, SERVED.directions)
     return Placement(
         boxes=found,
         loss=np.zeros(number),
         roughness=np.ones(number),
-        cost=rng.random(number),
-        visible=facing(found, directions),
-        directions=directions,
-        weight=np.full(len(directions), 1 / len(directions)),
+        visible=visible,
+        likelihood=likelihood(found, visible, np.zeros(number), SERVED),
+        cost=0.005 + 0.02 * rng.random(number),
+        barred=np.zeros(number, dtype=bool),
+        weight=SERVED.weight,
     )
 
 
@@ -59,10 +65,48 @@ def test_nothing_to_choose_from_chooses_nothing() -> None:
     assert select(on_a_ball(0), 10) == []
 
 
-def test_every_octant_of_the_asset_gets_a_mark() -> None:
+def test_marks_spread_over_all_octants_of_a_ball() -> None:
     placement = on_a_ball(400)
-    assert set(placement.octant[select(placement, 8)].tolist()) == set(range(8))
-    assert set(placement.octant[select(placement, 12)].tolist()) == set(range(8))
+    centers = placement.boxes.center[select(placement, 16)]
+    assert len({tuple(octant) for octant in (centers > 0).tolist()}) == 8
+
+
+def test_no_more_marks_are_placed_than_add_something() -> None:
+    assert len(select(on_a_ball(600), 64)) < 20
+
+
+@settings(max_examples=25)
+@given(seed=st.integers(0, 100), number=st.integers(1, 60), more=st.integers(0, 60), count=st.integers(1, 12))
+def test_more_candidates_never_make_the_choice_worse(seed: int, number: int, more: int, count: int) -> None:
+    placement = on_a_ball(number + more, seed)
+    few = select(placement, count, dead=range(number, number + more))
+    assert placement.value(select(placement, count, start=few)) >= placement.value(few)
+
+
+@settings(max_examples=15)
+@given(seed=st.integers(0, 100))
+def test_the_choice_is_better_than_the_best_of_many_random_ones(seed: int) -> None:
+    placement = on_a_ball(200, seed)
+    rng = np.random.default_rng(seed)
+    chosen = placement.value(select(placement, 8))
+    assert chosen > max(placement.value(rng.choice(200, 8, replace=False).tolist()) for _ in range(100))
+
+
+def test_marks_on_salient_parts_are_chosen_only_where_there_is_nothing_else() -> None:
+    placement = on_a_ball(100)
+    barred = placement.boxes.center[:, 1] > 0
+    chosen = select(replace(placement, barred=barred), 12)
+    assert chosen
+    assert not barred[chosen].any()
+    only = select(replace(placement, barred=np.ones(100, dtype=bool)), 12)
+    assert only
+
+
+def test_an_asset_on_which_no_place_is_worth_its_cost_still_gets_its_best_mark() -> None:
+    placement = replace(on_a_ball(30), cost=np.linspace(2, 3, 30))
+    chosen = select(placement, 10)
+    assert len(chosen) == 1
+    assert placement.value(chosen) == max(placement.value([one]) for one in range(30))
 
 
 def test_enough_marks_are_seen_from_all_24_views() -> None:
@@ -93,9 +137,15 @@ def test_a_box_that_failed_is_replaced_while_the_embossed_ones_stay() -> None:
 
 def test_of_two_places_with_the_same_view_the_cheaper_is_taken() -> None:
     pair = boxes(box((0, 0, 0)), box((0, 5, 0)))
-    directions = np.array([[0.0, 0, 1]])
     placement = Placement(
-        pair, np.zeros(2), np.ones(2), np.array([0.9, 0.1]), np.ones((2, 1), dtype=bool), directions, np.ones(1)
+        pair,
+        np.zeros(2),
+        np.ones(2),
+        np.ones((2, 1), dtype=bool),
+        np.ones((2, 1), dtype=np.float32),
+        np.array([0.9, 0.1]),
+        np.zeros(2, dtype=bool),
+        np.ones(1),
     )
     assert select(placement, 4) == [1]
 

@@ -1,0 +1,171 @@
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from core.placement.boxes import Boxes
+from core.placement.candidates import upright
+from core.placement.objective import (
+    HALF_SPACES,
+    Placement,
+    Terms,
+    bend,
+    centroid,
+    columns,
+    cost,
+    distance,
+    facing,
+    likelihood,
+    obstructed,
+    roll,
+)
+from tests.core.placement.shapes import box, boxes, cuboid, plane, rotation
+
+SERVED = columns(cuboid(30, 30, 30))
+FRONT = 0  # the first view
+
+
+def shown(where: Boxes, bent: float = 0.0) -> np.ndarray[tuple[int, int], np.dtype[np.float32]]:
+    return likelihood(where, facing(where, SERVED.directions), np.full(len(where), bent), SERVED)
+
+
+def terms(**given: float) -> Terms:
+    names = ("obstructed", "salient", "roll", "bend", "rough", "detail", "busy", "preferred", "distance")
+    return Terms(**{name: np.array([given.get(name, 0.0)]) for name in names})
+
+
+def a_placement(number: int, seed: int) -> Placement:
+    rng = np.random.default_rng(seed)
+    normal = rng.normal(size=(number, 3))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    found = Boxes(normal * 12, upright(normal), np.tile([4.0, 0.5, 0.4], (number, 1)))
+    return Placement(
+        found,
+        np.zeros(number),
+        np.ones(number),
+        facing(found, SERVED.directions),
+        shown(found),
+        rng.random(number) * 0.03,
+        np.zeros(number, dtype=bool),
+        SERVED.weight,
+    )
+
+
+@settings(max_examples=30)
+@given(seed=st.integers(0, 1000), picks=st.lists(st.integers(0, 19), unique=True, min_size=2, max_size=8))
+def test_what_a_mark_adds_is_the_difference_it_makes_and_shrinks_as_others_are_there(
+    seed: int, picks: list[int]
+) -> None:
+    placement = a_placement(20, seed)
+    one, *others = picks
+    few = others[: len(others) // 2]
+    gain = placement.gain([few, others])[one]
+    assert gain[0] == pytest.approx(placement.value([*few, one]) - placement.value(few), abs=1e-5)
+    assert gain[1] == pytest.approx(placement.value([*others, one]) - placement.value(others), abs=1e-5)
+    assert gain[1] <= gain[0] + 1e-6
+
+
+def test_nothing_chosen_is_worth_nothing() -> None:
+    assert a_placement(5, 0).value([]) == 0
+
+
+def test_all_views_served_are_worth_one_and_all_crops_as_much_as_stated() -> None:
+    assert SERVED.weight[: len(SERVED.directions)].sum() == pytest.approx(1)
+    assert SERVED.weight[:24].sum() == pytest.approx(0.5)
+    assert len(SERVED.weight) == len(SERVED.directions) + HALF_SPACES
+
+
+def test_large_upright_text_on_flat_ground_serves_the_view_it_faces() -> None:
+    assert shown(box((0, 0, 15), size=(5.5, 0.7, 0.5)))[0, FRONT] == pytest.approx(1)
+
+
+@pytest.mark.parametrize(
+    "worse",
+    [
+        box((0, 0, 15), size=(2.0, 0.25, 0.25)),
+        box((0, 0, 15), size=(5.5, 0.7, 0.5), axes=rotation((0, 0, 1), 40)),
+        box((0, 0, 15), size=(5.5, 0.7, 0.5), axes=rotation((0, 1, 0), 44.5)),
+    ],
+    ids=["small", "rolled", "turned away"],
+)
+def test_small_rolled_or_turned_text_serves_a_view_less(worse: Boxes) -> None:
+    assert 0 < shown(worse)[0, FRONT] < 0.95
+
+
+def test_bent_text_serves_less_and_hidden_text_not_at_all() -> None:
+    where = box((0, 0, 15), size=(5.5, 0.7, 0.5))
+    assert shown(where, bent=0.4)[0, FRONT] == pytest.approx(0.6)
+    hidden = likelihood(where, np.zeros((1, len(SERVED.directions)), dtype=bool), np.zeros(1), SERVED)
+    assert not hidden[0, : len(SERVED.directions)].any()
+
+
+def test_upside_down_text_is_worth_half_of_upright_text() -> None:
+    upright_, turned = shown(
+        boxes(box((0, 0, 15), (5.5, 0.7, 0.5)), box((0, 0, 15), (5.5, 0.7, 0.5), rotation((0, 0, 1), 180)))
+    )
+    assert turned[FRONT] == pytest.approx(upright_[FRONT] / 2)
+
+
+def test_a_mark_survives_the_crops_that_keep_all_of_it() -> None:
+    whole = shown(box((0, 0, 15), size=(5.5, 0.7, 0.5)))[0, len(SERVED.directions) :]
+    keeps = SERVED.half_spaces[:, 2] > 0.3
+    assert whole[keeps].all()
+    assert not whole[SERVED.half_spaces[:, 2] < 0].any()
+
+
+def test_two_marks_on_opposite_sides_survive_nearly_every_crop_and_two_on_one_side_do_not() -> None:
+    left, right, beside = (
+        shown(box(at, size=(2, 0.25, 0.25)))[0, 224:] for at in ((0, 0, 15), (0, 0, -15), (3, 0, 15))
+    )
+    assert np.maximum(left, right).mean() > 0.9
+    assert np.maximum(left, beside).mean() < 0.65
+
+
+@pytest.mark.parametrize("name", ["obstructed", "salient", "roll", "bend", "rough", "detail", "busy", "distance"])
+def test_everything_unwelcome_costs(name: str) -> None:
+    assert cost(terms(**{name: 0.5})) > cost(terms())
+
+
+def test_preferred_places_cost_less_and_every_mark_costs_something() -> None:
+    assert cost(terms(preferred=1.0)) < cost(terms())
+    assert cost(terms()) > 0
+
+
+def test_the_obstructed_share_is_that_of_the_directions_a_mark_faces() -> None:
+    where = box((0, 0, 15))
+    faced = facing(where, SERVED.directions)
+    assert obstructed(faced, faced, SERVED) == pytest.approx(0)
+    assert obstructed(np.zeros_like(faced), faced, SERVED) == pytest.approx(1)
+
+
+@given(degrees=st.floats(0, 90))
+def test_roll_is_the_sine_of_the_turn_from_upright(degrees: float) -> None:
+    assert roll(box(axes=rotation((0, 0, 1), degrees)))[0] == pytest.approx(np.sin(np.radians(degrees)), abs=1e-6)
+
+
+def test_bend_is_the_part_of_the_boxs_thickness_that_the_surface_takes_up() -> None:
+    where = box(size=(4, 1, 0.5))
+    assert bend(where, np.array([[0.1, -0.1]]))[0] == pytest.approx(0.4)
+    assert bend(where, np.array([[-np.inf, 0.0]]))[0] == 1
+
+
+def test_a_mark_changes_a_small_surface_more() -> None:
+    assert distance(box(), 0.2, 100.0) == pytest.approx(10 * distance(box(), 0.2, 1000.0))
+
+
+def test_the_centroid_is_that_of_the_area_not_of_the_vertices() -> None:
+    assert np.allclose(centroid(plane(10, 4, cells=3)), 0)
+
+
+def test_rows_of_pairs_are_worth_less_than_marks_that_look_apart() -> None:
+    placement = a_placement(40, 3)
+    closest = max(
+        combinations(range(40), 2), key=lambda p: placement.boxes.axes[p[0], 2] @ placement.boxes.axes[p[1], 2]
+    )
+    one, other = closest
+    furthest = int((placement.boxes.axes[:, 2] @ placement.boxes.axes[one, 2]).argmin())
+    pair = placement.value([one, other]) + placement.cost[other]
+    apart = placement.value([one, furthest]) + placement.cost[furthest]
+    assert apart > pair
