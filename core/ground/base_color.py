@@ -38,7 +38,8 @@ def base_color(scene: Scene, surface: Surface, points: Float, face: Int) -> Floa
         face: the face that each point lies on, with an area.
 
     Raises:
-        MeshmarkError: ``malformed_file`` for materials that refer to what does not exist.
+        MeshmarkError: ``malformed_file`` for materials that are not well formed or refer to what does not exist, and
+            for vertex attributes of too few components.
     """
     owner = surface.face_primitive[face]
     first = np.array([drawn.first_vertex for drawn in scene.primitives])

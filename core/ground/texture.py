@@ -65,8 +65,8 @@ def detail(scene: Scene, surface: Surface, points: Float, face: Int) -> Detail |
     layout nor tessellation matters, and noise finer than the samples counts in full. The mean of these spreads over
     the same neighbours tells a place full of detail from the plain border of a large patch. Otsu's threshold (1979)
     parts details from the rest, once more among the details while these are more than a quarter of the surface; they
-    count where they stand out from the asset's own texture. (Centre-surround differences, as of Itti, Koch, Niebur
-    1998, find the middle of an eye but not its outline, and small print hardly at all.)
+    count where they stand out from the asset's own texture. (Centre-surround differences of colour, as of Itti, Koch,
+    Niebur 1998, were tried: they find parts of an eye, and the middles of plain patches just as well.)
 
     Args:
         scene: the asset.
@@ -78,7 +78,7 @@ def detail(scene: Scene, surface: Surface, points: Float, face: Int) -> Detail |
         ``None`` where the asset has one colour everywhere.
 
     Raises:
-        MeshmarkError: ``malformed_file`` for materials that refer to what does not exist.
+        MeshmarkError: as :func:`core.ground.base_color.base_color`.
     """
     linear = base_color(scene, surface, points, face)
     if np.allclose(linear, linear[0]):
