@@ -102,9 +102,12 @@ def regions(scene: Scene, surface: Surface, parameters: Parameters) -> Regions:
                         raise _unknown(where, "material", name, _material_names(scene))
                     mask |= found
                 case BoxRegion(box=box):
-                    low, high = _corners(surface, box, where)
-                    inside = np.all((surface.positions >= low) & (surface.positions <= high), axis=1)
-                    mask |= inside[surface.faces].all(axis=1)
+                    low, high = _corners(surface, box)
+                    inside = np.all((surface.positions >= low) & (surface.positions <= high), axis=1)[surface.faces]
+                    # Only where no corner lies in the box it takes a closer look.
+                    if not inside.any() and not triangles_meet(surface.positions[surface.faces], low, high).any():
+                        raise _untouched(surface, box, where)
+                    mask |= inside.all(axis=1)
                     corners = np.concatenate([corners, [[low, high]]])
         masks[field], boxes[field] = mask, corners
     allowed = ~masks["keep_out"]
@@ -122,13 +125,13 @@ def _node_faces(scene: Scene, name: str) -> Bool:
     drawn: Bool = np.array([primitive.node in inside for primitive in scene.primitives])
     mask: Bool = drawn[scene.surface.face_primitive]
     for number, primitive in enumerate(scene.primitives):
-        joints = np.flatnonzero([joint in inside for joint in _joints(scene.document, primitive)])
-        if len(joints) and not drawn[number]:
+        joints = [place for place, joint in enumerate(_joints(scene.document, primitive)) if joint in inside]
+        if joints and not drawn[number]:
             mask[scene.surface.face_primitive == number] = _followers(scene.document, primitive, joints)
     return mask
 
 
-def _followers(document: Document, primitive: DrawnPrimitive, joints: Int) -> Bool:
+def _followers(document: Document, primitive: DrawnPrimitive, joints: list[int]) -> Bool:
     """(T,) triangles with a corner that follows these ``joints`` of the skin by at least half its weight."""
     followed, weights = read_influences(document, _entry(document, primitive)["attributes"])
     share = (weights * np.isin(followed, joints)).sum(axis=1)
@@ -209,20 +212,21 @@ def _quoted(name: str) -> str:
     return json.dumps(name, ensure_ascii=False)  # a name may hold quotes and control characters
 
 
-def _corners(surface: Surface, box: Box, where: str) -> tuple[Float, Float]:
-    """Lowest and highest corner of a box that some triangle meets, size-30 frame."""
+def _corners(surface: Surface, box: Box) -> Float:
+    """(2, 3) lowest and highest corner of a box in the size-30 frame."""
     with np.errstate(over="ignore"):
         corners = (np.array([box.min, box.max]) - surface.offset) * surface.scale
-    low, high = np.clip(corners, -FAR, FAR)
-    triangles = surface.positions[surface.faces]
-    if not triangles_meet(triangles, low, high).any():
-        reach = surface.to_world(np.stack([triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))]))
-        raise MeshmarkError(
-            ErrorCode.UNKNOWN_REGION,
-            f"`{where}`: no triangle of this asset reaches into the box from {_point(box.min)} to {_point(box.max)}.",
-            f"The asset lies between {_point(reach[0])} and {_point(reach[1])}; a box is given in these coordinates.",
-        )
-    return low, high
+    return np.clip(corners, -FAR, FAR)
+
+
+def _untouched(surface: Surface, box: Box, where: str) -> MeshmarkError:
+    used = surface.positions[np.unique(surface.faces)]
+    low, high = surface.to_world(np.stack([used.min(axis=0), used.max(axis=0)]))
+    return MeshmarkError(
+        ErrorCode.UNKNOWN_REGION,
+        f"`{where}`: no triangle of this asset reaches into the box from {_point(box.min)} to {_point(box.max)}.",
+        f"The asset lies between {_point(low)} and {_point(high)}; a box is given in these coordinates.",
+    )
 
 
 def _point(point: Iterable[float]) -> str:

@@ -37,6 +37,26 @@ def test_apply_writes_the_model_the_report_and_the_preview(tmp_path: Path, capsy
     assert "2 watermarks" in capsys.readouterr().out
 
 
+def test_regions_are_given_one_by_one(tmp_path: Path) -> None:
+    report = tmp_path / "report.json"
+    arguments = [str(SPOT), str(tmp_path / "o.glb"), "--text", "a", "--report", str(report), "--evaluate", "none"]
+    regions = [
+        "--keep-out",
+        "box=-1,0.2,-1.5,1,1.5,-0.3",
+        "--keep-out",
+        "box=-1,-1,0.9,1,1,2e0",
+        "--prefer",
+        "node=spot",
+    ]
+    assert main(["apply", *arguments, "--count", "1", "--size", "2", *regions]) == 0
+    written = json.loads(report.read_text())["parameters"]
+    assert written["keep_out"] == [
+        {"box": {"min": [-1, 0.2, -1.5], "max": [1, 1.5, -0.3]}},
+        {"box": {"min": [-1, -1, 0.9], "max": [1, 1, 2]}},
+    ]
+    assert written["prefer"] == [{"node": "spot"}]
+
+
 def test_evaluate_none_leaves_the_metrics_out(tmp_path: Path) -> None:
     report = tmp_path / "report.json"
     arguments = [str(SPOT), str(tmp_path / "o.glb"), "--text", "a", "--report", str(report), "--evaluate", "none"]
@@ -48,6 +68,9 @@ def test_evaluate_none_leaves_the_metrics_out(tmp_path: Path) -> None:
     ("arguments", "code"),
     [
         (["missing.glb", "out.glb", "--text", "a"], "missing_file"),
+        ([str(SPOT), "out.glb", "--text", "a", "--keep-out", "node=Head"], "unknown_region"),
+        ([str(SPOT), "out.glb", "--text", "a", "--keep-out", "Head"], "invalid_parameters"),
+        ([str(SPOT), "out.glb", "--text", "a", "--prefer", "box=0,0,0,1,1"], "invalid_parameters"),
         ([str(SPOT), "out.glb", "--text", "   "], "empty_text"),
         ([str(SPOT), "out.glb", "--text", "\N{UNICORN FACE}"], "missing_glyphs"),
         ([str(SPOT), "out.glb", "--text", "a", "--size", "-1"], "invalid_parameters"),
