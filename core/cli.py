@@ -56,7 +56,10 @@ def _add_apply(commands: Commands) -> None:
     apply.add_argument("--count", type=int, metavar="N", help="the most watermarks to place")
     apply.add_argument("--color", default="none", metavar='"#rrggbb"', help='letter colour, or "none" (default)')
     apply.add_argument("--seed", type=int, default=0, help="seed of every random draw (default 0)")
-    for name, meaning in (("--keep-out", "where no watermark may stand"), ("--prefer", "where they should rather")):
+    for name, meaning in (
+        ("--keep-out", "where no watermark may stand"),
+        ("--prefer", "where they should rather stand"),
+    ):
         apply.add_argument(
             name,
             type=_region,
