@@ -58,7 +58,8 @@ PAPER_SAMPLES, PAPER_RADIUS = 300, 1.0
 # Drawn before thinning, and about how many stay: as many as one second fits on one core. Narrower text looks only for
 # what wider text left unseen, and draws more for it: thin edges and small parts have little of the area.
 SAMPLES, CANDIDATES = 8000, 1100
-MORE_SAMPLES, MORE_CANDIDATES = 40_000, 200
+MORE_SAMPLES = 40_000
+MORE, FEWEST = 0.6, 0.07  # of CANDIDATES: for each share of all directions that is unseen; at least
 # Of that many random darts thinned to a radius r, about 0.5 area / r^2 stay.
 PACKING = 0.5
 COPY = 0.05  # fitted boxes closer than this are one (finetune.distinct)
@@ -295,7 +296,9 @@ def _candidates(site: _Site, size: tuple[float, float, float], wanted: Float | N
     if site.parameters.preset is Preset.PAPER:
         points, face = sample(site.ground, PAPER_SAMPLES, rng)
         return candidates(points, site.ground.normals[face], size, PAPER_RADIUS)
-    number, most = (SAMPLES, CANDIDATES) if wanted is None else (MORE_SAMPLES, MORE_CANDIDATES)
+    number, most = SAMPLES, float(CANDIDATES)
+    if wanted is not None:
+        number, most = MORE_SAMPLES, CANDIDATES * max(MORE * len(wanted) / len(site.served.directions), FEWEST)
     points, face = sample(site.ground, number, rng)
     normals = site.ground.normals[face]
     area = float(site.ground.areas.sum())
