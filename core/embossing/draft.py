@@ -15,13 +15,13 @@ from core.spatial import SpatialIndex
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 
-INSET = 0.3  # of the strokes' mean width
+INSET = 0.25  # of the strokes' mean width
 MITRE = 2.0  # insets that a corner moves at most: a sharp one would run far along its bisector
 # Triangles keep these shares of their area on the way: those of the letters themselves, and those cut from a surface.
 LETTER_ROOM, CUT_ROOM = 0.1, 0.05
 SLIVER = 1e-8  # square text widths; what is smaller may do as it likes
 # Where a triangle has no room, the corner opposite its longest side moves this much less, the others only that much.
-EASE_APEX, EASE, ROUNDS = 0.8, 0.97, 120
+EASE_APEX, EASE, ROUNDS = 0.7, 0.9, 120
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +90,7 @@ def _eased(points: Float, shift: Float, triangles: Int, room: float) -> Float:
         factor[triangles[tight]] = EASE
         factor[apex[tight]] = EASE_APEX
         share *= factor
-        near = np.flatnonzero((share < 1)[triangles].any(axis=1))
+        near = np.flatnonzero((factor < 1)[triangles].any(axis=1))
     return np.zeros_like(shift)
 
 

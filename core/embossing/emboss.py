@@ -11,7 +11,7 @@ from core.asset.edit import Kind
 from core.embossing.arrange import arrange
 from core.embossing.check import is_closed
 from core.embossing.draft import Draft
-from core.embossing.lift import MIN_AGREEMENT, folded, lift, obstructed
+from core.embossing.lift import MIN_AGREEMENT, folded, lift, obstructed, turned
 from core.embossing.mesh import WorkingMesh, barycentric
 from core.embossing.patch import AREA_TOLERANCE, Patch, boundary_edges, directed_edges, patches
 from core.embossing.pieces import Pieces
@@ -29,7 +29,7 @@ CUTS: tuple[tuple[str, Cut], ...] = (("split", split), ("arrangement", arrange))
 # In-plane shifts in text widths, far below what an eye sees: they break coincidences of outline and mesh.
 SHIFTS = ((0.0, 0.0), (0.0013, 0.0009), (-0.0011, 0.0017))
 
-DRAFTS = (1.0, 0.5, 0.0)  # shares of the draft, tried in turn: a mark is never refused because of it
+EASE_ROUNDS = 6  # in which tops are put half way back to where they would stand upright
 FINEST = 4  # spacings of the file's coordinates that an edge must be long
 
 
@@ -192,20 +192,36 @@ def _apply(
 def _tops(
     feet: Float, shift: Float, normals: Float, normal: Float, caps: Int, relief: float, index: SpatialIndex
 ) -> Float | Refusal:
-    """(T, 3) tops of the ``feet`` (T, 3), set in by ``shift`` (T, 3) or, where the surface has no room for that, by
-    half of it or not at all: a watermark is never refused because of its draft."""
-    for share in DRAFTS:
-        below = feet + share * shift
-        tops = lift(below, normals, relief, index)
-        if not folded(tops, caps, normal) and not obstructed(below, tops, relief, index):
-            return tops
-    if folded(tops, caps, normal):
-        tops = lift(feet, np.broadcast_to(normal, normals.shape), relief, index)
-        if folded(tops, caps, normal):
-            return Refusal.FOLDED
-    if obstructed(feet, tops, relief, index):
-        return Refusal.SECOND_LAYER if relief > 0 else Refusal.THIN_WALL
-    return tops
+    """(T, 3) tops of the ``feet`` (T, 3), set in by ``shift`` (T, 3): lifted along their ``normals`` (T, 3) or, where
+    these diverge too much, along the box ``normal``; upright where both fail, so that no watermark is refused because
+    of its draft."""
+    for way in (shift, np.zeros_like(shift)):
+        for along in (normals, np.broadcast_to(normal, normals.shape)):
+            below, tops = _set_in(feet, way, along, normal, caps, relief, index)
+            if folded(tops, caps, normal):
+                continue
+            if not obstructed(below, tops, relief, index):
+                return tops
+            if way is not shift:
+                return Refusal.SECOND_LAYER if relief > 0 else Refusal.THIN_WALL
+            break
+    return Refusal.FOLDED
+
+
+def _set_in(
+    feet: Float, shift: Float, along: Float, normal: Float, caps: Int, relief: float, index: SpatialIndex
+) -> tuple[Float, Float]:
+    """(T, 3) each: the ``feet`` moved by ``shift``, by less where one of the ``caps`` (L, 3) would turn over, and
+    the tops above them."""
+    below = feet + shift
+    tops = lift(below, along, relief, index)
+    for _ in range(EASE_ROUNDS if shift.any() else 0):
+        eased = np.unique(caps[turned(tops, caps, normal)])
+        if not len(eased):
+            break
+        below[eased] = (feet[eased] + below[eased]) / 2
+        tops[eased] = lift(below[eased], along[eased], relief, index)
+    return below, tops
 
 
 def _surgery(mesh: WorkingMesh, box: Boxes, patch: Patch, pieces: Pieces, draft: Draft, first: int) -> _Surgery:

@@ -7,6 +7,7 @@ from core.spatial import SpatialIndex
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
+Bool = NDArray[np.bool_]
 
 FIT_ROUNDS = 2  # two are enough: the variance of the distance is then near 1e-14
 MIN_AGREEMENT = 0.3  # cosine; a smooth normal further away from the box normal than this is not trusted
@@ -28,9 +29,19 @@ def lift(feet: Float, normals: Float, relief: float, index: SpatialIndex) -> Flo
 
 def folded(tops: Float, triangles: Int, normal: Float) -> bool:
     """Whether lifted letter ``triangles`` (L, 3) into ``tops`` turn away from the box ``normal`` (3,)."""
-    a, b, c = (tops[triangles[:, k]] for k in range(3))
-    area = np.cross(b - a, c - a) @ normal
+    area = _facing(tops, triangles, normal)
     return bool(-area[area < 0].sum() > FOLD_TOLERANCE * np.abs(area).sum())
+
+
+def turned(tops: Float, triangles: Int, normal: Float) -> Bool:
+    """(L,) which of the ``triangles`` (L, 3) into ``tops`` turn away from the box ``normal`` (3,)."""
+    return _facing(tops, triangles, normal) < 0
+
+
+def _facing(tops: Float, triangles: Int, normal: Float) -> Float:
+    """(L,) twice the areas seen along ``normal``."""
+    a, b, c = (tops[triangles[:, k]] for k in range(3))
+    return np.asarray(np.cross(b - a, c - a) @ normal)
 
 
 def obstructed(feet: Float, tops: Float, relief: float, index: SpatialIndex) -> bool:

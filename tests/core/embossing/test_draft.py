@@ -60,10 +60,9 @@ def test_no_part_of_any_letter_turns_over_and_none_grows(text: str) -> None:
     before, after = _areas(points, triangles), _areas(points + letters.draft.shift, triangles)
     assert np.all(after > 0.099 * before - 1e-7)
     assert 0.1 * before.sum() < after.sum() < before.sum()
-    stroke = 2 * sum(island.area() for island in letters.islands)
-    stroke /= sum(
-        np.linalg.norm(r - np.roll(r, 1, axis=0), axis=1).sum() for i in letters.islands for r in i.to_polygons()
-    )
+    rings = [ring for island in letters.islands for ring in island.to_polygons()]
+    perimeter = sum(np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1).sum() for ring in rings)
+    stroke = 2 * sum(island.area() for island in letters.islands) / perimeter
     assert np.linalg.norm(letters.draft.shift, axis=1).max() <= MITRE * INSET * stroke * (1 + 1e-9)
 
 

@@ -12,6 +12,7 @@ from core.asset.surface import Surface
 from core.embossing import emboss as module
 from core.embossing.arrange import arrange
 from core.embossing.emboss import Mark
+from core.embossing.lift import folded
 from core.embossing.refusal import Refusal
 from core.embossing.split import split
 from core.embossing.stamp import stamp
@@ -89,13 +90,11 @@ def test_walls_lean_so_that_they_are_seen_from_straight_ahead(relief: float) -> 
 
 
 def test_where_the_surface_has_no_room_for_leaning_walls_they_are_upright(monkeypatch: pytest.MonkeyPatch) -> None:
-    folds = module.folded
-
     def fussy(tops: Float, triangles: Int, normal: Float) -> bool:
         corners = tops[triangles]
-        return folds(tops, triangles, normal) or bool(_seen_from_above(corners).sum() < 0.8 * 16 * LETTERS_AREA)
+        return folded(tops, triangles, normal) or bool(_seen_from_above(corners).sum() < 0.8 * 16 * LETTERS_AREA)
 
-    monkeypatch.setattr(module, "folded", fussy)
+    monkeypatch.setattr("core.embossing.emboss.folded", fussy)
     bench = Bench(grid(10.0, 4.0, 50, 20))
     assert isinstance(bench.emboss(box_at()), Mark)
     edit = bench.edit()
