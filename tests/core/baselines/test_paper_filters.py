@@ -8,7 +8,7 @@ from core.ground.saliency import Saliency
 from core.placement.boxes import Boxes
 from core.placement.candidates import upright
 from core.placement.filters import overlapping
-from core.placement.selection import FACING_VIEW
+from core.placement.objective import FACING_VIEW
 from core.rendering.views import fibonacci_directions, view_directions
 from tests.core.baselines.assets import asset
 from tests.core.shapes import box, grid, join, moved

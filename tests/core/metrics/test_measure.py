@@ -34,7 +34,17 @@ def geometry(watermarked: Surface, boxes: Boxes) -> Measurement:
 def test_the_report_carries_every_metric_and_says_which_way_is_better() -> None:
     found = geometry(BLOCK, on_all_sides()).report()
     quality, utility = found["watermark_quality"], found["asset_utility"]
-    assert list(quality) == ["wps", "wps_area", "ray", "ray_box", "coverage", "ocr", "ocr_ge_0.8", "ocr_exact"]
+    assert list(quality) == [
+        "wps",
+        "wps_area",
+        "ray",
+        "ray_box",
+        "coverage",
+        "crop_survival",
+        "ocr",
+        "ocr_ge_0.8",
+        "ocr_exact",
+    ]
     assert list(utility) == ["smse", "smse_squared", "ipe", "lce", "se", "ss"]
     assert found["higher_is_better"].keys() == quality.keys() | utility.keys()
     assert set(UNITS) <= set(utility)
