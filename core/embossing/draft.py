@@ -15,7 +15,9 @@ from core.spatial import SpatialIndex
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 
-INSET = 0.25  # of the strokes' mean width
+# Of the strokes' mean width. OCR of uncoloured letters in the paper's views, mean of five assets: 0.64 upright, 0.72 at
+# 0.2, 0.73 at 0.25 and 0.3, 0.72 at 0.4; of eight assets: 0.69 upright, 0.79 at 0.25.
+INSET = 0.25
 MITRE = 2.0  # insets that a corner moves at most: a sharp one would run far along its bisector
 # Triangles keep these shares of their area on the way: those of the letters themselves, and those cut from a surface.
 LETTER_ROOM, CUT_ROOM = 0.1, 0.05

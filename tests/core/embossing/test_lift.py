@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from core.embossing.lift import folded, lift, obstructed
+from core.embossing.lift import folded, lift, obstructed, turned
 from core.spatial import SpatialIndex
 from tests.core.shapes import box, grid, join, moved, sphere, surface
 
@@ -33,6 +33,12 @@ def test_letters_that_turn_over_are_noticed() -> None:
     assert not folded(square, triangles, UP[0])
     crossed = square[[0, 2, 1, 3]]
     assert folded(crossed, triangles, UP[0])
+
+
+def test_each_triangle_that_turns_over_is_named() -> None:
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0]])
+    triangles = np.array([[0, 1, 2], [0, 3, 2], [1, 4, 2]])
+    assert turned(points, triangles, UP[0]).tolist() == [False, True, False]
 
 
 def test_a_lid_above_is_an_obstruction_only_within_reach() -> None:
