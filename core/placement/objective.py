@@ -8,7 +8,7 @@ With boxes m, chosen ones S, and columns j::
 
 * the paper's 24 views and 200 even directions, each set worth half (``w`` sums to 1 over them):
   L = seen x size x facing x roll x flatness. Seen is 1 where the mark faces the direction within 45 degrees and rays
-  from all over its letters get out; size is the square of the text's projected height over :data:`READABLE` pixels;
+  from all over its letters get out; size is the text's projected height over :data:`READABLE` pixels;
   facing is the cosine over that of 40 degrees; size and facing are at most 1; roll is ``1 - ROLLED (1 - cos r) / 2``
   for the angle r between the text and the picture's horizontal (1 for the even directions, whose pictures have no
   up); flatness is 1 less the bend under the text;
@@ -55,8 +55,8 @@ ROLLED = 0.5  # readers turn pictures in four ways; people do not
 # 0.7 saliency, 0.6 roll, 1 less flatness), when seeing a direction counted in full and legibility not at all. Now that
 # bend and roll also lessen the likelihood, half the penalty serves, with more on roll.
 PENALTY, SALIENT, ROLL, DETAIL = 0.02, 0.7, 1.0, 0.7
-MARK = 0.004  # a mark has to add about two of the 200 directions, read well
-DISTORTION = 4.0  # per unit of mean distance (SMSE) that a mark adds
+MARK = 0.005  # a mark has to add about two of the 200 directions, read well
+DISTORTION = 6.0  # per unit of mean distance (SMSE) that a mark adds
 LETTERS = 0.41  # of a box are covered by the letters of "watermark"
 BARRED = 0.45  # share salient from which no mark is placed; the metric's 0.5 less what the edges of a box hold
 
@@ -150,7 +150,7 @@ def likelihood(boxes: Boxes, visible: Bool, bend: Float, served: Columns) -> NDA
     cosine = np.clip(boxes.axes[:, 2] @ served.directions.T, 0, 1)
     # The text is as high on the picture as its up is long there.
     upright_length = np.sqrt(np.clip(1 - (boxes.axes[:, 1] @ served.directions.T) ** 2, 0, 1))
-    size = np.minimum(1.0, boxes.size[:, 1:2] * upright_length * (PIXELS / READABLE)) ** 2
+    size = np.minimum(1.0, boxes.size[:, 1:2] * upright_length * (PIXELS / READABLE))
     shown = visible * size * np.minimum(1.0, cosine / HEAD_ON) * np.clip(1 - bend, 0, 1)[:, None]
     # The text's right on the picture: how far along its horizontal, how far along its vertical.
     views = served.directions[: len(served.up)]
