@@ -74,6 +74,8 @@ def emboss(mesh: WorkingMesh, box: Boxes, letters: Stamp, relief: float, index: 
             return Refusal.SECOND_LAYER
         for name, cut in CUTS:
             outcome = _apply(mesh, moved, used, cut, letters.draft, relief, index)
+            if outcome is Refusal.TOO_FINE:  # edges of smaller tops are shorter
+                outcome = _apply(mesh, moved, used, cut, None, relief, index)
             if not isinstance(outcome, Refusal):
                 return Mark(moved, name, outcome)
             if outcome in (Refusal.SECOND_LAYER, Refusal.THIN_WALL, Refusal.FOLDED):
@@ -129,7 +131,7 @@ def _apply(
     box: Boxes,
     used: list[tuple[Patch, CrossSection]],
     cut: Cut,
-    draft: Draft,
+    draft: Draft | None,
     relief: float,
     index: SpatialIndex,
 ) -> int | Refusal:
@@ -224,7 +226,7 @@ def _set_in(
     return below, tops
 
 
-def _surgery(mesh: WorkingMesh, box: Boxes, patch: Patch, pieces: Pieces, draft: Draft, first: int) -> _Surgery:
+def _surgery(mesh: WorkingMesh, box: Boxes, patch: Patch, pieces: Pieces, draft: Draft | None, first: int) -> _Surgery:
     """The cut of one patch in the mesh's own numbers; new vertices are numbered from ``first``."""
     known = len(patch.points)
     new = box.center[0] + box.size[0, 0] * pieces.points[known:] @ box.axes[0]
@@ -244,7 +246,7 @@ def _surgery(mesh: WorkingMesh, box: Boxes, patch: Patch, pieces: Pieces, draft:
     normals = np.einsum("tk,tkj->tj", weight, vertex_normal[patch.triangles[face]])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
     normals[normals[:, 2] < MIN_AGREEMENT] = (0.0, 0.0, 1.0)
-    across = draft.of(pieces.points[local, :2], flat.reshape(-1, 3))
+    across = draft.of(pieces.points[local, :2], flat.reshape(-1, 3)) if draft else np.zeros((len(local), 2))
     # In the tangent plane, and seen along the box normal exactly the draft.
     along = -np.sum(across * normals[:, :2], axis=1, keepdims=True) / normals[:, 2:]
 
