@@ -50,7 +50,8 @@ Float = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
 WIDTHS = (5.5, 4.0, 3.0, 2.0)
-SMALLEST = (1.2, 0.8)  # hardly legible but close up; only for what nothing wider shows
+SMALL = 1.2  # legible from close up; only for what nothing wider shows
+LAST_RESORT = 0.8  # only where there is nothing else at all
 # WIDTHS are meant for a word like "watermark", an eighth as high as wide; other proportions get the same area.
 USUAL_ASPECT = 0.125
 THICKNESS, THINNEST, THICKEST = 0.09, 0.25, 0.6  # of the width; 0.5 at 5.5, as in the paper
@@ -131,8 +132,9 @@ def place(
         saliency: of ``surface``.
         detail: of the texture of ``surface``; None where it has one colour.
         aspect: height of the text over its width.
-        parameters: resolved. With ``size`` None four widths are tried from the widest on, then two that are hardly
-            legible, each only for the directions in which wider text is not seen, until there are none.
+        parameters: resolved. With ``size`` None four widths are tried from the widest on, then one that is legible
+            only from close up, each only for the directions in which wider text is not seen, until there are none; a
+            last one where nothing was found.
         rng: the source of every draw.
         progress: called with the share done, 0 to 1.
         usable: (F,) the faces that boxes may stand on; all if None. The others still stand in the way.
@@ -162,7 +164,7 @@ def place(
     if parameters.size is not None:
         widths = [parameters.size]
     else:
-        widths = [_scaled(width, aspect) for width in WIDTHS + SMALLEST]
+        widths = [_scaled(width, aspect) for width in (*WIDTHS, SMALL, LAST_RESORT)]
     # Letters stand on as much surface as they cover. Less than that is no asset but needles, on which searches for
     # the closest point take forever.
     area = float(ground.areas.sum())
@@ -184,6 +186,8 @@ def place(
     left: list[dict[str, int]] = []
     wanted: Float | None = None
     for step, width in enumerate(widths):
+        if found is not None and len(found.boxes) and width < _scaled(SMALL, aspect):
+            break
 
         def share(done: float, step: int = step) -> None:
             progress((step + done) / len(widths))
