@@ -158,7 +158,7 @@ class AssetBench:
         values: dict[str, float | None] = dict(found.values)
         missing = {name: reason["code"] for name, reason in found.missing.items()}
         if len(boxes) == 0:
-            values |= {"ray": 0.0, "ray_box": 0.0, "coverage": 0.0}
+            values |= {"ray": 0.0, "ray_box": 0.0, "coverage": 0.0, "crop_survival": 0.0}
             missing = {name: code for name, code in missing.items() if values[name] is None}
         if options.color is not None and options.level is Evaluate.FULL and trial.bits is None:
             letters = trial.letters(attacked, self._prepared.index)

@@ -183,7 +183,8 @@ def test_the_two_sides_of_a_plate_get_no_more_marks_than_show_something_new() ->
 def test_more_widths_never_make_the_choice_worse() -> None:
     found = placed(join(cuboid(30, 2, 2), moved(cuboid(3.2, 12, 3.2), shift=(0, 6, 0))))
     widths = np.unique(found.boxes.size[:, 0])[::-1]
-    best, start = -np.inf, []
+    best = -np.inf
+    start: list[int] = []
     for width in widths:
         some = np.flatnonzero(found.boxes.size[:, 0] < width)
         start = select(found, 16, dead=some.tolist(), start=start)
