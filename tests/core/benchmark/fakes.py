@@ -10,6 +10,7 @@ from core.benchmark.datasets import Asset
 from core.benchmark.options import AttackAsked, BenchmarkOptions
 from core.benchmark.rows import Row, combinations, key
 from core.errors import ErrorCode, MeshmarkError
+from core.parameters import Evaluate
 
 
 class FakeBench:
@@ -58,6 +59,7 @@ def options(tmp_path: Path, *names: str, **changes: Any) -> BenchmarkOptions:
         "counts": (4, 16),
         "attacks": (AttackAsked("crop", 0.5),),
         "attack_counts": (4,),
+        "level": Evaluate.GEOMETRY,
     }
     return BenchmarkOptions(folder, tmp_path / "out", **given | changes)
 

@@ -133,7 +133,7 @@ def test_smse_agrees_with_trimesh_asked_for_every_triangle(pair: Pair, monkeypat
     found = smse(index_of(pair.original), pair.watermarked, np.random.default_rng(1))
     points, _ = sample(pair.watermarked, 300, np.random.default_rng(1))
     expected = distance_to_all(points, pair.original)
-    assert expected.max() > 0.1
+    assert expected.max() > 0.05
     assert found == pytest.approx((expected.mean(), (expected**2).mean()), abs=1e-9)
 
 
@@ -179,7 +179,7 @@ def test_ipe_agrees_with_the_parts_that_trimesh_splits_off(pair: Pair) -> None:
 
 
 def test_wps_agrees_with_the_supplement_step_by_step(pair: Pair) -> None:
-    larger = Boxes(pair.boxes.center, pair.boxes.axes, pair.boxes.size * [1.5, 4, 3])
+    larger = Boxes(pair.boxes.center, pair.boxes.axes, pair.boxes.size * [3, 8, 3])
     for marks in (pair.boxes, larger):
         assert wps(pair.original, marks).tolist() == pytest.approx(plain_wps(pair.original, marks))
-    assert wps(pair.original, larger).max() > 0.3
+    assert wps(pair.original, larger).max() > 0.1
