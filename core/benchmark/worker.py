@@ -80,7 +80,7 @@ def work(
     try:
         bench = opener(asset, seed, options)
         facts = bench.facts() | {"machine": machine()}
-    except Exception as error:
+    except Exception as error:  # here and below: the row records it, and the run of hours goes on
         fail(wanted, error, {"machine": machine()})
         return
     for group in grouped(wanted):
