@@ -23,7 +23,7 @@ MAX_TEXT_LENGTH = 64
 MAX_NAME_LENGTH = 256
 MAX_REGIONS = 32
 # Of the text's width: 0.22 at 5.5. Higher reads better from the side, but narrow text turns into a row of spikes.
-RELIEF = 0.04
+RELIEF = 0.02
 
 
 class Preset(StrEnum):

@@ -39,9 +39,11 @@ if TYPE_CHECKING:
     from core.ground.ground import Ground
     from core.ground.saliency import Saliency
     from core.placement.objective import Placement
+    from core.placement.site import Site
     from core.report import Warnings
 
 FAILED_CUTS = 10  # for each mark that is asked for
+MORE_SEARCHES = 2  # for places, where cuts failed
 
 Progress = Callable[[str, float], None]
 Publish = Callable[[str, bytes], None]
@@ -70,6 +72,8 @@ class Job:
     # place
     usable: NDArray[np.bool_] = field(init=False)  # (F,) faces a watermark may be cut into
     saliency: "Saliency" = field(init=False)
+    rng: np.random.Generator = field(init=False)  # of placement
+    site: "Site" = field(init=False)
     placement: "Placement" = field(init=False)
     # emboss
     mesh: WorkingMesh = field(init=False)
@@ -133,26 +137,28 @@ def _place(job: Job) -> None:
     from core.ground.saliency import saliency
     from core.ground.texture import detail
     from core.placement.place import place
+    from core.placement.site import open_site
 
     ground, parameters = job.ground, job.parameters
     asked = regions(job.scene, ground.surface, parameters)
+    job.rng = np.random.default_rng(parameters.seed)
     job.saliency = saliency(ground.surface, parameters.seed)
     texture = detail(job.scene, ground.surface, job.saliency.points, job.saliency.face)
 
     def on(usable: NDArray[np.bool_]) -> "Placement":
         job.usable = asked.within(usable)
-        return place(
+        job.site = open_site(
             ground.surface,
             ground.index,
             job.saliency,
             texture,
             job.lettering.aspect,
             parameters,
-            np.random.default_rng(parameters.seed),
-            job.report_progress,
+            job.rng,
             job.usable,
             asked,
         )
+        return place(job.site, job.rng, job.report_progress)
 
     try:
         job.placement = on(ground.solid)
@@ -171,11 +177,12 @@ def _place(job: Job) -> None:
 
 
 def _emboss(job: Job) -> None:
-    """Embosses the selected boxes; where one is refused, selects again among those not tried yet."""
+    """Embosses the selected boxes; where one is refused, selects again among those not tried yet, and where these
+    leave a side without a mark, looks for more places there."""
     from core.embossing.emboss import Mark, emboss
     from core.embossing.refusal import CHEAP, Refusal
     from core.embossing.stamp import stamp
-    from core.placement.place import narrowest_legible
+    from core.placement.place import narrowest_legible, place_more
     from core.placement.selection import select
 
     assert job.parameters.count is not None
@@ -186,11 +193,17 @@ def _emboss(job: Job) -> None:
     chosen: list[int] = list(job.placement.start)
     # A cut is the costly part; where this many fail, the rest of the asset is no better.
     cuts_left = FAILED_CUTS * job.parameters.count
+    refused_before, searches_left = 0, MORE_SEARCHES
     while cuts_left > 0:
         chosen = select(job.placement, job.parameters.count, fixed=list(job.marks), dead=dead, start=chosen)
         fresh = [box for box in chosen if box not in job.marks]
         if not fresh:
-            break
+            if len(dead) == refused_before or searches_left == 0:
+                break
+            refused_before, searches_left = len(dead), searches_left - 1
+            job.placement = place_more(job.site, job.placement, list(job.marks), dead, job.rng)
+            chosen = list(job.placement.start)
+            continue
         for box in fresh:
             one = job.placement.boxes[np.array([box])]
             outcome = emboss(job.mesh, one, letters, job.parameters.relief_at(one.size[0, 0]), job.ground.index)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from core.asset.assemble import assemble
 from core.asset.assembly import Assembly, Instance
-from core.asset.polygons import Material, PolygonMesh, linear
+from core.asset.polygons import Material, PolygonMesh, hex_linear
 from core.asset.surface import Surface
 
 Float = NDArray[np.float64]
@@ -73,8 +73,8 @@ def plain_glb(mesh: Mesh, letters: Bool | None = None, color: str | None = None)
     painted = letters if letters is not None and color is not None else np.zeros(len(mesh.faces), dtype=bool)
     materials = [GREY]
     if color is not None:
-        rgb = linear(np.array([[int(color[start : start + 2], 16) / 255 for start in (1, 3, 5)]]))[0]
-        materials.append(Material("letters", (float(rgb[0]), float(rgb[1]), float(rgb[2]), 1.0)))
+        red, green, blue = hex_linear(color).tolist()
+        materials.append(Material("letters", (red, green, blue, 1.0)))
     body = PolygonMesh(
         positions=mesh.positions,
         corners=mesh.faces.ravel(),

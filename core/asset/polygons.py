@@ -82,6 +82,11 @@ def linear(colors: Float) -> Float:
     return result
 
 
+def hex_linear(color: str) -> Float:
+    """(3,) linear RGB, 0-1, of ``"#rrggbb"``."""
+    return linear(np.array([int(color[start : start + 2], 16) / 255 for start in (1, 3, 5)]))
+
+
 def check_sizes(sizes: Int, budgets: Budgets) -> None:
     """Refuse polygons, given the corners (P,) of each, that are too large or make too many triangles.
 

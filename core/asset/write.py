@@ -14,6 +14,7 @@ from core.asset.flatten import TRIANGLES, Scene
 from core.asset.gltf import Document, read_accessor
 from core.asset.instances import instance_attributes, split_off
 from core.asset.patch import Patch, cut_patches, primitive_json, row_labels
+from core.asset.polygons import hex_linear
 from core.asset.settle import primitive_accessors, settle
 
 Int = NDArray[np.int64]
@@ -80,7 +81,7 @@ class _Paint:
 
     def __init__(self, appender: Appender, color: str) -> None:
         self._appender = appender
-        self._factor = [round(_linear(int(color[start : start + 2], 16) / 255), 6) for start in (1, 3, 5)] + [1.0]
+        self._factor = [*hex_linear(color).round(6).tolist(), 1.0]
         self._materials: dict[bool, int] = {}
 
     def primitive(self, source: dict[str, Any], maps: list[dict[str, int]], indices: int) -> dict[str, Any]:
@@ -109,11 +110,6 @@ class _Paint:
                 material["doubleSided"] = True
             self._materials[double_sided] = self._appender.append("materials", material)
         return self._materials[double_sided]
-
-
-def _linear(channel: float) -> float:
-    """An sRGB channel (IEC 61966-2-1) as linear light."""
-    return channel / 12.92 if channel <= 0.04045 else ((channel + 0.055) / 1.055) ** 2.4
 
 
 def _append_rows(document: Document, patch: Patch, appender: Appender) -> tuple[Int, list[dict[str, int]]]:

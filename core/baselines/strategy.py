@@ -23,7 +23,7 @@ from core.parameters import PRESETS, Mode, Parameters, Preset
 from core.placement.boxes import Boxes
 from core.placement.candidates import upright
 from core.placement.finetune import adam, alignment_loss
-from core.placement.place import PAPER_RADIUS, PAPER_SAMPLES
+from core.placement.fit import PAPER_RADIUS, PAPER_SAMPLES
 from core.placement.sampling import sample, thin
 from core.spatial import SpatialIndex
 

@@ -98,9 +98,9 @@ def _spread(points: Float, normals: Float, radius: float) -> Float:
     weight = csr_array((1 - (pairs["v"] / radius) ** 2, (pairs["i"], pairs["j"])), shape=(len(points), len(center)))
     around = weight @ total
     mean = around[:, :6] / around[:, 6:]
-    # The norm of the eigenvalues is that of the matrix, whose entries off the diagonal stand here once.
-    norm = np.sqrt((mean**2) @ np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0]))
-    return np.asarray((1 / norm - 1) / (np.sqrt(3) - 1))
+    entries = mean[:, [0, 3, 4, 3, 1, 5, 4, 5, 2]].reshape(-1, 3, 3)
+    least = np.linalg.eigvalsh(entries)[:, 0]
+    return np.asarray(np.sqrt(3 * np.clip(least, 0, 1 / 3)))
 
 
 def otsu(values: Float) -> float:

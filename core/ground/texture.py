@@ -56,6 +56,10 @@ class Detail(Samples):
         mean, share, busy = self.means_under(boxes, values).T
         return mean, share, busy
 
+    def luminance_under(self, boxes: Boxes) -> Float:
+        """(B,) mean ``luminance`` of the surface inside each of B boxes."""
+        return self.means_under(boxes, self.luminance[:, None])[:, 0]
+
 
 def detail(scene: Scene, surface: Surface, points: Float, face: Int) -> Detail | None:
     """The :class:`Detail` of an asset's base colour at ``points`` (N, 3), spread evenly over its surface.

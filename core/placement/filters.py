@@ -27,6 +27,7 @@ SMALLEST_COSINE = 0.05
 FACING = 0.15  # cosine from which embossing takes a face as part of the patch
 FOOTPRINT = (24, 6)
 RAYS_SKIPPED = 4  # roughness takes every fourth ray, 36 a box
+FRAME, FRAME_GRID = 0.1, (9, 4)
 FOOTPRINT_MARGIN = 0.01  # of the width; letters keep this clear of every border of the surface
 
 
@@ -88,6 +89,21 @@ def covered(met: Footprint, boxes: Boxes) -> Bool:
     """
     within = np.abs(met.height) <= boxes.size[:, 2:3] / 2
     return np.asarray((within & (met.cosine > FACING)).all(axis=1))
+
+
+def exposed(boxes: Boxes, index: SpatialIndex, normals: Float, clearance: float) -> Float:
+    """(B,) share of a frame around each box in which the surface under it does not go on: near an edge, a hole or a
+    silhouette a mark is cut off by the first crop, and looks as if it had slipped.
+
+    The frame is :data:`FRAME` of the width wide; ``clearance`` and ``normals`` as for :func:`footprint`.
+    """
+    met = footprint(boxes, index, normals, clearance, FRAME_GRID, margin=FRAME)
+    across, down = FRAME_GRID
+    rim = np.zeros(FRAME_GRID, dtype=bool)
+    rim[[0, across - 1]] = True
+    rim[:, [0, down - 1]] = True
+    goes_on = (np.abs(met.height) <= boxes.size[:, 2:3] / 2) & (met.cosine > FACING)
+    return np.asarray(1 - goes_on[:, rim.ravel()].mean(axis=1))
 
 
 def roughness(boxes: Boxes, points: Float, normals: Float) -> Float:

@@ -37,6 +37,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from core.asset.polygons import hex_linear
 from core.asset.surface import Surface
 from core.placement.boxes import Boxes
 from core.placement.candidates import upright
@@ -44,6 +45,7 @@ from core.rendering.views import fibonacci_directions, view_directions
 
 Float = NDArray[np.float64]
 Bool = NDArray[np.bool_]
+Single = NDArray[np.float32]
 
 FACING_VIEW = np.cos(np.radians(45.0))  # a mark turned further away is not readable from that view
 EVEN_DIRECTIONS = 200
@@ -51,16 +53,21 @@ HALF_SPACES = 64
 CROPS = 0.1  # all half-spaces together; nearly any choice of a few marks serves nearly all
 # Text 5.5 wide, the paper's, is 20 pixels high in the metrics' pictures, which show a sphere about the asset, say of
 # radius 18, on 1024 pixels. Recognition reads 12 still well and 6 hardly ever.
-PIXELS, READABLE = 1024 / 36, 12.0
+PIXELS, READABLE, BY_SIZE = 1024 / 36, 24.0, 0.4
 HEAD_ON = np.cos(np.radians(40.0))  # turned less than this a text reads as well as from the front
+SEEN = 0.6
 ROLLED = 0.5  # readers turn pictures in four ways; people do not
 # The proportions, but for roll, are those of the prototype that kept saliency error at 0 (0.04 times obstructed share,
 # 0.7 saliency, 0.6 roll, 1 less flatness), when seeing a direction counted in full and legibility not at all. Now that
 # bend and roll also lessen the likelihood, half the penalty serves, with more on roll.
-PENALTY, SALIENT, ROLL, DETAIL = 0.02, 0.7, 1.0, 0.7
-MARK = 0.002  # a mark has to add about one of the 200 directions, read well
-DISTORTION = 3.0  # per unit of mean distance (SMSE) that a mark adds
+PENALTY, OBSTRUCTED, SALIENT, ROLL, EXPOSED, DETAIL = 0.005, 6.0, 1.4, 2.0, 1.0, 1.4
+BACKUP = 0.15
+MARK = 0.001  # a mark has to add about one of the 200 directions, read well
+DISTORTION = 5.0  # per unit of mean distance (SMSE) that a mark adds
 LETTERS = 0.41  # of a box are covered by the letters of "watermark"
+LARGE_TEXT = 3.0  # WCAG 2.2, 1.4.3
+TONELESS = 0.5  # gloss and edges show letters as dark as their ground
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear sRGB
 BARRED = 0.45  # share salient from which no mark is placed; the metric's 0.5 less what the edges of a box hold
 
 
@@ -122,19 +129,28 @@ class Placement:
     weight: Float
     start: tuple[int, ...] = ()
 
-    def served(self, chosen: list[int]) -> NDArray[np.float32]:
-        """(J,) how well the best of the ``chosen`` boxes serves each column."""
-        return np.asarray(self.likelihood[chosen].max(axis=0, initial=0.0))
+    def served(self, chosen: list[int]) -> tuple[Single, Single]:
+        """(J,) each: how well the best and the second best of the ``chosen`` boxes serve each column."""
+        one = np.zeros((2, self.likelihood.shape[1]), np.float32)
+        best = np.partition(np.concatenate([one, self.likelihood[chosen]]), (-2, -1), axis=0)
+        return best[-1], best[-2]
 
     def gain(self, chosen: list[list[int]]) -> Float:
         """(B, K) what adding each box to each of K choices adds to the objective."""
         weight = self.weight.astype(np.float32)
-        added = [np.maximum(self.likelihood - self.served(one), 0.0) @ weight for one in chosen]
-        return np.asarray(np.stack(added, axis=1) - self.cost[:, None])
+        gain = np.empty((len(self.boxes), len(chosen)))
+        for column, one in enumerate(chosen):
+            best, second = self.served(one)
+            added = np.maximum(self.likelihood - best, 0) + BACKUP * np.maximum(
+                np.minimum(self.likelihood, best) - second, 0
+            )
+            gain[:, column] = added @ weight
+        return gain - self.cost[:, None]
 
     def value(self, chosen: list[int]) -> float:
         """The objective F of ``chosen``."""
-        return float(self.weight @ self.served(chosen) - self.cost[chosen].sum())
+        best, second = self.served(chosen)
+        return float(self.weight @ (best + BACKUP * second) - self.cost[chosen].sum())
 
 
 def facing(boxes: Boxes, directions: Float) -> Bool:
@@ -142,26 +158,45 @@ def facing(boxes: Boxes, directions: Float) -> Bool:
     return np.asarray(boxes.axes[:, 2] @ directions.T >= FACING_VIEW)
 
 
-def likelihood(boxes: Boxes, visible: Bool, bend: Float, served: Columns) -> NDArray[np.float32]:
+def tone(luminance: Float, color: str | None) -> Float:
+    """(B,) how well letters stand out from ground of each relative ``luminance`` (B,), 0 to 1.
+
+    The measure is WCAG 2's contrast ratio, whose 0.05 is the light that every screen adds. Letters of a ``color`` of
+    their own ("#rrggbb") are told from the ground from a ratio of 3 on, as WCAG asks of large text. Letters without
+    one are told by their walls, one side of which is lit half as much as the other: on black ground neither is seen.
+    """
+    if color is None:
+        ratio = (luminance + 0.05) / (luminance / 2 + 0.05)
+        contrast = (ratio - 1) / (1.05 / 0.55 - 1)
+    else:
+        letters = LUMINANCE @ hex_linear(color)
+        ratio = (np.maximum(luminance, letters) + 0.05) / (np.minimum(luminance, letters) + 0.05)
+        contrast = np.minimum((ratio - 1) / (LARGE_TEXT - 1), 1)
+    return np.asarray(TONELESS + (1 - TONELESS) * contrast)
+
+
+def likelihood(boxes: Boxes, visible: Bool, bend: Float, tone: Float, served: Columns) -> NDArray[np.float32]:
     """(B, J) likelihood that each box serves each column.
 
     Args:
         boxes: size-30 units.
         visible: (B, D) in which directions each is seen.
-        bend: (B,) how much the surface under each bends, see :func:`cost`.
+        bend: (B,) how much the surface under each bends, see :func:`bend`.
+        tone: (B,) how well letters stand out from the ground, see :func:`tone`.
         served: the columns.
     """
     cosine = np.clip(boxes.axes[:, 2] @ served.directions.T, 0, 1)
     # The text is as high on the picture as its up is long there.
     upright_length = np.sqrt(np.clip(1 - (boxes.axes[:, 1] @ served.directions.T) ** 2, 0, 1))
-    size = np.minimum(1.0, boxes.size[:, 1:2] * upright_length * (PIXELS / READABLE))
-    shown = visible * size * np.minimum(1.0, cosine / HEAD_ON) * np.clip(1 - bend, 0, 1)[:, None]
+    size = np.minimum(1.0, boxes.size[:, 1:2] * upright_length * (PIXELS / READABLE)) ** BY_SIZE
+    shown = visible * size * np.minimum(1.0, cosine / HEAD_ON) * (np.clip(1 - bend, 0, 1) * tone)[:, None]
     # The text's right on the picture: how far along its horizontal, how far along its vertical.
     views = served.directions[: len(served.up)]
     along = boxes.axes[:, 0] @ np.cross(served.up, views).T
     across = boxes.axes[:, 0] @ served.up.T
     length = np.maximum(np.hypot(along, across), np.finfo(float).tiny)
     shown[:, : len(views)] *= 1 - ROLLED * (1 - along / length) / 2
+    shown = SEEN * visible + (1 - SEEN) * shown
     corners = boxes.corners() - served.centroid
     whole = (corners @ served.half_spaces.T).min(axis=1) > 0
     return np.concatenate([shown, whole], axis=1).astype(np.float32)
@@ -176,6 +211,7 @@ class Terms:
     roll: Float
     bend: Float
     rough: Float
+    exposed: Float
     detail: Float
     busy: Float
     preferred: Float
@@ -185,11 +221,12 @@ class Terms:
 def cost(terms: Terms) -> Float:
     """(B,) what a mark at each place costs, in shares of all directions."""
     unwelcome = (
-        terms.obstructed
+        OBSTRUCTED * terms.obstructed
         + SALIENT * terms.salient
         + ROLL * terms.roll
         + terms.bend
         + terms.rough
+        + EXPOSED * terms.exposed
         + DETAIL * terms.detail
         + terms.busy
         - terms.preferred

@@ -1,0 +1,191 @@
+"""One text width: candidates, fine-tuning, filters, and what selection has to know of the boxes that are left."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.parameters import Mode, Preset, Solver
+from core.placement.boxes import Boxes
+from core.placement.candidates import candidates
+from core.placement.filters import (
+    above,
+    covered,
+    exposed,
+    footprint,
+    occluded,
+    roughness_met,
+    smooth,
+    thin_walled,
+    well_aligned,
+)
+from core.placement.finetune import adam, distinct, levenberg_marquardt
+from core.placement.objective import (
+    BARRED,
+    FACING_VIEW,
+    Placement,
+    Terms,
+    bend,
+    cost,
+    distance,
+    facing,
+    likelihood,
+    obstructed,
+    roll,
+    tone,
+)
+from core.placement.sampling import sample
+from core.placement.selection import visibility
+from core.placement.site import Site
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+THICKNESS, THINNEST, THICKEST = 0.09, 0.25, 0.6  # of the width; 0.5 at 5.5, as in the paper
+PAPER_SAMPLES, PAPER_RADIUS = 300, 1.0
+# Drawn before thinning, and about how many stay: as many as one second fits on one core. Narrower text looks only for
+# what wider text left unseen, and draws more for it: thin edges and small parts have little of the area.
+SAMPLES, CANDIDATES = 8000, 1100
+MORE_SAMPLES = 40_000
+MORE, FEWEST = 0.6, 0.07  # of CANDIDATES: for each share of all directions that is unseen; at least
+GLANCES = 6  # directions in which each sample is looked for: one that none of them sees lies inside or in a cranny
+# Of that many random darts thinned to a radius r, about 0.5 area / r^2 stay.
+PACKING = 0.5
+COPY = 0.05  # fitted boxes closer than this are one (finetune.distinct)
+LIFT = 1.5  # reliefs above the surface at which visibility starts: just clear of the letters
+SKIN = 0.01  # how far from the surface rays start that must not meet it
+SIGHT_GRID = (8, 2)
+
+
+def fit(
+    site: Site,
+    width: float,
+    wanted: Float | None,
+    rng: np.random.Generator,
+    progress: Callable[[float], None],
+) -> tuple[Placement, dict[str, int]]:
+    """All boxes of one ``width`` (size-30 units) that may carry the text.
+
+    Args:
+        site: where.
+        width: of the text.
+        wanted: (K, 3) only candidates that look towards one of these directions, within 45 degrees, are fitted; None
+            for all.
+        rng: the source of every draw.
+        progress: called with the share done, 0 to 1, by the slow solver.
+
+    Returns:
+        The survivors, and how many boxes were left after each stage, by stage.
+    """
+    parameters, index = site.parameters, site.index
+    relief = abs(parameters.relief_at(width))
+    size = (width, width * site.aspect, float(np.clip(THICKNESS * width, THINNEST, THICKEST)))
+    boxes = _candidates(site, size, wanted, rng)
+    left = {"candidates": len(boxes)}
+
+    if parameters.solver is Solver.ADAM:
+        boxes, loss = adam(boxes, index, progress)
+    else:
+        boxes, loss = levenberg_marquardt(boxes, index, site.surfels)
+    kept = np.flatnonzero(well_aligned(loss))
+    boxes, loss = boxes[kept], loss[kept]
+    left["aligned"] = len(boxes)
+    kept = distinct(boxes, loss, COPY)
+    boxes, loss = boxes[kept], loss[kept]
+    left["distinct"] = len(boxes)
+    if site.regions is not None:
+        kept = np.flatnonzero(~site.regions.touches(boxes, margin=relief))
+        boxes, loss = boxes[kept], loss[kept]
+    left["free"] = len(boxes)
+
+    met = footprint(boxes, index, site.normals, clearance=relief)
+    kept = np.flatnonzero(covered(met, boxes))
+    boxes, loss = boxes[kept], loss[kept]
+    left["covered"] = len(boxes)
+
+    rough = roughness_met(met, site.normals)[kept]
+    kept = np.flatnonzero(smooth(rough))
+    boxes, loss, rough = boxes[kept], loss[kept], rough[kept]
+    left["smooth"] = len(boxes)
+
+    met = footprint(boxes, index, site.normals, relief, SIGHT_GRID, margin=0.0)
+    sight = above(boxes, met, LIFT * relief)
+    blocked = occluded(boxes, sight, index, reach=width)
+    if parameters.mode is Mode.DEBOSS:
+        blocked |= thin_walled(boxes, above(boxes, met, -SKIN), index, depth=LIFT * relief)
+    visible = np.zeros((len(boxes), len(site.served.directions)), dtype=bool)
+    visible[~blocked] = visibility(boxes[~blocked], sight[~blocked], index, site.served.directions)
+    left["open"] = int((~blocked).sum())
+    kept = np.flatnonzero(visible.any(axis=1))
+    left["seen"] = len(kept)
+    return _valued(site, boxes[kept], loss[kept], rough[kept], visible[kept], relief), left
+
+
+def _candidates(site: Site, size: tuple[float, float, float], wanted: Float | None, rng: np.random.Generator) -> Boxes:
+    """Boxes to start from; where directions are ``wanted``, only on surface that looks there."""
+    if site.parameters.preset is Preset.PAPER:
+        points, face = sample(site.ground, PAPER_SAMPLES, rng)
+        return candidates(points, site.ground.normals[face], size, PAPER_RADIUS)
+    number, most = SAMPLES, float(CANDIDATES)
+    if wanted is not None:
+        number, most = MORE_SAMPLES, CANDIDATES * max(MORE * len(wanted) / len(site.served.directions), FEWEST)
+    points, face = sample(site.ground, number, rng)
+    normals = site.ground.normals[face]
+    if wanted is not None:
+        looking = np.flatnonzero((normals @ wanted.T >= FACING_VIEW).any(axis=1))
+        points, normals = points[looking[: 2 * SAMPLES]], normals[looking[: 2 * SAMPLES]]
+        number = number * len(points) // max(len(looking), 1)
+    shown = _in_sight(site, points, normals, site.served.directions if wanted is None else wanted, rng)
+    area = float(site.ground.areas.sum()) * len(shown) / number
+    shown = shown[:SAMPLES]
+    return candidates(points[shown], normals[shown], size, float(np.sqrt(PACKING * area / most)))
+
+
+def _in_sight(site: Site, points: Float, normals: Float, directions: Float, rng: np.random.Generator) -> Int:
+    """Which ``points`` (N, 3) of the surface, with unit ``normals`` (N, 3), are seen from any of a few ``directions``
+    (K, 3) that each looks along within 45 degrees."""
+    hidden = normals @ directions.T < FACING_VIEW
+    order = rng.random(hidden.shape, dtype=np.float32)
+    order[hidden] = np.inf
+    few = min(GLANCES, len(directions))
+    glance = np.argpartition(order, few - 1, axis=1)[:, :few]
+    point, turn = np.nonzero(np.isfinite(np.take_along_axis(order, glance, axis=1)))
+    _, face = site.index.first_hit(points[point] + SKIN * normals[point], directions[glance[point, turn]])
+    return np.unique(point[face < 0])
+
+
+def _valued(
+    site: Site, boxes: Boxes, loss: Float, rough: Float, visible: NDArray[np.bool_], relief: float
+) -> Placement:
+    """The ``boxes`` with what each shows and costs."""
+    met = footprint(boxes, site.index, site.normals, relief, SIGHT_GRID, margin=0.0)
+    bent, preferred = bend(boxes, met.height), np.zeros(len(boxes))
+    if site.regions is not None:
+        preferred = site.regions.preference(above(boxes, met, 0.0), met.face)
+    _, salient = site.saliency.under(boxes)
+    details, busy, contrast = np.zeros(len(boxes)), np.zeros(len(boxes)), np.ones(len(boxes))
+    if site.detail is not None:
+        _, details, busy = site.detail.under(boxes)
+        contrast = tone(site.detail.luminance_under(boxes), site.parameters.color)
+    terms = Terms(
+        obstructed=obstructed(visible, facing(boxes, site.served.directions), site.served),
+        salient=salient,
+        roll=roll(boxes),
+        bend=bent,
+        rough=rough - 1,
+        exposed=exposed(boxes, site.index, site.normals, relief),
+        detail=details,
+        busy=busy,
+        preferred=preferred,
+        distance=distance(boxes, relief, float(site.surface.areas.sum())),
+    )
+    return Placement(
+        boxes=boxes,
+        loss=loss,
+        roughness=rough,
+        visible=visible,
+        likelihood=likelihood(boxes, visible, bent, contrast, site.served),
+        cost=cost(terms),
+        barred=(salient > BARRED) | (details > BARRED),
+        weight=site.served.weight,
+    )

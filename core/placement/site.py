@@ -1,0 +1,106 @@
+"""The asset as every search for places sees it: what is made once and shared by all text widths."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.asset.surface import Surface
+from core.errors import ErrorCode, MeshmarkError
+from core.ground.regions import Regions
+from core.ground.saliency import Saliency
+from core.ground.texture import Detail
+from core.parameters import Parameters
+from core.placement.objective import FACING_VIEW, Columns, columns
+from core.placement.surfels import Surfels
+from core.spatial import SpatialIndex
+
+Float = NDArray[np.float64]
+Bool = NDArray[np.bool_]
+
+LOOKING = 0.001  # share of the surface under which none looks at a direction
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """Where places are looked for.
+
+    Attributes:
+        surface: the asset.
+        ground: the part of it that boxes may stand on.
+        normals: (F, 3) of ``surface``, zero where no box may stand.
+        surfels: the stand-in for ``ground``.
+        index: over ``surface``.
+        saliency: of ``surface``.
+        detail: of the texture of ``surface``; None where it has one colour.
+        regions: what the request keeps out of or prefers; None where nothing.
+        aspect: height of the text over its width.
+        parameters: resolved.
+        served: the columns of the objective.
+        possible: (D,) bool, the directions that any surface looks at: nothing on a cube, for one, looks along its
+            diagonals within 45 degrees.
+    """
+
+    surface: Surface
+    ground: Surface
+    normals: Float
+    surfels: Surfels
+    index: SpatialIndex
+    saliency: Saliency
+    detail: Detail | None
+    regions: Regions | None
+    aspect: float
+    parameters: Parameters
+    served: Columns
+    possible: Bool
+
+
+def open_site(
+    surface: Surface,
+    index: SpatialIndex,
+    saliency: Saliency,
+    detail: Detail | None,
+    aspect: float,
+    parameters: Parameters,
+    rng: np.random.Generator,
+    usable: Bool | None = None,
+    regions: Regions | None = None,
+) -> Site:
+    """The site of one text on an asset.
+
+    Args:
+        surface: the asset.
+        index: over ``surface``.
+        saliency: of ``surface``.
+        detail: of the texture of ``surface``; None where it has one colour.
+        aspect: height of the text over its width.
+        parameters: resolved.
+        rng: the source of every draw.
+        usable: (F,) the faces that boxes may stand on; all if None. The others still stand in the way.
+        regions: what the request keeps out of or prefers; nothing if None.
+
+    Raises:
+        MeshmarkError: ``no_placement`` where no face is usable; ``no_faces`` where none has any area.
+    """
+    if usable is not None and not usable.any():
+        raise MeshmarkError(
+            ErrorCode.NO_PLACEMENT,
+            f"None of the {len(surface.faces)} faces of this asset can carry a watermark: their nodes flatten them, or "
+            "their materials are masked, blended or transmit light.",
+            "Send an asset with an opaque surface.",
+        )
+    # Boxes stand on the ground; a ray that meets any other face meets nothing that looks at it.
+    ground, normals = surface, surface.normals
+    if usable is not None and not usable.all():
+        ground = replace(
+            surface,
+            faces=surface.faces[usable],
+            face_primitive=surface.face_primitive[usable],
+            face_triangle=surface.face_triangle[usable],
+        )
+        normals = np.where(usable[:, None], normals, 0.0)
+    served, surfels = columns(surface), Surfels(ground, rng)
+    possible = (surfels.normals @ served.directions.T >= FACING_VIEW).mean(axis=0) > LOOKING
+    return Site(
+        surface, ground, normals, surfels, index, saliency, detail, regions, aspect, parameters, served, possible
+    )
