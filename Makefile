@@ -41,6 +41,10 @@ benchmark: $(VENV)/.tests ## Compare all methods on the files of MESHES=DIR; the
 	@sh docker/system-packages.sh service
 	$(BIN)/meshmark benchmark $(MESHES) --out $(OUT)
 
+ablation: $(VENV)/.tests ## The same for placement without one of its objective's terms each
+	@sh docker/system-packages.sh service
+	$(BIN)/meshmark benchmark $(MESHES) --out $(OUT) --counts 16 --methods objective
+
 fuzz: $(VENV)/.tests ## Run 10,000 mutated files through the engine
 	@npm ci --prefix tests --silent --no-audit --no-fund
 	$(BIN)/python -m tests.fuzz
@@ -62,4 +66,4 @@ $(VENV)/.tests: $(VENV)/.service
 	$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable '.[test,benchmark]'
 	touch $@
 
-.PHONY: help install demo run test check survey benchmark fuzz openapi clean
+.PHONY: help install demo run test check survey benchmark ablation fuzz openapi clean

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 
 from core import __version__
 from core.benchmark.datasets import LAYOUTS
-from core.benchmark.options import PAPER_ATTACKS, AttackAsked, BenchmarkOptions
+from core.benchmark.options import OBJECTIVE_METHODS, PAPER_ATTACKS, AttackAsked, BenchmarkOptions
 from core.errors import ErrorCode, MeshmarkError
 from core.parameters import Evaluate, Mode, Preset, parse_parameters
 
@@ -256,6 +256,7 @@ def _benchmark(options: argparse.Namespace) -> None:
 
     asked = {name: getattr(options, name) for name in BenchmarkOptions.__dataclass_fields__}
     attacks = PAPER_ATTACKS if options.attacks == ("all",) else options.attacks
+    asked["methods"] = OBJECTIVE_METHODS if options.methods == ("objective",) else options.methods
     asked["attacks"] = tuple(AttackAsked.parse(attack) for attack in attacks)
     rows = run(BenchmarkOptions(**asked | {"level": Evaluate(options.level)}))
     failed = sum(row["status"] != "ok" for row in rows)

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from core.embossing.emboss import Mark
     from core.ground.ground import Ground
     from core.ground.saliency import Saliency
-    from core.placement.objective import Placement
+    from core.placement.objective import Objective, Placement
     from core.placement.site import Site
     from core.report import Warnings
 
@@ -60,6 +60,7 @@ class Job:
     preview_wanted: bool
     report_progress: Callable[[float], None]
     publish: Publish
+    objective: "Objective | None" = None
     timings: dict[str, float] = field(default_factory=dict)
     memory: dict[str, int] = field(default_factory=dict)
     warnings: "Warnings" = field(default_factory=list)
@@ -136,6 +137,7 @@ def _place(job: Job) -> None:
     from core.ground.regions import regions
     from core.ground.saliency import saliency
     from core.ground.texture import detail
+    from core.placement.objective import OBJECTIVE
     from core.placement.place import place
     from core.placement.site import open_site
 
@@ -157,6 +159,7 @@ def _place(job: Job) -> None:
             job.rng,
             job.usable,
             asked,
+            job.objective or OBJECTIVE,
         )
         return place(job.site, job.rng, job.report_progress)
 
@@ -342,6 +345,7 @@ def watermark(
     preview: bool = True,
     progress: Progress | None = None,
     publish: Publish | None = None,
+    objective: "Objective | None" = None,
 ) -> Result:
     """Embosses a watermark into a mesh file.
 
@@ -354,6 +358,7 @@ def watermark(
         progress: called with the stage's name and the share done of the whole run, 0 to 1.
         publish: called with "model", "report" and "preview" and their bytes as soon as each exists, before the run
             ends. The report is the one that stands should the run not end: its metrics are missing still.
+        objective: the weights of placement, for ablations; None for those of the product.
 
     Returns:
         The GLB, the report and the preview. The same arguments on the same device give the same GLB bytes.
@@ -368,7 +373,7 @@ def watermark(
             progress(name, done + weight * min(share, 1.0))
 
     publish = publish or (lambda _name, _bytes: None)
-    job = Job(data, parameters.resolved(), font, budgets, preview, report_progress, publish)
+    job = Job(data, parameters.resolved(), font, budgets, preview, report_progress, publish, objective)
     for name, stage, weight in STAGES:
         report_progress(0.0)
         start = time.perf_counter()

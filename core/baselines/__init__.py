@@ -1,5 +1,6 @@
 """What Meshmark is compared with: strategies of one signature, looked up by name."""
 
+from core.baselines.ablation import ABLATED
 from core.baselines.li import li
 from core.baselines.meshmark import meshmark
 from core.baselines.paper import paper, paper_no_curve_matching, paper_no_filtering, paper_no_optimization
@@ -12,4 +13,5 @@ STRATEGIES: dict[str, Strategy] = {
     "paper-no-curve-matching": paper_no_curve_matching,
     "paper-no-optimization": paper_no_optimization,
     "paper-no-filtering": paper_no_filtering,
+    **ABLATED,
 }

@@ -9,9 +9,12 @@ from core.baselines.strategy import Marked, Prepared
 from core.parameters import Evaluate, Parameters
 from core.pipeline import watermark
 from core.placement.boxes import Boxes
+from core.placement.objective import OBJECTIVE, Objective
 
 
-def meshmark(prepared: Prepared, parameters: Parameters, _rng: np.random.Generator) -> Marked:
+def meshmark(
+    prepared: Prepared, parameters: Parameters, _rng: np.random.Generator, objective: Objective = OBJECTIVE
+) -> Marked:
     """What :func:`core.pipeline.watermark` makes of the file itself, read back from the GLB it writes.
 
     Its draws come from ``parameters.seed``, as they do for every user.
@@ -20,7 +23,7 @@ def meshmark(prepared: Prepared, parameters: Parameters, _rng: np.random.Generat
         MeshmarkError: as the pipeline does.
     """
     unmeasured = parameters.model_copy(update={"evaluate": Evaluate.NONE})
-    result = watermark(prepared.data, unmeasured, font=prepared.font, preview=False)
+    result = watermark(prepared.data, unmeasured, font=prepared.font, preview=False, objective=objective)
     surface = prepared.surface
     marks = result.report["watermarks"]
     axes = np.array([[mark["right"], mark["up"], mark["normal"]] for mark in marks])

@@ -38,11 +38,10 @@ Pictures = NDArray[np.uint8]
 NO_BOXES = Boxes(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3)))
 
 # The parts of a prepared asset that a method needs. They are made once for all methods, and each method's run time
-# counts all that it needs; our own product reads the file itself.
+# counts all that it needs; our own product, whole or without a term, reads the file itself and is not listed.
 _BOOLEAN = ("reading", "solid")
 _FITTED = (*_BOOLEAN, "candidates", "fine-tuning")
 NEEDS: dict[str, tuple[str, ...]] = {
-    "meshmark": (),
     "li": _BOOLEAN,
     "paper": (*_FITTED, "saliency"),
     "paper-no-curve-matching": (*_FITTED, "saliency"),
@@ -116,7 +115,7 @@ class AssetBench:
         Raises:
             MeshmarkError: where the method refuses the asset.
         """
-        seconds = {part: self._part(part) for part in NEEDS[method]}
+        seconds = {part: self._part(part) for part in NEEDS.get(method, ())}
         bits = None
         with _timed(seconds, "marking"):
             if method == INVISIBLE:

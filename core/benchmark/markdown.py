@@ -37,6 +37,7 @@ METRICS = {
         Metric("wps_area", "WPS area", True),
         Metric("ray", "Ray", True),
         Metric("coverage", "Coverage", True),
+        Metric("crop_survival", "Crop survival", True),
         Metric("ocr", "OCR", True),
         Metric("ocr_ge_0.8", "OCR ≥ 0.8", True),
         Metric("ocr_exact", "OCR exact", True),

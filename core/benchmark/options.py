@@ -15,6 +15,12 @@ METHODS = (
     *("meshmark", "li", "paper", "paper-no-curve-matching", "paper-no-optimization", "paper-no-filtering"),
     INVISIBLE,
 )
+# Our own method without one term of its objective each: `--methods objective`.
+OBJECTIVE_METHODS = (
+    *("meshmark", "meshmark-no-seeing", "meshmark-no-legibility", "meshmark-no-backup", "meshmark-no-crops"),
+    *("meshmark-no-obstructed", "meshmark-no-saliency", "meshmark-no-roll", "meshmark-no-flatness"),
+    *("meshmark-no-exposed", "meshmark-no-texture", "meshmark-no-cost-of-marks"),
+)
 
 
 @dataclass(frozen=True)
@@ -53,9 +59,9 @@ class BenchmarkOptions:
         attacks: besides the unattacked asset, which is always measured.
         attack_counts: the counts at which attacks are run; empty for the middle one of ``counts``.
         text: what the watermarks say.
-        size: width of the text, the same for all methods; None: 5.5, and for our own product at most that, as wide as
-            fits each place.
-        relief: height of the letters where the method leaves it open; None: 0.04 text widths.
+        size: width of the text, the same for all methods; None: 5.5, and for our own product as wide as fits
+            each place.
+        relief: height of the letters where the method leaves it open; None: 0.02 text widths.
         color: ``"#rrggbb"``: OCR is measured on letters of this colour too.
         views: how many of the paper's 24 views the pictures show.
         resolution: of the pictures, in pixels.

@@ -52,6 +52,13 @@ def report(rows: Sequence[Row], pictures: dict[str, str]) -> str:
             ],
         ),
         (
+            f"Terms of the objective, {asked}",
+            [
+                "Our own pipeline without one of them, on the assets that all of these methods marked.",
+                tables.objective(rows, count),
+            ],
+        ),
+        (
             "Attacks",
             [
                 "On all assets that a method marked and the attack could be made on:",

@@ -184,8 +184,9 @@ def _valued(
         loss=loss,
         roughness=rough,
         visible=visible,
-        likelihood=likelihood(boxes, visible, bent, contrast, site.served),
-        cost=cost(terms),
-        barred=(salient > BARRED) | (details > BARRED),
+        likelihood=likelihood(boxes, visible, bent, contrast, site.served, site.objective),
+        cost=cost(terms, site.objective),
+        barred=((salient > BARRED) | (details > BARRED)) & site.objective.bars,
         weight=site.served.weight,
+        backup=site.objective.backup,
     )

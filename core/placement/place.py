@@ -141,6 +141,7 @@ def _pool(one: Placement, other: Placement) -> Placement:
         cost=np.concatenate([one.cost, other.cost]),
         barred=np.concatenate([one.barred, other.barred]),
         weight=one.weight,
+        backup=one.backup,
         start=one.start,
     )
 

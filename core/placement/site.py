@@ -11,7 +11,7 @@ from core.ground.regions import Regions
 from core.ground.saliency import Saliency
 from core.ground.texture import Detail
 from core.parameters import Parameters
-from core.placement.objective import FACING_VIEW, Columns, columns
+from core.placement.objective import FACING_VIEW, OBJECTIVE, Columns, Objective, columns
 from core.placement.surfels import Surfels
 from core.spatial import SpatialIndex
 
@@ -36,6 +36,7 @@ class Site:
         regions: what the request keeps out of or prefers; None where nothing.
         aspect: height of the text over its width.
         parameters: resolved.
+        objective: the weights of the objective's terms.
         served: the columns of the objective.
         possible: (D,) bool, the directions that any surface looks at: nothing on a cube, for one, looks along its
             diagonals within 45 degrees.
@@ -51,6 +52,7 @@ class Site:
     regions: Regions | None
     aspect: float
     parameters: Parameters
+    objective: Objective
     served: Columns
     possible: Bool
 
@@ -65,6 +67,7 @@ def open_site(
     rng: np.random.Generator,
     usable: Bool | None = None,
     regions: Regions | None = None,
+    objective: Objective = OBJECTIVE,
 ) -> Site:
     """The site of one text on an asset.
 
@@ -78,6 +81,7 @@ def open_site(
         rng: the source of every draw.
         usable: (F,) the faces that boxes may stand on; all if None. The others still stand in the way.
         regions: what the request keeps out of or prefers; nothing if None.
+        objective: the weights of its terms.
 
     Raises:
         MeshmarkError: ``no_placement`` where no face is usable; ``no_faces`` where none has any area.
@@ -99,8 +103,20 @@ def open_site(
             face_triangle=surface.face_triangle[usable],
         )
         normals = np.where(usable[:, None], normals, 0.0)
-    served, surfels = columns(surface), Surfels(ground, rng)
+    served, surfels = columns(surface, objective), Surfels(ground, rng)
     possible = (surfels.normals @ served.directions.T >= FACING_VIEW).mean(axis=0) > LOOKING
     return Site(
-        surface, ground, normals, surfels, index, saliency, detail, regions, aspect, parameters, served, possible
+        surface,
+        ground,
+        normals,
+        surfels,
+        index,
+        saliency,
+        detail,
+        regions,
+        aspect,
+        parameters,
+        objective,
+        served,
+        possible,
     )
