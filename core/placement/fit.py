@@ -55,6 +55,7 @@ COPY = 0.05  # fitted boxes closer than this are one (finetune.distinct)
 LIFT = 1.5  # reliefs above the surface at which visibility starts: just clear of the letters
 SKIN = 0.01  # how far from the surface rays start that must not meet it
 SIGHT_GRID = (8, 2)
+NONE = Boxes(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3)))
 
 
 def fit(
@@ -138,6 +139,8 @@ def _candidates(site: Site, size: tuple[float, float, float], wanted: Float | No
     shown = _in_sight(site, points, normals, site.served.directions if wanted is None else wanted, rng)
     area = float(site.ground.areas.sum()) * len(shown) / number
     shown = shown[:SAMPLES]
+    if not len(shown):
+        return NONE
     return candidates(points[shown], normals[shown], size, float(np.sqrt(PACKING * area / most)))
 
 

@@ -164,6 +164,13 @@ def _no_placement(widths: list[float], left: list[dict[str, int]]) -> MeshmarkEr
                 removed[after] += counts[before] - counts[after]
     worst = max(removed, key=lambda stage: removed[stage])
     tried = sum(counts["candidates"] for counts in left)
+    if tried == 0:
+        return MeshmarkError(
+            ErrorCode.NO_PLACEMENT,
+            "No place for the text was found on this asset: its faces look inwards or lie inside it, and none is seen "
+            "from any direction.",
+            "Turn the faces outwards (recalculate the normals).",
+        )
     sizes = " to ".join(f"{width:.3g}" for width in sorted({widths[0], widths[-1]}, reverse=True))
     return MeshmarkError(
         ErrorCode.NO_PLACEMENT,

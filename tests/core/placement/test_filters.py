@@ -9,6 +9,7 @@ from core.placement.boxes import Boxes
 from core.placement.filters import (
     above,
     covered,
+    exposed,
     footprint,
     occluded,
     overlapping,
@@ -224,3 +225,11 @@ def test_spacing_keeps_boxes_apart() -> None:
 def test_of_near_copies_the_best_aligned_one_stays() -> None:
     several = boxes(box((0, 0, 0)), box((0.2, 0, 0)), box((9, 0, 0)), box((0, 0.1, 0), axes=rotation((0, 0, 1), 60)))
     assert distinct(several, np.array([0.004, 0.001, 0.004, 0.004]), copy=0.05).tolist() == [1, 2, 3]
+
+
+def test_a_box_close_to_an_edge_is_exposed_on_that_side_only() -> None:
+    shape = plane(20, 20)
+    places = boxes(box((0, 0, 0), (4, 1, 0.5)), box((7.9, 0, 0), (4, 1, 0.5)), box((7.9, 9.4, 0), (4, 1, 0.5)))
+    middle, edge, corner = exposed(places, index_of(shape), shape.normals, 0.2)
+    assert middle == 0
+    assert 0 < edge < corner < 1

@@ -1,3 +1,4 @@
+from dataclasses import fields, replace
 from itertools import combinations
 
 import numpy as np
@@ -9,6 +10,7 @@ from core.placement.boxes import Boxes
 from core.placement.candidates import upright
 from core.placement.objective import (
     HALF_SPACES,
+    OBJECTIVE,
     Placement,
     Terms,
     bend,
@@ -20,6 +22,7 @@ from core.placement.objective import (
     likelihood,
     obstructed,
     roll,
+    tone,
 )
 from tests.core.placement.shapes import box, boxes, cuboid, plane, rotation
 
@@ -27,13 +30,15 @@ SERVED = columns(cuboid(30, 30, 30))
 FRONT = 0  # the first view
 
 
-def shown(where: Boxes, bent: float = 0.0) -> np.ndarray[tuple[int, int], np.dtype[np.float32]]:
-    return likelihood(where, facing(where, SERVED.directions), np.full(len(where), bent), SERVED)
+def shown(where: Boxes, bent: float = 0.0, contrast: float = 1.0) -> np.ndarray[tuple[int, int], np.dtype[np.float32]]:
+    """The likelihood of each box for each column, being seen alone counting for nothing."""
+    faced = facing(where, SERVED.directions)
+    bends, contrasts = (np.full(len(where), value) for value in (bent, contrast))
+    return likelihood(where, faced, bends, contrasts, SERVED, replace(OBJECTIVE, seen=0.0))
 
 
 def terms(**given: float) -> Terms:
-    names = ("obstructed", "salient", "roll", "bend", "rough", "detail", "busy", "preferred", "distance")
-    return Terms(**{name: np.array([given.get(name, 0.0)]) for name in names})
+    return Terms(**{one.name: np.array([given.get(one.name, 0.0)]) for one in fields(Terms)})
 
 
 def a_placement(number: int, seed: int) -> Placement:
@@ -78,15 +83,15 @@ def test_all_views_served_are_worth_one_and_all_crops_as_much_as_stated() -> Non
 
 
 def test_large_upright_text_on_flat_ground_serves_the_view_it_faces() -> None:
-    assert shown(box((0, 0, 15), size=(5.5, 0.7, 0.5)))[0, FRONT] == pytest.approx(1)
+    assert shown(box((0, 0, 15), size=(7.5, 0.94, 0.5)))[0, FRONT] == pytest.approx(1)
 
 
 @pytest.mark.parametrize(
     "worse",
     [
         box((0, 0, 15), size=(2.0, 0.25, 0.25)),
-        box((0, 0, 15), size=(5.5, 0.7, 0.5), axes=rotation((0, 0, 1), 40)),
-        box((0, 0, 15), size=(5.5, 0.7, 0.5), axes=rotation((0, 1, 0), 44.5)),
+        box((0, 0, 15), size=(7.5, 0.94, 0.5), axes=rotation((0, 0, 1), 40)),
+        box((0, 0, 15), size=(7.5, 0.94, 0.5), axes=rotation((0, 1, 0), 44.5)),
     ],
     ids=["small", "rolled", "turned away"],
 )
@@ -95,21 +100,50 @@ def test_small_rolled_or_turned_text_serves_a_view_less(worse: Boxes) -> None:
 
 
 def test_bent_text_serves_less_and_hidden_text_not_at_all() -> None:
-    where = box((0, 0, 15), size=(5.5, 0.7, 0.5))
+    where = box((0, 0, 15), size=(7.5, 0.94, 0.5))
     assert shown(where, bent=0.4)[0, FRONT] == pytest.approx(0.6)
-    hidden = likelihood(where, np.zeros((1, len(SERVED.directions)), dtype=bool), np.zeros(1), SERVED)
+    hidden = likelihood(where, np.zeros((1, len(SERVED.directions)), dtype=bool), np.zeros(1), np.ones(1), SERVED)
     assert not hidden[0, : len(SERVED.directions)].any()
+
+
+def test_a_mark_that_is_seen_serves_a_view_however_badly_it_reads() -> None:
+    where = box((0, 0, 15), size=(1.2, 0.15, 0.25), axes=rotation((0, 1, 0), 44))
+    faced = facing(where, SERVED.directions)
+    served = likelihood(where, faced, np.ones(1), np.ones(1), SERVED)[0, FRONT]
+    assert served == pytest.approx(OBJECTIVE.seen)
+
+
+def test_a_view_that_reads_one_mark_gains_from_a_second_but_from_no_third() -> None:
+    placement = replace(a_placement(3, 0), likelihood=np.array([[0.9], [0.6], [0.3]], np.float32), weight=np.ones(1))
+    placement = replace(placement, cost=np.zeros(3))
+    assert placement.value([0]) == pytest.approx(0.9)
+    assert placement.value([2, 0]) == pytest.approx(0.9 + 0.3 * OBJECTIVE.backup)
+    assert placement.value([0, 1]) == pytest.approx(0.9 + 0.6 * OBJECTIVE.backup)
+    assert placement.value([0, 1, 2]) == placement.value([0, 1])
+
+
+def test_letters_of_a_colour_stand_out_from_other_colours_and_letters_without_one_from_bright_ground() -> None:
+    luminance = np.array([0.0, 0.2, 1.0])
+    plain, white, black = (tone(luminance, color) for color in (None, "#ffffff", "#000000"))
+    assert (np.diff(plain) > 0).all()
+    assert plain[2] == white[0] == black[2] == 1
+    assert white[2] == black[0] == plain[0] == pytest.approx(0.5)
+
+
+def test_text_is_read_worse_where_its_tone_is_that_of_the_ground() -> None:
+    where = box((0, 0, 15), size=(7.5, 0.94, 0.5))
+    assert shown(where, contrast=0.5)[0, FRONT] == pytest.approx(0.5)
 
 
 def test_upside_down_text_is_worth_half_of_upright_text() -> None:
     upright_, turned = shown(
-        boxes(box((0, 0, 15), (5.5, 0.7, 0.5)), box((0, 0, 15), (5.5, 0.7, 0.5), rotation((0, 0, 1), 180)))
+        boxes(box((0, 0, 15), (7.5, 0.94, 0.5)), box((0, 0, 15), (7.5, 0.94, 0.5), rotation((0, 0, 1), 180)))
     )
     assert turned[FRONT] == pytest.approx(upright_[FRONT] / 2)
 
 
 def test_a_mark_survives_the_crops_that_keep_all_of_it() -> None:
-    whole = shown(box((0, 0, 15), size=(5.5, 0.7, 0.5)))[0, len(SERVED.directions) :]
+    whole = shown(box((0, 0, 15), size=(7.5, 0.94, 0.5)))[0, len(SERVED.directions) :]
     keeps = SERVED.half_spaces[:, 2] > 0.3
     assert whole[keeps].all()
     assert not whole[SERVED.half_spaces[:, 2] < 0].any()
@@ -123,7 +157,9 @@ def test_two_marks_on_opposite_sides_survive_nearly_every_crop_and_two_on_one_si
     assert np.maximum(left, beside).mean() < 0.65
 
 
-@pytest.mark.parametrize("name", ["obstructed", "salient", "roll", "bend", "rough", "detail", "busy", "distance"])
+@pytest.mark.parametrize(
+    "name", ["obstructed", "salient", "roll", "bend", "rough", "exposed", "detail", "busy", "distance"]
+)
 def test_everything_unwelcome_costs(name: str) -> None:
     assert cost(terms(**{name: 0.5})) > cost(terms())
 

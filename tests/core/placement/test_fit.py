@@ -1,0 +1,53 @@
+import numpy as np
+import pytest
+
+from core.asset.surface import Surface
+from core.ground.saliency import saliency
+from core.parameters import Parameters
+from core.placement.fit import fit
+from core.placement.site import Site, open_site
+from tests.core.placement.shapes import cuboid, index_of, inside_out, join, moved, sphere
+
+UP = np.array([[0.0, 1.0, 0.0]])
+
+
+def opened(shape: Surface) -> Site:
+    parameters = Parameters(text="watermark").resolved()
+    rng = np.random.default_rng(0)
+    return open_site(shape, index_of(shape), saliency(shape, 0), None, 0.125, parameters, rng)
+
+
+def test_each_stage_leaves_no_more_boxes_than_the_one_before() -> None:
+    found, left = fit(opened(sphere(15)), 3.0, None, np.random.default_rng(0), lambda _: None)
+    counts = list(left.values())
+    assert counts == sorted(counts, reverse=True)
+    assert len(found.boxes) == counts[-1] > 0
+    assert np.all(found.boxes.size[:, 0] == 3.0)
+
+
+def test_boxes_are_looked_for_only_where_they_are_wanted() -> None:
+    found, _ = fit(opened(sphere(15)), 3.0, UP, np.random.default_rng(0), lambda _: None)
+    assert (found.boxes.axes[:, 2, 1] > np.cos(np.radians(50))).all()
+
+
+def test_no_search_is_spent_on_surface_that_nobody_sees() -> None:
+    hollow = join(cuboid(30, 30, 30), *(moved(cuboid(4, 4, 4), shift=(x, 0, 0)) for x in (-8, 0, 8)))
+    _, left = fit(opened(hollow), 2.0, None, np.random.default_rng(0), lambda _: None)
+    _, plain = fit(opened(cuboid(30, 30, 30)), 2.0, None, np.random.default_rng(0), lambda _: None)
+    assert left["candidates"] == pytest.approx(plain["candidates"], rel=0.1)
+    assert left["open"] > 0.95 * left["smooth"]
+
+
+def test_an_asset_that_looks_inwards_has_nothing_to_fit() -> None:
+    found, left = fit(opened(inside_out(cuboid(30, 30, 30))), 3.0, None, np.random.default_rng(0), lambda _: None)
+    assert left["candidates"] == 0
+    assert len(found.boxes) == 0
+
+
+def test_a_place_at_an_edge_costs_more_than_one_in_the_middle() -> None:
+    found, _ = fit(opened(cuboid(30, 30, 30)), 5.5, UP, np.random.default_rng(0), lambda _: None)
+    half = found.boxes.size[:, :2] / 2
+    room = (15 - np.abs(found.boxes.center[:, [0, 2]]) - half).min(axis=1)
+    upright = np.abs(found.boxes.axes[:, 0, 0]) > 0.99
+    edge, middle = upright & (room < 0.3), upright & (room > 2)
+    assert found.cost[edge].mean() > found.cost[middle].mean()

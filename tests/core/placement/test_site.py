@@ -1,0 +1,41 @@
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from core.asset.surface import Surface
+from core.errors import ErrorCode, MeshmarkError
+from core.ground.saliency import saliency
+from core.parameters import Parameters
+from core.placement.site import Site, open_site
+from tests.core.placement.shapes import cuboid, index_of, plane
+
+
+def opened(shape: Surface, usable: NDArray[np.bool_] | None = None) -> Site:
+    parameters = Parameters(text="watermark").resolved()
+    rng = np.random.default_rng(0)
+    return open_site(shape, index_of(shape), saliency(shape, 0), None, 0.125, parameters, rng, usable)
+
+
+def test_a_direction_is_possible_where_some_surface_looks_that_way() -> None:
+    sheet = opened(plane(30, 30))
+    assert (sheet.possible == (sheet.served.directions[:, 2] >= np.cos(np.radians(45)))).all()
+    cube = opened(cuboid(30, 30, 30))
+    assert 0.5 < cube.possible.mean() < 1  # nothing looks along its diagonals
+
+
+def test_faces_that_are_not_usable_carry_no_box_but_stay_in_the_way() -> None:
+    shape = cuboid(30, 30, 30)
+    front = shape.normals[:, 2] > 0.5
+    site = opened(shape, usable=front)
+    assert len(site.ground.faces) == front.sum()
+    assert not site.normals[~front].any()
+    assert site.index is not None
+    assert (site.served.directions[site.possible, 2] > 0).all()
+
+
+def test_an_asset_without_usable_faces_says_so() -> None:
+    shape = cuboid(1, 1, 1)
+    with pytest.raises(MeshmarkError) as caught:
+        opened(shape, usable=np.zeros(len(shape.faces), dtype=bool))
+    assert caught.value.code is ErrorCode.NO_PLACEMENT
+    assert "masked" in caught.value.message
