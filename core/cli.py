@@ -36,6 +36,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_evaluate(commands)
     _add_attack(commands)
     _add_benchmark(commands)
+    _add_profile(commands)
     _add_models(commands)
     return parser
 
@@ -168,6 +169,22 @@ def _add_benchmark(commands: Commands) -> None:
     benchmark.add_argument("--report-only", action="store_true", help="write tables and plots of the rows in OUT")
 
 
+def _add_profile(commands: Commands) -> None:
+    profile = commands.add_parser(
+        "profile",
+        help="where the seconds of our own method go, over a folder of assets",
+        description="Time every stage over a folder of assets: against their faces, and against reading and writing "
+        "alone. Prints Markdown tables.",
+    )
+    profile.set_defaults(run=_profile)
+    profile.add_argument("folder", type=Path, metavar="DIR", help="the assets, at any depth")
+    profile.add_argument("--out", type=Path, metavar="OUT", help="write PROFILE.md and profile.json there")
+    profile.add_argument(
+        "--repeats", type=int, default=1, metavar="N", help="run each asset N times, the quickest counts (default 1)"
+    )
+    profile.add_argument("--metrics", action="store_true", help="time the preview and all metrics too")
+
+
 def _region(text: str) -> dict[str, Any]:
     """``node=Head`` as the region it stands for; what is wrong with it is found with all other parameters."""
     kind, _, value = text.partition("=")
@@ -261,6 +278,20 @@ def _benchmark(options: argparse.Namespace) -> None:
     rows = run(BenchmarkOptions(**asked | {"level": Evaluate(options.level)}))
     failed = sum(row["status"] != "ok" for row in rows)
     print(f"{options.out / 'REPORT.md'}: {len(rows)} rows, {failed} of them refused or failed")
+
+
+def _profile(options: argparse.Namespace) -> None:
+    from core.benchmark.profile import markdown, profile, write_profile
+
+    found = profile(
+        options.folder,
+        repeats=options.repeats,
+        evaluate=Evaluate.FULL if options.metrics else Evaluate.NONE,
+        progress=_show if sys.stderr.isatty() else None,
+    )
+    print(markdown(found), end="")
+    if options.out:
+        write_profile(found, options.out)
 
 
 def _models(options: argparse.Namespace) -> None:

@@ -57,10 +57,10 @@ def load(folder: Path, layout: str, split: str) -> Dataset:
         MeshmarkError: ``missing_file`` where the folder holds nothing of that layout.
     """
     if not folder.is_dir():
-        raise _nothing(folder, "does not exist or is not a folder")
+        raise _nothing(folder, "does not exist or is not a folder", layout)
     dataset = LAYOUTS[layout](folder, split)
     if not dataset.assets:
-        raise _nothing(folder, f"holds no asset in the layout of {layout}")
+        raise _nothing(folder, f"holds no asset in the layout of {layout}", layout)
     return dataset
 
 
@@ -89,12 +89,13 @@ def stratified(assets: list[Asset], count: int, seed: int) -> list[Asset]:
     return sorted(drawn[:count], key=lambda asset: asset.name)
 
 
-def _nothing(folder: Path, problem: str) -> MeshmarkError:
-    return MeshmarkError(
-        ErrorCode.MISSING_FILE,
-        f"{folder} {problem}.",
-        "Name the folder the dataset was unpacked in, and its layout with --dataset.",
+def _nothing(folder: Path, problem: str, layout: str) -> MeshmarkError:
+    remedy = (
+        "Name a folder with assets in it, at any depth."
+        if layout == "folder"
+        else "Name the folder the dataset was unpacked in, and its layout with --dataset."
     )
+    return MeshmarkError(ErrorCode.MISSING_FILE, f"{folder} {problem}.", remedy)
 
 
 def _inner(folder: Path, name: str) -> Path:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from core.benchmark.statistics import Mean
+from core.benchmark.statistics import Mean, PowerLaw
 
 NOTHING = "-"
 
@@ -70,6 +70,11 @@ def interval(found: Mean | None) -> str:
     if found is None:
         return NOTHING
     return number(found.value) + (f" ± {number(found.half)}" if found.half else "")
+
+
+def exponent(law: PowerLaw | None) -> str:
+    """The exponent of a power law ``± half of the 95% interval``."""
+    return NOTHING if law is None else f"{number(law.exponent)} ± {number(law.half)}"
 
 
 def amount(found: Mean | None) -> str:

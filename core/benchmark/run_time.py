@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from core.benchmark.markdown import NOTHING, number, table
+from core.benchmark.markdown import NOTHING, exponent, table
 from core.benchmark.published import RUN_TIME
 from core.benchmark.rows import Row
 from core.benchmark.select import methods, ok, unattacked, visible
@@ -32,7 +32,7 @@ def run_times(rows: Sequence[Row], count: int) -> str:
                 f"{min(vertices):,} to {max(vertices):,}",
                 f"{sum(seconds) / len(seconds):.2f}",
                 f"{max(seconds):.2f}",
-                _exponent(law),
+                exponent(law),
                 *(_at(law, size) for size, _ in RUN_TIME),
             ]
         )
@@ -46,10 +46,6 @@ def run_times(rows: Sequence[Row], count: int) -> str:
 def power_law_through(first: tuple[int, float], second: tuple[int, float]) -> float:
     """The exponent of the power law through two points (x, y)."""
     return math.log(second[1] / first[1]) / math.log(second[0] / first[0])
-
-
-def _exponent(law: PowerLaw | None) -> str:
-    return NOTHING if law is None else f"{number(law.exponent)} ± {number(law.half)}"
 
 
 def _at(law: PowerLaw | None, size: int) -> str:

@@ -161,3 +161,17 @@ def test_a_benchmark_writes_its_report_and_says_what_was_refused(
     assert {"REPORT.md", "results.csv", "results.json", "rows.jsonl"} <= {path.name for path in out.iterdir()}
     assert main(["benchmark", str(meshes), "--out", str(out), "--methods", "nonsense"]) == 1
     assert capsys.readouterr().err.startswith("meshmark: invalid_parameters: ")
+
+
+def test_a_profile_is_printed_and_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    meshes, out = tmp_path / "meshes", tmp_path / "out"
+    meshes.mkdir()
+    (meshes / "cube.glb").write_bytes(simple(CUBE, CUBE_FACES).to_glb())
+    assert main(["profile", str(meshes), "--out", str(out), "--repeats", "2"]) == 0
+    printed = capsys.readouterr().out
+    assert "| cube.glb |" in printed
+    assert "the quickest of 2 runs" in printed
+    assert (out / "PROFILE.md").read_text() == printed
+    assert json.loads((out / "profile.json").read_text())["repeats"] == 2
+    assert main(["profile", str(tmp_path / "missing")]) == 1
+    assert capsys.readouterr().err.startswith("meshmark: missing_file: ")
