@@ -217,6 +217,28 @@ def test_luminance_is_that_of_the_base_colour() -> None:
     assert result.luminance[right] == pytest.approx(0.7151522)
 
 
+def test_the_luminance_under_a_box_is_the_mean_of_the_surface_in_it() -> None:
+    result = found(plate(np.repeat([[[255, 0, 0]] * 8 + [[0, 255, 0]] * 8], 16, axis=0)))
+    red, green = 0.2126729, 0.7151522
+    inside = result.luminance_under(boxes(at(-7, 0), at(7, 0), at(-7, 0, (1e-3, 1e-3, 1e-3))))
+    assert inside.tolist() == pytest.approx([red, green, red])
+    (across,) = result.luminance_under(at(0, 0, (12, 8, 1)))
+    assert across == pytest.approx((red + green) / 2, abs=0.02)
+
+
+def test_boxes_on_the_two_sides_of_a_sheet_see_their_own_luminance() -> None:
+    back = np.diag([-1.0, 1, -1])
+    writer = GlbWriter().mesh(QUAD, QUAD_FACES, material=plain((1, 1, 1, 1)))
+    result = found(scene(writer.mesh(QUAD @ back - [0, 0, 0.003], QUAD_FACES, material=plain((0, 0, 0, 1)))))
+    luminance = result.luminance_under(boxes(at(0, 0), box((0, 0, 0), (2, 1, 1), axes=back)))
+    assert luminance.tolist() == pytest.approx([1, 0])
+
+
+def test_no_boxes_have_no_luminance() -> None:
+    none = Boxes(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3)))
+    assert len(found(plate(drawn(*eye(5, 4)))).luminance_under(none)) == 0
+
+
 @settings(max_examples=10, deadline=None)
 @given(x=st.floats(-12, 12), y=st.floats(-12, 12))
 def test_an_eye_is_found_wherever_it_is(x: float, y: float) -> None:

@@ -5,7 +5,7 @@ from core.ground.saliency import saliency
 from core.metrics.se import se
 from tests.core.ground.test_saliency import hand_made
 from tests.core.metrics.test_ray import on_all_sides
-from tests.core.placement.shapes import box, boxes, cuboid
+from tests.core.placement.shapes import box, boxes, cuboid, join, moved, sphere
 
 
 def test_marks_votes_are_averaged_and_a_mark_on_mostly_salient_surface_votes_one() -> None:
@@ -33,9 +33,10 @@ def test_without_marks_there_is_no_error() -> None:
     assert len(mean) == 0
 
 
-def test_a_mark_along_an_edge_is_an_error() -> None:
+def test_a_mark_on_a_knob_is_an_error_and_one_along_a_straight_edge_is_none() -> None:
     slanted = np.array([[1.0, 0, 0], [0, np.sqrt(0.5), -np.sqrt(0.5)], [0, np.sqrt(0.5), np.sqrt(0.5)]])
-    marks = boxes(box((0, 0, 5)), box((0, 5, 5), (4, 0.6, 0.7), axes=slanted))
-    error, mean = se(saliency(cuboid(10, 10, 10), seed=0), marks)
+    marks = boxes(box((0, 0, 6), (1.6, 0.6, 0.5)), box((0, 5, 5), (4, 0.6, 0.7), axes=slanted))
+    shape = join(cuboid(10, 10, 10), moved(sphere(1), shift=(0, 0, 5)))
+    error, mean = se(saliency(shape, seed=0), marks)
     assert error == 0.5
-    assert mean[0] < 0.05 < 0.5 < mean[1]
+    assert mean[1] < 0.05 < 0.5 < mean[0]
