@@ -134,6 +134,7 @@ def _letter(job: Job) -> None:
 
 
 def _place(job: Job) -> None:
+    from core.ground.joints import joints
     from core.ground.regions import regions
     from core.ground.saliency import saliency
     from core.ground.texture import detail
@@ -145,7 +146,8 @@ def _place(job: Job) -> None:
     asked = regions(job.scene, ground.surface, parameters)
     job.rng = np.random.default_rng(parameters.seed)
     job.saliency = saliency(ground.surface, parameters.seed)
-    texture = detail(job.scene, ground.surface, job.saliency.points, job.saliency.face)
+    samples = job.saliency.points, job.saliency.face
+    texture, skin = detail(job.scene, ground.surface, *samples), joints(job.scene, ground.surface, *samples)
 
     def on(usable: NDArray[np.bool_]) -> "Placement":
         job.usable = asked.within(usable)
@@ -154,6 +156,7 @@ def _place(job: Job) -> None:
             ground.index,
             job.saliency,
             texture,
+            skin,
             job.lettering.aspect,
             parameters,
             job.rng,

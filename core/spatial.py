@@ -7,10 +7,14 @@ import numpy as np
 from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
+from trimesh.remesh import subdivide_to_size
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
+
+LONG = 1 / 15  # edge over extent
+PIECES = 50_000  # made of long triangles, unless there are more faces
 
 
 class SpatialIndex:
@@ -29,9 +33,35 @@ class SpatialIndex:
         self.faces = np.ascontiguousarray(faces if self._ids is None else faces[self._ids], dtype=np.int64)
 
     @cached_property
+    def _parts(self) -> tuple[Float, Int, Int]:
+        """Positions and faces with long triangles cut up, and the row of ``faces`` that each came from.
+
+        The boxes around long triangles overlap all that lies beside them: where there are some among many small ones,
+        closest points are found two to three times as fast without them.
+        """
+        corners = self.positions[self.faces]
+        edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1, initial=0.0)
+        most = LONG * float(np.ptp(corners.reshape(-1, 3), axis=0).max(initial=0.0))
+        while ((edges[edges > most] / max(most, np.finfo(float).tiny)) ** 2).sum() > max(PIECES, len(edges)):
+            most *= 2
+        whole, long = np.flatnonzero(edges <= most), np.flatnonzero(edges > most)
+        if not len(long):
+            return self.positions, self.faces, whole
+        rounds = int(np.ceil(np.log2(edges.max() / most))) + 2  # the last makes sure that nothing is left to do
+        points, faces, source = subdivide_to_size(  # type: ignore[no-untyped-call]
+            self.positions, self.faces[long], most, rounds, return_index=True
+        )
+        return (
+            np.concatenate([self.positions, points]),
+            np.concatenate([self.faces[whole], np.asarray(faces, dtype=np.int64) + len(self.positions)]),
+            np.concatenate([whole, long[source]]),
+        )
+
+    @cached_property
     def _tree(self) -> igl.AABB:
         tree = igl.AABB()
-        tree.init(self.positions, self.faces)
+        positions, faces, _ = self._parts
+        tree.init(positions, faces)
         return tree
 
     @cached_property
@@ -45,10 +75,11 @@ class SpatialIndex:
         """Nearest surface point of each of (N, 3) ``points``: distance (N,), face (N,), point (N, 3)."""
         if len(points) == 0:
             return np.empty(0), np.empty(0, dtype=np.int64), np.empty((0, 3))
+        positions, faces, row = self._parts
         squared, face, nearest = self._tree.squared_distance(
-            self.positions, self.faces, np.ascontiguousarray(points, dtype=np.float64)
+            positions, faces, np.ascontiguousarray(points, dtype=np.float64)
         )
-        return np.sqrt(squared), self._row(np.asarray(face, dtype=np.int64)), nearest
+        return np.sqrt(squared), self._row(row[face]), nearest
 
     def first_hit(self, origins: Float, directions: Float) -> tuple[Float, Int]:
         """First hit of each ray: distance in multiples of the direction's length (N,), inf where there is none,

@@ -44,7 +44,7 @@ def base_color(scene: Scene, surface: Surface, points: Float, face: Int) -> Floa
     owner = surface.face_primitive[face]
     first = np.array([drawn.first_vertex for drawn in scene.primitives])
     corners = surface.faces[face]
-    inside = Points(corners - first[owner, None], _barycentric(surface.positions[corners], points))
+    inside = Points(corners - first[owner, None], barycentric(surface.positions[corners], points))
 
     # Primitives that share attributes and material, such as instances, are read once.
     kinds: dict[tuple[Any, ...], int] = {}
@@ -115,7 +115,7 @@ def _neighbours(at: Float, size: int, wrap: int, nearest: bool) -> tuple[Int, In
     return ends[0], ends[1], np.round(share) if nearest else share
 
 
-def _barycentric(corners: Float, points: Float) -> Float:
+def barycentric(corners: Float, points: Float) -> Float:
     """(N, 3) coordinates of ``points`` (N, 3) in the triangles ``corners`` (N, 3, 3) they lie in."""
     a, b, to = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], points - corners[:, 0]
     normal = np.cross(a, b)

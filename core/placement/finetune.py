@@ -18,6 +18,7 @@ from core.placement.sampling import thin
 from core.spatial import SpatialIndex
 
 Float = NDArray[np.float64]
+Bool = NDArray[np.bool_]
 
 # The batches are small: a second thread costs more than it brings, and sums would depend on the machine's cores.
 torch.set_num_threads(1)
@@ -33,9 +34,10 @@ ADAM_RATE = 0.1
 COARSE_GRID, COARSE_STEPS = (8, 2), 8
 # Mean squared distances after the coarse and the fine pass above which a box is given up. Of the boxes that end well
 # aligned, all but about one in twenty-five and one in a hundred are below.
-COARSE_LIMIT, FINE_LIMIT = 0.03, 2 * LOSS_THRESHOLD
+COARSE_LIMIT, FINE_LIMIT, EXACT_LIMIT = 0.03, 4 * LOSS_THRESHOLD, 2 * LOSS_THRESHOLD
 COARSE_COPY = 0.06  # boxes closer than this after the coarse pass end as copies of one another (see distinct)
 FINE_GRID, FINE_STEPS = (15, 4), 6
+EXACT_GRID, EXACT_STEPS = (10, 3), 2  # what is left to do on the surface itself after the passes on its stand-in
 CONVERGED, NEGLIGIBLE = 0.01, 1e-6  # relative decrease of the cost; the cost itself
 LONGEST_MOVE, LARGEST_TURN = 1.0, 0.5  # per step: size-30 units, radians
 # Weight of the squared sine of the roll against the mean squared distance: enough to keep free directions
@@ -78,7 +80,12 @@ class Closest(Protocol):
         ...
 
 
-def levenberg_marquardt(boxes: Boxes, index: SpatialIndex, stand_in: Closest | None = None) -> tuple[Boxes, Float]:
+def levenberg_marquardt(
+    boxes: Boxes,
+    index: SpatialIndex,
+    stand_in: Closest | None = None,
+    promising: Callable[[Boxes], Bool] = lambda boxes: np.ones(len(boxes), dtype=bool),
+) -> tuple[Boxes, Float]:
     """Fit all boxes by batched Levenberg-Marquardt, coarse to fine.
 
     The residuals are signed distances of a grid over the whole middle plane, so that the surface is met under
@@ -87,23 +94,30 @@ def levenberg_marquardt(boxes: Boxes, index: SpatialIndex, stand_in: Closest | N
     Args:
         boxes: where to start.
         index: over the surface.
-        stand_in: asked in the coarse pass (``surfels``); the surface itself if None.
+        stand_in: asked in the coarse and the fine pass (``surfels``), of which the surface itself then only corrects
+            the result; if None, the surface in all passes.
+        promising: (B,) which of the boxes, as fitted to the stand-in, are worth that correction.
 
     Returns:
         the fitted boxes, and their :func:`alignment_loss` (B,); inf where a box was given up on the way: it stayed
-        too far from the surface, or came close to a better one.
+        too far from the surface, came close to a better one, or was not promising.
     """
-    center, axes, rough = _fit(boxes, index if stand_in is None else stand_in, COARSE_GRID, COARSE_STEPS)
+    center, axes, rough = _fit(boxes, stand_in or index, COARSE_GRID, COARSE_STEPS)
     loss = np.full(len(boxes), np.inf)
     hopeful = np.flatnonzero(rough < COARSE_LIMIT)
     coarse = Boxes(center, axes, boxes.size)
     if len(hopeful):
         hopeful = hopeful[distinct(coarse[hopeful], rough[hopeful], COARSE_COPY)]
         center[hopeful], axes[hopeful], fine = _fit(
-            coarse[hopeful], index, FINE_GRID, FINE_STEPS, boxes.axes[hopeful, 1]
+            coarse[hopeful], stand_in or index, FINE_GRID, FINE_STEPS, boxes.axes[hopeful, 1]
         )
-        aligned = hopeful[fine < FINE_LIMIT]
-        loss[aligned] = alignment_loss(Boxes(center, axes, boxes.size)[aligned], index)
+        hopeful = hopeful[fine < FINE_LIMIT]
+        if stand_in is not None:
+            hopeful = hopeful[promising(Boxes(center, axes, boxes.size)[hopeful])]
+            fitted = Boxes(center, axes, boxes.size)[hopeful]
+            center[hopeful], axes[hopeful], fine = _fit(fitted, index, EXACT_GRID, EXACT_STEPS, boxes.axes[hopeful, 1])
+            hopeful = hopeful[fine < EXACT_LIMIT]
+        loss[hopeful] = alignment_loss(Boxes(center, axes, boxes.size)[hopeful], index)
     return Boxes(center, axes, boxes.size), loss
 
 

@@ -40,6 +40,7 @@ from core.placement.site import Site
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
+Bool = NDArray[np.bool_]
 
 THICKNESS, THINNEST, THICKEST = 0.09, 0.25, 0.6  # of the width; 0.5 at 5.5, as in the paper
 PAPER_SAMPLES, PAPER_RADIUS = 300, 1.0
@@ -83,21 +84,29 @@ def fit(
     size = (width, width * site.aspect, float(np.clip(THICKNESS * width, THINNEST, THICKEST)))
     boxes = _candidates(site, size, wanted, rng)
     left = {"candidates": len(boxes)}
+    hanging = 0
+
+    def promising(fitted: Boxes) -> Bool:
+        """Rays are cheap, closest points are not."""
+        nonlocal hanging
+        stands = covered(footprint(fitted, index, site.normals, clearance=relief), fitted)
+        hanging += int((~stands).sum())
+        return stands
 
     if parameters.solver is Solver.ADAM:
         boxes, loss = adam(boxes, index, progress)
     else:
-        boxes, loss = levenberg_marquardt(boxes, index, site.surfels)
+        boxes, loss = levenberg_marquardt(boxes, index, site.surfels, promising)
     kept = np.flatnonzero(well_aligned(loss))
     boxes, loss = boxes[kept], loss[kept]
-    left["aligned"] = len(boxes)
+    left["aligned"] = len(boxes) + hanging
     kept = distinct(boxes, loss, COPY)
     boxes, loss = boxes[kept], loss[kept]
-    left["distinct"] = len(boxes)
+    left["distinct"] = len(boxes) + hanging
     if site.regions is not None:
         kept = np.flatnonzero(~site.regions.touches(boxes, margin=relief))
         boxes, loss = boxes[kept], loss[kept]
-    left["free"] = len(boxes)
+    left["free"] = len(boxes) + hanging
 
     met = footprint(boxes, index, site.normals, clearance=relief)
     kept = np.flatnonzero(covered(met, boxes))
@@ -157,9 +166,7 @@ def _in_sight(site: Site, points: Float, normals: Float, directions: Float, rng:
     return np.unique(point[face < 0])
 
 
-def _valued(
-    site: Site, boxes: Boxes, loss: Float, rough: Float, visible: NDArray[np.bool_], relief: float
-) -> Placement:
+def _valued(site: Site, boxes: Boxes, loss: Float, rough: Float, visible: Bool, relief: float) -> Placement:
     """The ``boxes`` with what each shows and costs."""
     met = footprint(boxes, site.index, site.normals, relief, SIGHT_GRID, margin=0.0)
     bent, preferred = bend(boxes, met.height), np.zeros(len(boxes))
@@ -177,6 +184,7 @@ def _valued(
         bend=bent,
         rough=rough - 1,
         exposed=exposed(boxes, site.index, site.normals, relief),
+        joint=np.zeros(len(boxes)) if site.joints is None else site.joints.under(boxes),
         detail=details,
         busy=busy,
         preferred=preferred,

@@ -26,13 +26,14 @@ and exchanging marks only adds to it. A noisy-or in its place counts every mark 
 on the best places. Without the second mark (BACKUP 0) 10.7 marks on sixteen assets were read in 0.77 of the views,
 with it 14.2 marks in 0.84. ::
 
-    cost_m = PENALTY (6 obstructed + 1.4 salient + 2 sin(roll) + bend + (roughness - 1) + exposed + 1.4 detail + busy
-                      - preferred)
+    cost_m = PENALTY (6 obstructed + 1.4 salient + 2 sin(roll) + bend + (roughness - 1) + exposed + 40 joint
+                      + 1.4 detail + busy - preferred)
              + MARK + DISTORTION x (the letters' share of the surface) x relief
 
 Obstructed is the share of the directions a mark faces in which it is not seen (what the paper's Ray punishes),
 salient the share of salient surface under it, exposed the share of a frame around it in which the surface does not go
-on (edges, silhouettes, holes), detail the share on eyes, logos or print in the texture, busy how much colours vary
+on (edges, silhouettes, holes), joint how many joints share the skin under it (letters on an elbow are torn in other
+poses), detail the share on eyes, logos or print in the texture, busy how much colours vary
 there, preferred the share on regions asked for. Thin walls take no sunken letters at all
 (:func:`core.placement.filters.thin_walled`), and marks do not overlap (selection). Seams of the texture cost nothing
 of their own: letters carry the texture of either side, and a change of colour at a seam is what busy counts. Marks on
@@ -94,6 +95,7 @@ class Objective:
     bend: float = 1.0
     rough: float = 1.0
     exposed: float = 1.0
+    joint: float = 40.0  # text that joints tear is worth nothing in motion
     detail: float = 1.4
     busy: float = 1.0
     preferred: float = 1.0
@@ -253,6 +255,7 @@ class Terms:
     bend: Float
     rough: Float
     exposed: Float
+    joint: Float
     detail: Float
     busy: Float
     preferred: Float
@@ -268,6 +271,7 @@ def cost(terms: Terms, objective: Objective = OBJECTIVE) -> Float:
         + objective.bend * terms.bend
         + objective.rough * terms.rough
         + objective.exposed * terms.exposed
+        + objective.joint * terms.joint
         + objective.detail * terms.detail
         + objective.busy * terms.busy
         - objective.preferred * terms.preferred

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from core.asset.surface import Surface
 from core.errors import ErrorCode, MeshmarkError
+from core.ground.joints import Joints
 from core.ground.regions import Regions
 from core.ground.saliency import Saliency
 from core.ground.texture import Detail
@@ -33,6 +34,7 @@ class Site:
         index: over ``surface``.
         saliency: of ``surface``.
         detail: of the texture of ``surface``; None where it has one colour.
+        joints: of ``surface``; None where it has no skin.
         regions: what the request keeps out of or prefers; None where nothing.
         aspect: height of the text over its width.
         parameters: resolved.
@@ -49,6 +51,7 @@ class Site:
     index: SpatialIndex
     saliency: Saliency
     detail: Detail | None
+    joints: Joints | None
     regions: Regions | None
     aspect: float
     parameters: Parameters
@@ -62,6 +65,7 @@ def open_site(
     index: SpatialIndex,
     saliency: Saliency,
     detail: Detail | None,
+    joints: Joints | None,
     aspect: float,
     parameters: Parameters,
     rng: np.random.Generator,
@@ -76,6 +80,7 @@ def open_site(
         index: over ``surface``.
         saliency: of ``surface``.
         detail: of the texture of ``surface``; None where it has one colour.
+        joints: of ``surface``; None where it has no skin.
         aspect: height of the text over its width.
         parameters: resolved.
         rng: the source of every draw.
@@ -113,6 +118,7 @@ def open_site(
         index,
         saliency,
         detail,
+        joints,
         regions,
         aspect,
         parameters,

@@ -24,8 +24,8 @@ def test_what_is_given_wins_over_the_preset() -> None:
 
 
 def test_relief_grows_with_the_text_unless_it_is_given_and_is_negative_when_sunken() -> None:
-    assert Parameters(text="a").relief_at(5.5) == pytest.approx(0.22)
-    assert Parameters(text="a", mode=Mode.DEBOSS).relief_at(2.0) == pytest.approx(-0.08)
+    assert Parameters(text="a").relief_at(5.5) == pytest.approx(0.11)
+    assert Parameters(text="a", mode=Mode.DEBOSS).relief_at(2.0) == pytest.approx(-0.04)
     assert Parameters(text="a", relief=0.1).relief_at(5.5) == 0.1
 
 

@@ -53,7 +53,7 @@ def test_the_report_says_where_every_watermark_is(spot: Result) -> None:
         assert np.allclose(np.cross(right, up), normal, atol=1e-6)
         normalised = (np.array(mark["center"]) - units["offset"]) * units["scale"]
         assert np.linalg.norm(surface.positions - normalised, axis=1).min() < 1.5
-        assert mark["relief"] * units["scale"] == pytest.approx(0.04 * mark["size"][0] * units["scale"])
+        assert mark["relief"] * units["scale"] == pytest.approx(0.02 * mark["size"][0] * units["scale"])
         assert mark["text"] == "watermark"
         assert mark["placement_score"] == pytest.approx(1.0, abs=0.02)
     json.dumps(spot.report, allow_nan=False)

@@ -3,6 +3,7 @@ import pytest
 
 from core.baselines import STRATEGIES
 from core.baselines.strategy import Prepared, text_width
+from core.benchmark.options import OBJECTIVE_METHODS
 from core.errors import ErrorCode, MeshmarkError
 from core.parameters import Mode, Parameters
 from tests.core.baselines.assets import asset, wanted
@@ -51,7 +52,7 @@ def test_without_a_size_the_text_is_as_wide_as_in_the_papers_preset() -> None:
     assert text_width(wanted(4, size=3.0)) == 3.0
 
 
-@pytest.mark.parametrize("name", sorted(set(STRATEGIES) - {"meshmark"}))
+@pytest.mark.parametrize("name", sorted(set(STRATEGIES) - set(OBJECTIVE_METHODS)))
 def test_sunken_letters_are_refused_by_the_baselines(block: Prepared, name: str) -> None:
     sunken = wanted(4).model_copy(update={"mode": Mode.DEBOSS})
     with pytest.raises(MeshmarkError) as refusal:

@@ -129,11 +129,11 @@ def plain_wps(original: Surface, boxes: Boxes) -> list[float]:
 
 
 def test_smse_agrees_with_trimesh_asked_for_every_triangle(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(smse_module, "SAMPLES", 300)
+    monkeypatch.setattr(smse_module, "SAMPLES", 800)
     found = smse(index_of(pair.original), pair.watermarked, np.random.default_rng(1))
-    points, _ = sample(pair.watermarked, 300, np.random.default_rng(1))
+    points, _ = sample(pair.watermarked, 800, np.random.default_rng(1))
     expected = distance_to_all(points, pair.original)
-    assert expected.max() > 0.05
+    assert expected.max() > 0.01
     assert found == pytest.approx((expected.mean(), (expected**2).mean()), abs=1e-9)
 
 

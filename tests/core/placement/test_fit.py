@@ -14,7 +14,7 @@ UP = np.array([[0.0, 1.0, 0.0]])
 def opened(shape: Surface) -> Site:
     parameters = Parameters(text="watermark").resolved()
     rng = np.random.default_rng(0)
-    return open_site(shape, index_of(shape), saliency(shape, 0), None, 0.125, parameters, rng)
+    return open_site(shape, index_of(shape), saliency(shape, 0), None, None, 0.125, parameters, rng)
 
 
 def test_each_stage_leaves_no_more_boxes_than_the_one_before() -> None:

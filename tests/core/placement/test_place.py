@@ -24,7 +24,7 @@ ASPECT = 0.125
 
 def opened(shape: Surface, rng: np.random.Generator, aspect: float = ASPECT, **asked: object) -> Site:
     parameters = Parameters.model_validate({"text": "watermark"} | asked).resolved()
-    return open_site(shape, index_of(shape), saliency(shape, parameters.seed), None, aspect, parameters, rng)
+    return open_site(shape, index_of(shape), saliency(shape, parameters.seed), None, None, aspect, parameters, rng)
 
 
 def placed(shape: Surface, aspect: float = ASPECT, seed: int = 0, **asked: object) -> Placement:

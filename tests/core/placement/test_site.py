@@ -13,7 +13,7 @@ from tests.core.placement.shapes import cuboid, index_of, plane
 def opened(shape: Surface, usable: NDArray[np.bool_] | None = None) -> Site:
     parameters = Parameters(text="watermark").resolved()
     rng = np.random.default_rng(0)
-    return open_site(shape, index_of(shape), saliency(shape, 0), None, 0.125, parameters, rng, usable)
+    return open_site(shape, index_of(shape), saliency(shape, 0), None, None, 0.125, parameters, rng, usable)
 
 
 def test_a_direction_is_possible_where_some_surface_looks_that_way() -> None:

@@ -1,0 +1,69 @@
+"""Where a skinned mesh bends: letters there are squeezed and stretched with the skin in every other pose."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.asset.flatten import DrawnPrimitive, Scene
+from core.asset.skin import influence_sets, read_influences
+from core.asset.surface import Surface
+from core.ground.base_color import barycentric
+from core.ground.under import Samples
+from core.placement.boxes import Boxes
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Joints(Samples):
+    """What moves each of some samples of a surface.
+
+    Attributes:
+        weights: (N, J) float64, each row sums to 1: how much of a sample follows each joint.
+    """
+
+    weights: Float
+
+    def under(self, boxes: Boxes) -> Float:
+        """(B,) how much several joints move the surface inside each of B boxes, 0 to 1: the Gini impurity of the mean
+        weights. 0 where all of the text follows one joint. Where two share it half and half it is 0.5, whether one
+        moves the left half and the other the right (the text breaks) or both move all of it (blended rotations
+        shrink)."""
+        return np.asarray(np.clip(1 - (self.means_under(boxes, self.weights) ** 2).sum(axis=1), 0, 1))
+
+
+def joints(scene: Scene, surface: Surface, points: Float, face: Int) -> Joints | None:
+    """The :class:`Joints` at ``points`` (N, 3) of a scene's ``surface``, on its faces ``face`` (N,), size-30 units.
+
+    What has no skin follows its node. ``None`` where nothing of the asset is skinned.
+    """
+    skinned = [_influences(scene, drawn) for drawn in scene.primitives]
+    if not any(found is not None for found in skinned):
+        return None
+    owner = surface.face_primitive[face]
+    corners = surface.faces[face]
+    share = barycentric(surface.positions[corners], points)
+    weights = np.zeros((len(points), len(scene.document.json["nodes"])))
+    for number in np.unique(owner).tolist():
+        drawn, found = scene.primitives[number], skinned[number]
+        mine = np.flatnonzero(owner == number)
+        if found is None:
+            weights[mine, drawn.node] = 1.0
+            continue
+        nodes, strength = found
+        rows = corners[mine] - drawn.first_vertex
+        np.add.at(weights, (mine[:, None, None], nodes[rows]), share[mine][:, :, None] * strength[rows])
+    used = weights.any(axis=0)
+    return Joints(points, surface.normals[face], weights[:, used])
+
+
+def _influences(scene: Scene, drawn: DrawnPrimitive) -> tuple[Int, Float] | None:
+    """The nodes (V, K) that move each vertex of a primitive, and by how much (V, K); None where it has no skin."""
+    attributes = scene.document.entry("meshes", drawn.mesh)["primitives"][drawn.primitive]["attributes"]
+    if drawn.joint_matrices is None or not influence_sets(attributes):
+        return None
+    numbers, strength = read_influences(scene.document, attributes)
+    skin = scene.document.entry("skins", scene.document.entry("nodes", drawn.node)["skin"])
+    return np.array(skin["joints"], dtype=np.int64)[numbers], strength
