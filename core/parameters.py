@@ -22,7 +22,8 @@ from core.errors import ErrorCode, MeshmarkError
 MAX_TEXT_LENGTH = 64
 MAX_NAME_LENGTH = 256
 MAX_REGIONS = 32
-# Of the text's width: 0.22 at 5.5. Higher reads better from the side, but narrow text turns into a row of spikes.
+# Of the text's width: 0.11 at 5.5. OCR of uncoloured letters on twelve assets: 0.79 at 0.04, 0.80 at 0.03, 0.82 at 0.02, 0.78
+# at 0.015, while SMSE is proportional to it.
 RELIEF = 0.02
 
 
@@ -151,7 +152,7 @@ class Parameters(BaseModel):
     ] = None
     relief: Annotated[
         float | None,
-        Field(ge=0.01, le=2.0, description="Height of the letters, in the same units as size; null: 0.04 text widths."),
+        Field(ge=0.01, le=2.0, description="Height of the letters, in the same units as size; null: 0.02 text widths."),
     ] = None
     count: Annotated[int | None, Field(ge=1, le=64, description="The most watermarks to place.")] = None
     color: Annotated[

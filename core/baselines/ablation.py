@@ -13,6 +13,8 @@ WITHOUT: dict[str, Objective] = {
     "seeing": replace(OBJECTIVE, seen=0.0),
     "legibility": replace(OBJECTIVE, legibility=0.0),
     "backup": replace(OBJECTIVE, backup=0.0),
+    "crowd": replace(OBJECTIVE, crowd=0.0),
+    "joint": replace(OBJECTIVE, joint=0.0),
     "crops": replace(OBJECTIVE, crops=0.0),
     "obstructed": replace(OBJECTIVE, obstructed=0.0),
     "saliency": replace(OBJECTIVE, salient=0.0, bars=False),

@@ -19,7 +19,13 @@ METHODS = (
 OBJECTIVE_METHODS = (
     *("meshmark", "meshmark-no-seeing", "meshmark-no-legibility", "meshmark-no-backup", "meshmark-no-crops"),
     *("meshmark-no-obstructed", "meshmark-no-saliency", "meshmark-no-roll", "meshmark-no-flatness"),
-    *("meshmark-no-exposed", "meshmark-no-texture", "meshmark-no-cost-of-marks"),
+    *(
+        "meshmark-no-crowd",
+        "meshmark-no-joint",
+        "meshmark-no-exposed",
+        "meshmark-no-texture",
+        "meshmark-no-cost-of-marks",
+    ),
 )
 
 

@@ -200,4 +200,5 @@ def _valued(site: Site, boxes: Boxes, loss: Float, rough: Float, visible: Bool, 
         barred=((salient > BARRED) | (details > BARRED)) & site.objective.bars,
         weight=site.served.weight,
         backup=site.objective.backup,
+        crowd=site.objective.crowd,
     )

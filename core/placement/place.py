@@ -142,6 +142,7 @@ def _pool(one: Placement, other: Placement) -> Placement:
         barred=np.concatenate([one.barred, other.barred]),
         weight=one.weight,
         backup=one.backup,
+        crowd=one.crowd,
         start=one.start,
     )
 

@@ -122,6 +122,20 @@ def test_a_view_that_reads_one_mark_gains_from_a_second_but_from_no_third() -> N
     assert placement.value([0, 1, 2]) == placement.value([0, 1])
 
 
+def test_marks_in_a_stack_pay_for_it_and_marks_apart_or_back_to_back_do_not() -> None:
+    def crowded(other: Boxes) -> float:
+        pair = boxes(box((0, 0, 0)), other)
+        nothing = np.zeros((2, 1), np.float32)
+        placement = replace(a_placement(2, 0), boxes=pair, likelihood=nothing, weight=np.ones(1), cost=np.zeros(2))
+        gain = placement.gain([[0]])[1, 0]
+        assert placement.value([0, 1]) == pytest.approx(gain)
+        return float(-gain)
+
+    assert crowded(box((0, 1, 0))) == pytest.approx(0.8 * OBJECTIVE.crowd)
+    assert crowded(box((0, 1, 0))) > crowded(box((0, 3, 0))) > 0
+    assert crowded(box((0, 6, 0))) == crowded(box((0, 0, -1), axes=rotation((1, 0, 0), 180))) == 0
+
+
 def test_letters_of_a_colour_stand_out_from_other_colours_and_letters_without_one_from_bright_ground() -> None:
     luminance = np.array([0.0, 0.2, 1.0])
     plain, white, black = (tone(luminance, color) for color in (None, "#ffffff", "#000000"))
