@@ -22,8 +22,8 @@ from core.errors import ErrorCode, MeshmarkError
 MAX_TEXT_LENGTH = 64
 MAX_NAME_LENGTH = 256
 MAX_REGIONS = 32
-# Of the text's width: 0.11 at 5.5. OCR of uncoloured letters on twelve assets: 0.79 at 0.04, 0.80 at 0.03, 0.82 at 0.02, 0.78
-# at 0.015, while SMSE is proportional to it.
+# Of the text's width: 0.11 at 5.5. OCR of uncoloured letters on twelve assets is 0.79 at 0.04, 0.80 at 0.03, 0.82 at
+# 0.02 and 0.78 at 0.015, while what letters change of the shape is proportional to it.
 RELIEF = 0.02
 
 
