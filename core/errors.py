@@ -43,6 +43,10 @@ class ErrorCode(StrEnum):
     # The service in front of it.
     UPLOAD_TOO_LARGE = "upload_too_large"
     MISSING_FILE = "missing_file"
+    ADDRESS_REFUSED = "address_refused"
+    DOWNLOAD_FAILED = "download_failed"
+    DOWNLOAD_TOO_LARGE = "download_too_large"
+    INVALID_SECRET = "invalid_secret"
     NOT_FOUND = "not_found"
     NOT_READY = "not_ready"
     JOB_FAILED = "job_failed"
