@@ -1,8 +1,13 @@
 """The job ledger: the one truth about every job.
 
 Every transition is a single compare-and-set UPDATE, so any number of workers and duplicate messages may race for a
-job and exactly one wins. A worker's right to change a job is its lease: it is renewed by heartbeats, and it is void
-as soon as the job was canceled, given to another worker, or finished.
+job and exactly one wins: PostgreSQL (READ COMMITTED) looks at the condition again once it has waited for the row, and
+SQLite has one writer. A transaction that goes on to change a job's artifacts begins with such an UPDATE of the job, and
+thereby locks it. What takes many rows leaves out those that another process is at (SKIP LOCKED), so that no two can
+wait for each other in a circle.
+
+A worker's right to change a job is its lease: it is renewed by heartbeats, and it is void as soon as the job was
+canceled, given to another worker, or finished.
 """
 
 import uuid
@@ -16,10 +21,11 @@ from sqlalchemy.engine import Engine, make_url
 from sqlalchemy.orm import Session, sessionmaker
 
 from core.errors import ErrorCode, MeshmarkError
-from service.jobs.models import Artifact, ArtifactKind, Base, Job, JobState, Lease
+from service.jobs.migrations import migrate
+from service.jobs.models import Artifact, ArtifactKind, Job, JobState, Lease
 
 ACTIVE = (JobState.QUEUED, JobState.RUNNING)
-# API and worker start together, and one of them creates the tables.
+# API and worker start together, and one of them brings the schema up to date while the others wait.
 ONE_AT_A_TIME = {"sqlite": "BEGIN IMMEDIATE", "postgresql": "SELECT pg_advisory_xact_lock(7239017)"}
 OUTPUTS = (ArtifactKind.MODEL, ArtifactKind.REPORT, ArtifactKind.PREVIEW)
 
@@ -38,7 +44,10 @@ def now() -> datetime:
 
 def _connect(url: str) -> Engine:
     if make_url(url).get_backend_name() != "sqlite":
-        return create_engine(url, pool_pre_ping=True)
+        # The locks below are reasoned for this level, whatever the server's own default is.
+        return create_engine(
+            url, pool_pre_ping=True, isolation_level="READ COMMITTED", connect_args={"connect_timeout": 5}
+        )
     if database := make_url(url).database:
         Path(database).parent.mkdir(parents=True, exist_ok=True)
     engine = create_engine(url, connect_args={"timeout": 10.0})
@@ -57,9 +66,13 @@ class Ledger:
     def __init__(self, url: str) -> None:
         self._engine = _connect(url)
         self._session = sessionmaker(self._engine, expire_on_commit=False)
-        with self._engine.begin() as connection:
-            connection.execute(text(ONE_AT_A_TIME[connection.dialect.name]))
-            Base.metadata.create_all(connection)
+        try:
+            with self._engine.begin() as connection:
+                connection.execute(text(ONE_AT_A_TIME[connection.dialect.name]))
+                migrate(connection)
+        except BaseException:
+            self.close()
+            raise
 
     def close(self) -> None:
         """Close every connection."""
@@ -116,7 +129,7 @@ class Ledger:
     def publish(self, lease: Lease, kind: ArtifactKind, content: Content) -> bool:
         """Refer to an output, in place of an earlier attempt's; False when the lease is void."""
         with self._session.begin() as session:
-            if not self._set(session, _held(lease), lease_token=lease.token):  # locks the row until the commit
+            if not self._lock(session, _held(lease)):
                 return False
             session.merge(Artifact(job_id=lease.job_id, kind=kind, sha256=content.sha256, size=content.size))
             return True
@@ -145,20 +158,18 @@ class Ledger:
         """Forget an ended job's files (succeeded -> expired); returns the hashes that no job refers to any more."""
         with self._session.begin() as session:
             self._set(session, (Job.id == job_id, Job.state == JobState.SUCCEEDED), state=JobState.EXPIRED)
-            ended = select(Job.id).where(Job.id == job_id, Job.state.not_in(ACTIVE))
-            dropped = session.scalars(
-                delete(Artifact).where(Artifact.job_id.in_(ended)).returning(Artifact.sha256)
-            ).all()
-            return _unreferenced(session, dropped)
+            if not self._lock(session, (Job.id == job_id, Job.state.not_in(ACTIVE))):
+                return set()
+            dropped = session.scalars(delete(Artifact).where(Artifact.job_id == job_id).returning(Artifact.sha256))
+            return _unreferenced(session, dropped.all())
 
     def drop_outputs(self, lease: Lease) -> set[str]:
         """Forget what an earlier attempt published; returns the hashes that no job refers to any more."""
         with self._session.begin() as session:
-            held = select(Job.id).where(*_held(lease))
-            dropped = session.scalars(
-                delete(Artifact).where(Artifact.job_id.in_(held), Artifact.kind.in_(OUTPUTS)).returning(Artifact.sha256)
-            ).all()
-            return _unreferenced(session, dropped)
+            if not self._lock(session, _held(lease)):
+                return set()
+            outputs = (Artifact.job_id == lease.job_id, Artifact.kind.in_(OUTPUTS))
+            return _unreferenced(session, session.scalars(delete(Artifact).where(*outputs).returning(Artifact.sha256)))
 
     def unreferenced(self, hashes: Iterable[str]) -> set[str]:
         """Those hashes that no job refers to."""
@@ -169,37 +180,34 @@ class Ledger:
         """Take running jobs from workers that fell silent: (requeued ids, failed ids)."""
         requeued: list[str] = []
         failed: list[str] = []
-        with self._session() as session:
-            silent = session.scalars(
-                select(Job).where(Job.state == JobState.RUNNING, Job.lease_expires_at < now())
-            ).all()
-        for job in silent:
-            condition = (*_held(job.lease), Job.lease_expires_at < now())  # a heartbeat may have come since
-            again = job.attempts < max_attempts
-            values = _queued() if again else {"state": JobState.FAILED, **_finished(error)}
-            with self._session.begin() as session:
+        with self._session.begin() as session:
+            silent = select(Job).where(Job.state == JobState.RUNNING, Job.lease_expires_at < now())
+            for job in session.scalars(silent.with_for_update(skip_locked=True)).all():
+                # SQLite locks no row that is only read: there a heartbeat or another sweeper may have come since.
+                condition = (*_held(job.lease), Job.lease_expires_at < now())
+                again = job.attempts < max_attempts
+                values = _queued() if again else {"state": JobState.FAILED, **_finished(error)}
                 if self._set(session, condition, **values):
                     (requeued if again else failed).append(job.id)
         return requeued, failed
 
     def waiting(self, seconds: float) -> list[str]:
         """The jobs queued and not announced for so long. They count as announced from here on, so announce them."""
-        cutoff = now() - timedelta(seconds=seconds)
+        silent = (Job.state == JobState.QUEUED, Job.enqueued_at < now() - timedelta(seconds=seconds))
+        free = select(Job.id).where(*silent).with_for_update(skip_locked=True)
+        announced = update(Job).where(Job.id.in_(free), *silent).values(enqueued_at=now()).returning(Job.id)
         with self._session.begin() as session:
-            return list(
-                session.scalars(
-                    update(Job)
-                    .where(Job.state == JobState.QUEUED, Job.enqueued_at < cutoff)
-                    .values(enqueued_at=now())
-                    .returning(Job.id)
-                )
-            )
+            return list(session.scalars(announced))
 
     def running(self) -> set[Lease]:
         """The leases held now."""
         with self._session() as session:
             rows = session.execute(select(Job.id, Job.lease_token).where(Job.state == JobState.RUNNING))
             return {Lease(job_id, token) for job_id, token in rows}
+
+    def _lock(self, session: Session, condition: Iterable[ColumnElement[bool]]) -> bool:
+        """Keep everyone from changing a job until the commit; False where it is not as the condition says."""
+        return self._set(session, condition, lease_token=Job.lease_token)
 
     @staticmethod
     def _set(session: Session, condition: Iterable[ColumnElement[bool]], **values: Any) -> bool:

@@ -8,6 +8,7 @@ from fastapi.testclient import TestClient
 from service.app import create_app
 from service.config import Settings
 from service.jobs import queue
+from tests.service.postgres import Postgres, postgres_server
 from tests.worker.engines import asset
 from worker.tasks import Worker
 
@@ -34,6 +35,12 @@ class Client:
 @pytest.fixture(autouse=True, scope="session")
 def quiet() -> None:
     structlog.configure(processors=[structlog.processors.KeyValueRenderer()])
+
+
+@pytest.fixture(scope="session")
+def postgres() -> Iterator[Postgres]:
+    with postgres_server() as server:
+        yield server
 
 
 @pytest.fixture

@@ -2,22 +2,23 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from typing import Any
 
 import pytest
+from sqlalchemy.exc import OperationalError
 
 from core.errors import ErrorCode, MeshmarkError
 from service.jobs.ledger import WORKER_LOST, Content, Ledger
 from service.jobs.models import ArtifactKind, Job, JobState, Lease
+from tests.service.postgres import postgres_server
 
 CONTENT = Content("ab" * 32, 3)
 BROKEN = MeshmarkError(ErrorCode.NO_FACES, "It has no faces.", "Add some.")
 
 
 @pytest.fixture
-def ledger(tmp_path: Path) -> Iterator[Ledger]:
-    ledger = Ledger(f"sqlite:///{tmp_path / 'folder' / 'ledger.sqlite3'}")
+def ledger(database_url: str) -> Iterator[Ledger]:
+    ledger = Ledger(database_url)
     yield ledger
     ledger.close()
 
@@ -63,9 +64,9 @@ def test_an_unknown_job_is_none(ledger: Ledger) -> None:
     assert ledger.claim("nothing", 60) is None
 
 
-def test_of_many_workers_racing_for_jobs_each_job_goes_to_one(ledger: Ledger, tmp_path: Path) -> None:
+def test_of_many_workers_racing_for_jobs_each_job_goes_to_one(ledger: Ledger, database_url: str) -> None:
     jobs = [create(ledger).id for _ in range(8)]
-    ledgers = [ledger, Ledger(f"sqlite:///{tmp_path / 'folder' / 'ledger.sqlite3'}")]  # as two processes have them
+    ledgers = [ledger, Ledger(database_url)]  # as two processes have them
     with ThreadPoolExecutor(16) as pool:
         claims = list(pool.map(lambda race: ledgers[race % 2].claim(jobs[race // 8], 60), range(64)))
     ledgers[1].close()
@@ -198,10 +199,46 @@ def test_the_files_of_a_job_that_has_not_ended_stay(ledger: Ledger) -> None:
     assert read(ledger, job_id).artifact(ArtifactKind.INPUT) is not None
 
 
-def test_api_and_worker_may_create_the_tables_at_the_same_time(tmp_path: Path) -> None:
+def test_of_a_race_to_cancel_and_to_succeed_one_wins(ledger: Ledger) -> None:
+    for _ in range(20):
+        lease = claim(ledger, create(ledger).id).lease
+        with ThreadPoolExecutor(2) as pool:
+            succeeded = pool.submit(ledger.succeed, lease)
+            canceled = pool.submit(ledger.cancel, lease.job_id)
+        assert succeeded.result() != canceled.result()
+        state = read(ledger, lease.job_id).state
+        assert state == (JobState.SUCCEEDED if succeeded.result() else JobState.CANCELED)
+
+
+def test_of_many_sweepers_each_announces_what_no_other_does(ledger: Ledger) -> None:
+    jobs = {create(ledger).id for _ in range(20)}
+    time.sleep(0.5)
     with ThreadPoolExecutor(8) as pool:
-        ledgers = list(pool.map(lambda _: Ledger(f"sqlite:///{tmp_path / 'ledger.sqlite3'}"), range(8)))
-    job_id = create(ledgers[0]).id
-    assert all(ledger.get(job_id) for ledger in ledgers)
-    for ledger in ledgers:
+        named = [job_id for swept in pool.map(lambda _: ledger.waiting(0.5), range(8)) for job_id in swept]
+    assert sorted(named) == sorted(jobs)
+
+
+def test_a_deleted_job_keeps_nothing_that_its_worker_publishes_meanwhile(ledger: Ledger) -> None:
+    for _ in range(20):
+        lease = claim(ledger, create(ledger).id).lease
+
+        def delete(job_id: str = lease.job_id) -> None:
+            ledger.cancel(job_id)
+            ledger.drop_artifacts(job_id)
+
+        with ThreadPoolExecutor(2) as pool:
+            pool.submit(ledger.publish, lease, ArtifactKind.MODEL, CONTENT)
+            pool.submit(delete).result()
+        assert read(ledger, lease.job_id).artifacts == []
+
+
+def test_the_ledger_goes_on_after_its_database_was_restarted() -> None:
+    with postgres_server() as server:
+        ledger = Ledger(server.new_database())
+        job = claim(ledger, create(ledger).id)
+        server.stop()
+        with pytest.raises(OperationalError):
+            ledger.ping()
+        server.start()
+        assert ledger.succeed(job.lease)
         ledger.close()
