@@ -30,9 +30,9 @@ def parse_retry_after(value: str | None, now: datetime) -> timedelta | None:
     """The wait that a Retry-After header asks for (RFC 9110, 10.2.3), or None where it cannot be read."""
     value = (value or "").strip()
     if value.isascii() and value.isdigit():
-        return timedelta(seconds=min(int(value[:10]), LONGEST_RETRY_AFTER.total_seconds()))
+        return timedelta(seconds=min(float(value), LONGEST_RETRY_AFTER.total_seconds()))
     try:
         date = parsedate_to_datetime(value)
-    except ValueError:
+    except (ValueError, OverflowError):
         return None
     return max(date.replace(tzinfo=date.tzinfo or UTC) - now, timedelta(0))
