@@ -1,6 +1,6 @@
 """What outbound requests may reach and how long they may take."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from ipaddress import IPv4Network, IPv6Network
 
 
@@ -15,8 +15,8 @@ class Policy:
     """
 
     allow: tuple[IPv4Network | IPv6Network, ...] = ()
-    schemes: frozenset[str] = field(default=frozenset({"https"}))
-    ports: frozenset[int] = field(default=frozenset({80, 443}))
+    schemes: frozenset[str] = frozenset({"https"})
+    ports: frozenset[int] = frozenset({80, 443})
 
 
 @dataclass(frozen=True)
