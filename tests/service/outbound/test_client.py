@@ -1,8 +1,8 @@
-import os
 import socket
 import time
 from collections.abc import Iterator
 from datetime import UTC, datetime
+from threading import Event
 
 import pytest
 import trustme
@@ -39,7 +39,7 @@ def dribbling(opening: bytes, drop: bytes) -> Script:
     def script(connection: socket.socket) -> None:
         read_request(connection)
         connection.sendall(opening)
-        while True:
+        for _ in range(40):
             connection.sendall(drop)
             time.sleep(0.1)
 
@@ -191,16 +191,20 @@ def test_a_handshake_that_does_not_go_on_is_left() -> None:
 
 @pytest.mark.parametrize("encrypted", [False, True])
 def test_a_server_that_takes_the_request_in_sips_is_left_at_the_deadline(encrypted: bool) -> None:
+    left = Event()
+
     def sip(connection: socket.socket) -> None:
-        for _ in range(30):  # three seconds, each sip well before the silence would be too long
-            connection.recv(30_000)
-            time.sleep(0.1)
+        for _ in range(120):  # often enough that no single write waits for long
+            connection.recv(2**18)
+            if left.wait(0.03):
+                return
 
     with serving(sip, certified(NAME) if encrypted else None) as server:
         started = time.monotonic()
         with pytest.raises(Unreachable, match="in time"):
-            fetch(client_of(server, tls=trusting(), timeouts=SLOW), server.url(), os.urandom(2**25))
-        assert time.monotonic() - started < 2
+            fetch(client_of(server, tls=trusting(), timeouts=SLOW), server.url(), bytes(2**26))
+        assert time.monotonic() - started < 3  # at that pace it would take seven seconds
+        left.set()
 
 
 @pytest.mark.parametrize(
