@@ -52,6 +52,7 @@ class ErrorCode(StrEnum):
     JOB_FAILED = "job_failed"
     JOB_CANCELED = "job_canceled"
     JOB_EXPIRED = "job_expired"
+    RANGE_NOT_SATISFIABLE = "range_not_satisfiable"
     INVALID_REQUEST = "invalid_request"
     UNSUPPORTED_MEDIA_TYPE = "unsupported_media_type"
     METHOD_NOT_ALLOWED = "method_not_allowed"

@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Self
 
-from pydantic import Field
+from pydantic import Field, SecretStr, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from core.asset.budgets import DEFAULT_BUDGETS, Budgets
@@ -21,7 +21,7 @@ class Settings(BaseSettings):
     host: Annotated[str, Field(description="Address the API listens on.")] = "127.0.0.1"
     port: Annotated[int, Field(ge=0, le=65535, description="Port the API listens on; 0 takes any free one.")] = 8080
     data_dir: Annotated[
-        Path, Field(description="Folder of artifacts, scratch files, and of the default ledger and broker.")
+        Path, Field(description="Folder of scratch files, and of the default ledger, broker and artifact store.")
     ] = Path("data")
     database_url: Annotated[
         str,
@@ -37,6 +37,26 @@ class Settings(BaseSettings):
             description="Queue: `redis://...`, or `filesystem://` for files in data_dir and no server.",
         ),
     ] = "filesystem://"
+    store_url: Annotated[
+        str,
+        Field(
+            pattern=r"^$|^s3://[a-z0-9][a-z0-9.-]*(/.*)?$",
+            description="Artifact store: `s3://bucket/prefix`; empty: a folder in data_dir.",
+        ),
+    ] = ""
+    s3_endpoint: Annotated[
+        str,
+        Field(pattern="^$|^https?://", description="URL of a store that speaks S3; empty: Amazon's own."),
+    ] = ""
+    s3_region: Annotated[str, Field(description="Region of the bucket; empty: as the store has it.")] = ""
+    s3_access_key_id: Annotated[
+        SecretStr, Field(description="Access key; empty: `AWS_ACCESS_KEY_ID`, or the machine's role.")
+    ] = SecretStr("")
+    s3_secret_access_key: Annotated[SecretStr, Field(description="The access key's secret.")] = SecretStr("")
+    s3_presign: Annotated[
+        bool,
+        Field(description="Redirect downloads to the bucket by presigned links; clients must reach its endpoint."),
+    ] = False
     max_upload_bytes: Annotated[int, Field(gt=0, description="Largest asset accepted, in bytes.")] = (
         DEFAULT_BUDGETS.bytes
     )
@@ -64,6 +84,14 @@ class Settings(BaseSettings):
         int, Field(ge=0, description="Threads a job may use; 0: the machine's cores divided by worker_concurrency.")
     ] = 0
     log_level: Annotated[str, Field(pattern="^(DEBUG|INFO|WARNING|ERROR)$", description="Least level logged.")] = "INFO"
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        if bool(self.s3_access_key_id.get_secret_value()) != bool(self.s3_secret_access_key.get_secret_value()):
+            raise ValueError("s3_access_key_id and s3_secret_access_key go together")
+        if self.s3_presign and not self.store_url:
+            raise ValueError("s3_presign needs a store_url")
+        return self
 
     @property
     def budgets(self) -> Budgets:

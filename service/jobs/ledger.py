@@ -10,13 +10,15 @@ A worker's right to change a job is its lease: it is renewed by heartbeats, and 
 canceled, given to another worker, or finished.
 """
 
+import sqlite3
+import time
 import uuid
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sqlalchemy import ColumnElement, create_engine, delete, event, select, text, update
+from sqlalchemy import ColumnElement, Connection, create_engine, delete, event, select, text, update
 from sqlalchemy.engine import Engine, make_url
 from sqlalchemy.orm import Session, sessionmaker
 
@@ -25,8 +27,12 @@ from service.jobs.migrations import migrate
 from service.jobs.models import Artifact, ArtifactKind, Job, JobState, Lease
 
 ACTIVE = (JobState.QUEUED, JobState.RUNNING)
-# API and worker start together, and one of them brings the schema up to date while the others wait.
-ONE_AT_A_TIME = {"sqlite": "BEGIN IMMEDIATE", "postgresql": "SELECT pg_advisory_xact_lock(7239017)"}
+# What a transaction begins with that no other one with the same key shall run beside. SQLite has one lock for all.
+ONE_AT_A_TIME = {"sqlite": text("BEGIN IMMEDIATE"), "postgresql": text("SELECT pg_advisory_xact_lock(:key)")}
+MIGRATION = 7239017  # a key of its own: any constant
+# What libpq is told, so that a server that vanished without a word is noticed. Seconds; the last in milliseconds.
+PATIENCE = {"connect_timeout": 5, "keepalives_idle": 10, "keepalives_interval": 5, "tcp_user_timeout": 20_000}
+BUSY = 10.0  # seconds to wait for another process's lock on a SQLite file
 OUTPUTS = (ArtifactKind.MODEL, ArtifactKind.REPORT, ArtifactKind.PREVIEW)
 
 
@@ -37,6 +43,10 @@ class Content(NamedTuple):
     size: int
 
 
+class MissingContentError(Exception):
+    """The store does not have the content that a row was to refer to."""
+
+
 def now() -> datetime:
     """The present moment, UTC."""
     return datetime.now(UTC)
@@ -45,17 +55,23 @@ def now() -> datetime:
 def _connect(url: str) -> Engine:
     if make_url(url).get_backend_name() != "sqlite":
         # The locks below are reasoned for this level, whatever the server's own default is.
-        return create_engine(
-            url, pool_pre_ping=True, isolation_level="READ COMMITTED", connect_args={"connect_timeout": 5}
-        )
+        return create_engine(url, pool_pre_ping=True, isolation_level="READ COMMITTED", connect_args=PATIENCE)
     if database := make_url(url).database:
         Path(database).parent.mkdir(parents=True, exist_ok=True)
-    engine = create_engine(url, connect_args={"timeout": 10.0})
+    engine = create_engine(url, connect_args={"timeout": BUSY})
 
     @event.listens_for(engine, "connect")
     def _tune(connection: Any, _record: Any) -> None:
-        connection.execute("PRAGMA journal_mode=WAL")  # readers never wait for the writer
         connection.execute("PRAGMA foreign_keys=ON")
+        deadline = time.monotonic() + BUSY
+        while True:
+            try:
+                connection.execute("PRAGMA journal_mode=WAL")  # readers never wait for the writer
+                return
+            except sqlite3.OperationalError:  # the one statement that does not wait for another process's lock
+                if time.monotonic() > deadline:
+                    raise
+            time.sleep(0.01)
 
     return engine
 
@@ -68,7 +84,7 @@ class Ledger:
         self._session = sessionmaker(self._engine, expire_on_commit=False)
         try:
             with self._engine.begin() as connection:
-                connection.execute(text(ONE_AT_A_TIME[connection.dialect.name]))
+                _wait_for_turn(connection, {MIGRATION})
                 migrate(connection)
         except BaseException:
             self.close()
@@ -79,12 +95,22 @@ class Ledger:
         self._engine.dispose()
 
     def ping(self) -> None:
-        """Raise SQLAlchemyError where the database does not answer."""
+        """Raise OperationalError where the database does not answer."""
         with self._engine.connect() as connection:
             connection.execute(text("SELECT 1"))
 
-    def create(self, filename: str, parameters: dict[str, Any], contents: Mapping[ArtifactKind, Content]) -> Job:
-        """A new queued job that refers to its stored inputs."""
+    def create(
+        self,
+        filename: str,
+        parameters: dict[str, Any],
+        contents: Mapping[ArtifactKind, Content],
+        stored: Callable[[str], bool],
+    ) -> Job:
+        """A new queued job that refers to its inputs; `stored` says whether the store has them.
+
+        Raises:
+            MissingContentError: it does not; nothing is recorded. See :mod:`service.jobs.contents`.
+        """
         moment = now()
         job = Job(
             id=str(uuid.uuid4()),
@@ -96,6 +122,7 @@ class Ledger:
             artifacts=[Artifact(kind=kind, sha256=item.sha256, size=item.size) for kind, item in contents.items()],
         )
         with self._session.begin() as session:
+            _lock_content(session, contents.values(), stored)
             session.add(job)
         return job
 
@@ -126,9 +153,14 @@ class Ledger:
         with self._session.begin() as session:
             return self._set(session, _held(lease), lease_expires_at=expiry, stage=stage, progress=progress)
 
-    def publish(self, lease: Lease, kind: ArtifactKind, content: Content) -> bool:
-        """Refer to an output, in place of an earlier attempt's; False when the lease is void."""
+    def publish(self, lease: Lease, kind: ArtifactKind, content: Content, stored: Callable[[str], bool]) -> bool:
+        """Refer to an output, in place of an earlier attempt's; False when the lease is void.
+
+        Raises:
+            MissingContentError: `stored` says that the store does not have it; nothing is recorded.
+        """
         with self._session.begin() as session:
+            _lock_content(session, [content], stored)
             if not self._lock(session, _held(lease)):
                 return False
             session.merge(Artifact(job_id=lease.job_id, kind=kind, sha256=content.sha256, size=content.size))
@@ -155,26 +187,34 @@ class Ledger:
             return self._set(session, (Job.id == job_id, Job.state.in_(ACTIVE)), state=JobState.CANCELED, **_finished())
 
     def drop_artifacts(self, job_id: str) -> set[str]:
-        """Forget an ended job's files (succeeded -> expired); returns the hashes that no job refers to any more."""
+        """Forget an ended job's files (succeeded -> expired); returns their hashes: other jobs may have the same."""
         with self._session.begin() as session:
             self._set(session, (Job.id == job_id, Job.state == JobState.SUCCEEDED), state=JobState.EXPIRED)
             if not self._lock(session, (Job.id == job_id, Job.state.not_in(ACTIVE))):
                 return set()
             dropped = session.scalars(delete(Artifact).where(Artifact.job_id == job_id).returning(Artifact.sha256))
-            return _unreferenced(session, dropped.all())
+            return set(dropped)
 
     def drop_outputs(self, lease: Lease) -> set[str]:
-        """Forget what an earlier attempt published; returns the hashes that no job refers to any more."""
+        """Forget what an earlier attempt published; returns the hashes: other jobs may have the same."""
         with self._session.begin() as session:
             if not self._lock(session, _held(lease)):
                 return set()
             outputs = (Artifact.job_id == lease.job_id, Artifact.kind.in_(OUTPUTS))
-            return _unreferenced(session, session.scalars(delete(Artifact).where(*outputs).returning(Artifact.sha256)))
+            return set(session.scalars(delete(Artifact).where(*outputs).returning(Artifact.sha256)))
 
     def unreferenced(self, hashes: Iterable[str]) -> set[str]:
-        """Those hashes that no job refers to."""
+        """Those hashes that no job refers to at the moment."""
+        candidates = set(hashes)
         with self._session() as session:
-            return _unreferenced(session, hashes)
+            return candidates - set(session.scalars(select(Artifact.sha256).where(Artifact.sha256.in_(candidates))))
+
+    def discard(self, sha256: str, remove: Callable[[str], None]) -> None:
+        """Remove content, unless a job refers to it; nobody begins to meanwhile."""
+        with self._session.begin() as session:
+            _wait_for_turn(session, {_key(sha256)})
+            if session.scalar(select(Artifact.job_id).where(Artifact.sha256 == sha256).limit(1)) is None:
+                remove(sha256)
 
     def recover(self, max_attempts: int, error: MeshmarkError) -> tuple[list[str], list[str]]:
         """Take running jobs from workers that fell silent: (requeued ids, failed ids)."""
@@ -232,9 +272,26 @@ def _finished(error: MeshmarkError | None = None) -> dict[str, Any]:
     return values
 
 
-def _unreferenced(session: Session, hashes: Iterable[str]) -> set[str]:
-    candidates = set(hashes)
-    return candidates - set(session.scalars(select(Artifact.sha256).where(Artifact.sha256.in_(candidates))))
+def _wait_for_turn(transaction: Connection | Session, keys: Iterable[int]) -> None:
+    """Begin a transaction that no other one with one of these keys runs beside, until it commits."""
+    dialect = transaction.get_bind().dialect.name if isinstance(transaction, Session) else transaction.dialect.name
+    if dialect == "sqlite":
+        transaction.execute(ONE_AT_A_TIME[dialect])
+        return
+    for key in sorted(keys):  # in the same order everywhere, so that no two wait for each other
+        transaction.execute(ONE_AT_A_TIME[dialect], {"key": key})
+
+
+def _lock_content(session: Session, contents: Iterable[Content], stored: Callable[[str], bool]) -> None:
+    """Begin a transaction in which this content stays in the store, which must have it."""
+    hashes = {content.sha256 for content in contents}
+    _wait_for_turn(session, map(_key, hashes))
+    if not all(map(stored, hashes)):
+        raise MissingContentError
+
+
+def _key(sha256: str) -> int:
+    return int(sha256[:15], 16)  # 60 bits: a key is a signed 64-bit integer
 
 
 WORKER_LOST = MeshmarkError(

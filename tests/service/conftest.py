@@ -1,4 +1,5 @@
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -8,7 +9,6 @@ from fastapi.testclient import TestClient
 from service.app import create_app
 from service.config import Settings
 from service.jobs import queue
-from tests.service.postgres import Postgres, postgres_server
 from tests.worker.engines import asset
 from worker.tasks import Worker
 
@@ -37,16 +37,16 @@ def quiet() -> None:
     structlog.configure(processors=[structlog.processors.KeyValueRenderer()])
 
 
-@pytest.fixture(scope="session")
-def postgres() -> Iterator[Postgres]:
-    with postgres_server() as server:
-        yield server
+@contextmanager
+def client_with(settings: Settings) -> Iterator[Client]:
+    """A running application with these settings."""
+    with TestClient(create_app(settings), raise_server_exceptions=False, follow_redirects=False) as http:
+        client = Client(http, settings)
+        yield client
+        client.worker.ledger.close()
 
 
 @pytest.fixture
 def client(tmp_path: Path) -> Iterator[Client]:
-    settings = Settings(data_dir=tmp_path, max_upload_bytes=100_000, max_font_bytes=50_000)
-    with TestClient(create_app(settings), raise_server_exceptions=False) as http:
-        client = Client(http, settings)
+    with client_with(Settings(data_dir=tmp_path, max_upload_bytes=100_000, max_font_bytes=50_000)) as client:
         yield client
-        client.worker.ledger.close()

@@ -4,7 +4,6 @@ import os
 import pwd
 import shutil
 import signal
-import socket
 import subprocess
 import tempfile
 import uuid
@@ -15,6 +14,7 @@ from pathlib import Path
 import psycopg
 import pytest
 
+from tests.service.harness import free_port
 from tests.worker.waiting import wait_until
 
 # What a crash of the machine would cost is no concern here, and speed is.
@@ -25,9 +25,7 @@ class Postgres:
     """A server that may be stopped and started again, as any number of empty databases."""
 
     def __init__(self, programs: Path, folder: Path, user: str | None) -> None:
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            self.port = int(probe.getsockname()[1])
+        self.port = free_port()
         self._programs, self._folder, self._user = programs, folder, user
         self._run("initdb", "--username=meshmark", "--auth=trust", "--no-sync", "--encoding=UTF8", "--no-locale")
 

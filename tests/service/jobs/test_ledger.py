@@ -8,7 +8,7 @@ import pytest
 from sqlalchemy.exc import OperationalError
 
 from core.errors import ErrorCode, MeshmarkError
-from service.jobs.ledger import WORKER_LOST, Content, Ledger
+from service.jobs.ledger import WORKER_LOST, Content, Ledger, MissingContentError
 from service.jobs.models import ArtifactKind, Job, JobState, Lease
 from tests.service.postgres import postgres_server
 
@@ -23,8 +23,13 @@ def ledger(database_url: str) -> Iterator[Ledger]:
     ledger.close()
 
 
+def stored(_sha256: str) -> bool:
+    """A store that has everything."""
+    return True
+
+
 def create(ledger: Ledger) -> Job:
-    return ledger.create("asset.glb", {"text": "HI"}, {ArtifactKind.INPUT: CONTENT})
+    return ledger.create("asset.glb", {"text": "HI"}, {ArtifactKind.INPUT: CONTENT}, stored)
 
 
 def claim(ledger: Ledger, job_id: str, lease_seconds: float = 60) -> Job:
@@ -89,7 +94,7 @@ def test_a_worker_that_lost_its_lease_changes_nothing(ledger: Ledger) -> None:
     current = claim(ledger, late.job_id).lease
     before = snapshot(read(ledger, late.job_id))
     assert not ledger.heartbeat(late, 60, "embossing", 0.5)
-    assert not ledger.publish(late, ArtifactKind.MODEL, CONTENT)
+    assert not ledger.publish(late, ArtifactKind.MODEL, CONTENT, stored)
     assert not ledger.succeed(late)
     assert not ledger.fail(late, BROKEN)
     assert not ledger.release(late)
@@ -117,7 +122,7 @@ def test_a_job_that_has_ended_never_changes_again(ledger: Ledger, state: str) ->
         assert not transition(ledger, lease)
     assert ledger.claim(lease.job_id, 60) is None
     assert not ledger.heartbeat(lease, 60, "reading", 0)
-    assert not ledger.publish(lease, ArtifactKind.MODEL, CONTENT)
+    assert not ledger.publish(lease, ArtifactKind.MODEL, CONTENT, stored)
     assert not ledger.release(lease)
     assert ledger.recover(2, WORKER_LOST) == ([], [])
     assert ledger.waiting(0) == []
@@ -168,8 +173,8 @@ def test_a_job_waiting_too_long_is_named_to_one_sweeper_at_a_time(ledger: Ledger
 def test_a_second_attempts_output_takes_the_place_of_the_first(ledger: Ledger) -> None:
     lease = claim(ledger, create(ledger).id).lease
     first, second = Content("cd" * 32, 1), Content("ef" * 32, 2)
-    assert ledger.publish(lease, ArtifactKind.MODEL, first)
-    assert ledger.publish(lease, ArtifactKind.MODEL, second)
+    assert ledger.publish(lease, ArtifactKind.MODEL, first, stored)
+    assert ledger.publish(lease, ArtifactKind.MODEL, second, stored)
     model = read(ledger, lease.job_id).artifact(ArtifactKind.MODEL)
     assert model is not None
     assert (model.sha256, model.size) == second
@@ -177,13 +182,26 @@ def test_a_second_attempts_output_takes_the_place_of_the_first(ledger: Ledger) -
     assert read(ledger, lease.job_id).artifact(ArtifactKind.INPUT) is not None
 
 
-def test_content_is_free_to_delete_when_the_last_job_lets_go_of_it(ledger: Ledger) -> None:
+def test_content_is_removed_when_the_last_job_has_let_go_of_it(ledger: Ledger) -> None:
+    removed: list[str] = []
     first, second = create(ledger).id, create(ledger).id
-    ledger.cancel(first)
-    ledger.cancel(second)
-    assert ledger.drop_artifacts(first) == set()
-    assert ledger.unreferenced([CONTENT.sha256]) == set()
-    assert ledger.drop_artifacts(second) == {CONTENT.sha256}
+    for job_id, expected in ((first, []), (second, [CONTENT.sha256])):
+        ledger.cancel(job_id)
+        assert ledger.drop_artifacts(job_id) == {CONTENT.sha256}
+        ledger.discard(CONTENT.sha256, removed.append)
+        assert removed == expected
+        assert ledger.unreferenced([CONTENT.sha256]) == set(expected)
+
+
+def test_nothing_is_recorded_for_content_that_the_store_does_not_have(ledger: Ledger) -> None:
+    lease = claim(ledger, create(ledger).id).lease
+    with pytest.raises(MissingContentError):
+        ledger.create("asset.glb", {}, {ArtifactKind.INPUT: CONTENT}, lambda _: False)
+    with pytest.raises(MissingContentError):
+        ledger.publish(lease, ArtifactKind.MODEL, CONTENT, lambda _: False)
+    assert ledger.running() == {lease}
+    assert ledger.waiting(0) == []
+    assert read(ledger, lease.job_id).artifact(ArtifactKind.MODEL) is None
 
 
 def test_a_succeeded_job_without_its_files_is_expired(ledger: Ledger) -> None:
@@ -227,7 +245,7 @@ def test_a_deleted_job_keeps_nothing_that_its_worker_publishes_meanwhile(ledger:
             ledger.drop_artifacts(job_id)
 
         with ThreadPoolExecutor(2) as pool:
-            pool.submit(ledger.publish, lease, ArtifactKind.MODEL, CONTENT)
+            pool.submit(ledger.publish, lease, ArtifactKind.MODEL, CONTENT, stored)
             pool.submit(delete).result()
         assert read(ledger, lease.job_id).artifacts == []
 

@@ -1,7 +1,10 @@
+import sqlite3
 import subprocess
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from pathlib import Path
 
 import pytest
 from alembic.autogenerate import compare_metadata
@@ -96,14 +99,25 @@ def test_of_many_processes_that_start_at_once_one_migrates(database_url: str) ->
     ]
     with ThreadPoolExecutor(4) as pool:
         logs = [log for _, log in pool.map(lambda process: process.communicate("x"), processes)]
-    assert [process.returncode for process in processes] == [0] * 4, logs
+    assert [process.returncode for process in processes] == [0] * 4, [log[-1500:] for log in logs]
     assert sum("Running upgrade  -> 0001" in log for log in logs) == 1
 
 
 def test_threads_of_one_process_may_open_the_ledger_at_once(database_url: str) -> None:
     with ThreadPoolExecutor(8) as pool:
         ledgers = list(pool.map(lambda _: Ledger(database_url), range(8)))
-    job_id = ledgers[0].create("asset.glb", {"text": "HI"}, {}).id
+    job_id = ledgers[0].create("asset.glb", {"text": "HI"}, {}, lambda _: True).id
     assert all(opened.get(job_id) for opened in ledgers)
     for opened in ledgers:
         opened.close()
+
+
+def test_a_new_sqlite_file_that_another_process_holds_is_waited_for(tmp_path: Path) -> None:
+    path = tmp_path / "ledger.sqlite3"
+    with closing(sqlite3.connect(path, isolation_level=None)) as other, ThreadPoolExecutor(1) as pool:
+        other.execute("BEGIN EXCLUSIVE")
+        opening = pool.submit(Ledger, f"sqlite:///{path}")
+        with pytest.raises(TimeoutError):
+            opening.result(0.3)
+        other.execute("ROLLBACK")
+        opening.result(5).close()

@@ -18,7 +18,7 @@ def post(client: Client, **request: Any) -> Response:
 
 
 def stored(client: Client) -> list[str]:
-    return [path.name for path in client.artifacts.root.rglob("*") if path.is_file() and path.name != ".lock"]
+    return [item.sha256 for item in client.artifacts.listing()]
 
 
 def refused(client: Client, response: Response, status: int, code: str) -> dict[str, Any]:
