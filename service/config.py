@@ -1,22 +1,28 @@
 """Settings: every one is an environment variable `MESHMARK_<NAME>`."""
 
+import os
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Self
 
-from pydantic import Field, SecretStr, model_validator
+from pydantic import Field, SecretStr, ValidationError, field_validator, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
+from sqlalchemy.engine import make_url
+from sqlalchemy.exc import ArgumentError
 
 from core.asset.budgets import DEFAULT_BUDGETS, Budgets
 from core.lettering.fonts import MAX_FONT_BYTES
 
 MIB = 2**20
+PREFIX = "MESHMARK_"
+SECRETS = Path("/run/secrets")  # where Docker and Kubernetes mount what shall not stand in the environment
 
 
 class Settings(BaseSettings):
     """What the API, the worker and the embedded service read at start."""
 
-    model_config = SettingsConfigDict(env_prefix="MESHMARK_", extra="ignore")
+    model_config = SettingsConfigDict(env_prefix=PREFIX, env_ignore_empty=True, extra="ignore")
 
     host: Annotated[str, Field(description="Address the API listens on.")] = "127.0.0.1"
     port: Annotated[int, Field(ge=0, le=65535, description="Port the API listens on; 0 takes any free one.")] = 8080
@@ -26,8 +32,8 @@ class Settings(BaseSettings):
     database_url: Annotated[
         str,
         Field(
-            pattern=r"^$|^(sqlite|postgresql)\b",
-            description="SQLAlchemy URL of the job ledger (SQLite, PostgreSQL); empty: SQLite in data_dir.",
+            pattern=r"^$|^(sqlite|postgresql(\+psycopg)?)://",
+            description="Job ledger: `postgresql://user:password@host/name`, or `sqlite:///path`; empty: in data_dir.",
         ),
     ] = ""
     broker_url: Annotated[
@@ -85,12 +91,30 @@ class Settings(BaseSettings):
     ] = 0
     log_level: Annotated[str, Field(pattern="^(DEBUG|INFO|WARNING|ERROR)$", description="Least level logged.")] = "INFO"
 
+    @field_validator("database_url")
+    @classmethod
+    def _can_be_parsed(cls, url: str) -> str:
+        try:
+            if url:
+                make_url(url)
+        except (ArgumentError, ValueError):
+            raise ValueError("it is not a URL") from None  # the original's words may hold the password
+        return url
+
+    @field_validator("data_dir")
+    @classmethod
+    def _can_be_written(cls, folder: Path) -> Path:
+        there = next(path for path in (folder.resolve(), *folder.resolve().parents) if path.exists())
+        if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
+            raise ValueError(f"{there} is not a folder that can be written to")
+        return folder
+
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
         if bool(self.s3_access_key_id.get_secret_value()) != bool(self.s3_secret_access_key.get_secret_value()):
-            raise ValueError("s3_access_key_id and s3_secret_access_key go together")
+            raise ValueError("MESHMARK_S3_ACCESS_KEY_ID and MESHMARK_S3_SECRET_ACCESS_KEY go together")
         if self.s3_presign and not self.store_url:
-            raise ValueError("s3_presign needs a store_url")
+            raise ValueError("MESHMARK_S3_PRESIGN needs a MESHMARK_STORE_URL")
         return self
 
     @property
@@ -109,3 +133,21 @@ class Settings(BaseSettings):
     def ledger_url(self) -> str:
         """The SQLAlchemy URL in effect."""
         return self.database_url or f"sqlite:///{self.data_dir.resolve() / 'ledger.sqlite3'}"
+
+
+def load_settings(secrets: Path = SECRETS) -> Settings:
+    """The settings of this process: from the environment, or else from files `meshmark_<name>` among the secrets.
+
+    Raises:
+        SystemExit: with code 2, once every setting that cannot work is named in a line of its own on stderr.
+    """
+    try:
+        return Settings(_secrets_dir=secrets if secrets.is_dir() else None)  # type: ignore[call-arg]
+    except ValidationError as error:
+        for problem in error.errors():
+            message = problem["msg"].removeprefix("Value error, ")
+            if problem["loc"]:
+                name = str(problem["loc"][0])
+                message = f"{PREFIX}{name.upper()}: {message}. {Settings.model_fields[name].description}"
+            print(message, file=sys.stderr)
+        sys.exit(2)
