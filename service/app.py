@@ -66,7 +66,12 @@ def create_app(settings: Settings) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        state = AppState(settings, Ledger(settings.ledger_url), open_store(settings), create_queue(settings))
+        state = AppState(
+            settings,
+            Ledger(settings.ledger_url, settings.retention_seconds),
+            open_store(settings),
+            create_queue(settings),
+        )
         state.artifacts.clear_staging(GRACE)
         app.state.meshmark = state
         yield

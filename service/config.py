@@ -89,6 +89,9 @@ class Settings(BaseSettings):
     job_threads: Annotated[
         int, Field(ge=0, description="Threads a job may use; 0: the machine's cores divided by worker_concurrency.")
     ] = 0
+    retention_seconds: Annotated[
+        float, Field(ge=0, description="Seconds after its end at which a job's files are deleted; 0: never.")
+    ] = 0.0
     log_level: Annotated[str, Field(pattern="^(DEBUG|INFO|WARNING|ERROR)$", description="Least level logged.")] = "INFO"
 
     @field_validator("database_url")

@@ -28,6 +28,9 @@ def sweep(worker: Worker) -> None:
     for job_id in [*requeued, *lost]:
         log.warning("job announced again", job=job_id)
         queue.send(worker.celery, job_id)
+    for job_id in worker.ledger.overdue():
+        contents.discard(worker.ledger, worker.artifacts, worker.ledger.drop_artifacts(job_id))
+        log.info("job expired: its files are deleted", job=job_id)
     folders = list(worker.scratch.iterdir())  # before the leases: a folder is made after its claim
     held = {scratch_name(lease) for lease in worker.ledger.running()}
     for folder in folders:

@@ -53,7 +53,7 @@ class Worker:
     stopping: threading.Event = field(default_factory=threading.Event)
 
     def __post_init__(self) -> None:
-        self.ledger = Ledger(self.settings.ledger_url)
+        self.ledger = Ledger(self.settings.ledger_url, self.settings.retention_seconds)
         self.artifacts = open_store(self.settings)
         self.scratch = self.settings.data_dir.resolve() / "scratch"
         self.scratch.mkdir(parents=True, exist_ok=True)

@@ -77,9 +77,15 @@ def _connect(url: str) -> Engine:
 
 
 class Ledger:
-    """Jobs in a SQL database. Safe to share between threads; each call is one short transaction."""
+    """Jobs in a SQL database. Safe to share between threads; each call is one short transaction.
 
-    def __init__(self, url: str) -> None:
+    Args:
+        url: as SQLAlchemy writes it.
+        retention: seconds after its end at which a job expires; 0: never.
+    """
+
+    def __init__(self, url: str, retention: float = 0) -> None:
+        self._retention = retention
         self._engine = _connect(url)
         self._session = sessionmaker(self._engine, expire_on_commit=False)
         try:
@@ -169,12 +175,12 @@ class Ledger:
     def succeed(self, lease: Lease) -> bool:
         """running -> succeeded; False when the lease is void."""
         with self._session.begin() as session:
-            return self._set(session, _held(lease), state=JobState.SUCCEEDED, progress=1.0, **_finished())
+            return self._set(session, _held(lease), state=JobState.SUCCEEDED, progress=1.0, **self._finished())
 
     def fail(self, lease: Lease, error: MeshmarkError) -> bool:
         """running -> failed; False when the lease is void."""
         with self._session.begin() as session:
-            return self._set(session, _held(lease), state=JobState.FAILED, **_finished(error))
+            return self._set(session, _held(lease), state=JobState.FAILED, **self._finished(error))
 
     def release(self, lease: Lease) -> bool:
         """running -> queued without counting the attempt, for a worker that stops; False when the lease is void."""
@@ -184,16 +190,24 @@ class Ledger:
     def cancel(self, job_id: str) -> bool:
         """queued or running -> canceled; False when the job had already ended."""
         with self._session.begin() as session:
-            return self._set(session, (Job.id == job_id, Job.state.in_(ACTIVE)), state=JobState.CANCELED, **_finished())
+            return self._set(
+                session, (Job.id == job_id, Job.state.in_(ACTIVE)), state=JobState.CANCELED, **self._finished()
+            )
 
     def drop_artifacts(self, job_id: str) -> set[str]:
         """Forget an ended job's files (succeeded -> expired); returns their hashes: other jobs may have the same."""
         with self._session.begin() as session:
             self._set(session, (Job.id == job_id, Job.state == JobState.SUCCEEDED), state=JobState.EXPIRED)
-            if not self._lock(session, (Job.id == job_id, Job.state.not_in(ACTIVE))):
+            if not self._set(session, (Job.id == job_id, Job.state.not_in(ACTIVE)), purge_at=None):
                 return set()
             dropped = session.scalars(delete(Artifact).where(Artifact.job_id == job_id).returning(Artifact.sha256))
             return set(dropped)
+
+    def overdue(self, limit: int = 100) -> list[str]:
+        """Ended jobs that have expired and whose files are still there; those that expired first."""
+        expired = select(Job.id).where(Job.purge_at < now()).order_by(Job.purge_at).limit(limit)
+        with self._session() as session:
+            return list(session.scalars(expired))
 
     def drop_outputs(self, lease: Lease) -> set[str]:
         """Forget what an earlier attempt published; returns the hashes: other jobs may have the same."""
@@ -226,7 +240,7 @@ class Ledger:
                 # SQLite locks no row that is only read: there a heartbeat or another sweeper may have come since.
                 condition = (*_held(job.lease), Job.lease_expires_at < now())
                 again = job.attempts < max_attempts
-                values = _queued() if again else {"state": JobState.FAILED, **_finished(error)}
+                values = _queued() if again else {"state": JobState.FAILED, **self._finished(error)}
                 if self._set(session, condition, **values):
                     (requeued if again else failed).append(job.id)
         return requeued, failed
@@ -249,6 +263,20 @@ class Ledger:
         """Keep everyone from changing a job until the commit; False where it is not as the condition says."""
         return self._set(session, condition, lease_token=Job.lease_token)
 
+    def _finished(self, error: MeshmarkError | None = None) -> dict[str, Any]:
+        moment = now()
+        expiry = moment + timedelta(seconds=self._retention) if self._retention else None
+        values: dict[str, Any] = {
+            "stage": None,
+            "finished_at": moment,
+            "lease_expires_at": None,
+            "expires_at": expiry,
+            "purge_at": expiry,
+        }
+        if error:
+            values |= {"error_code": error.code.value, "error_message": error.message, "error_remedy": error.remedy}
+        return values
+
     @staticmethod
     def _set(session: Session, condition: Iterable[ColumnElement[bool]], **values: Any) -> bool:
         result: Any = session.execute(
@@ -263,13 +291,6 @@ def _held(lease: Lease) -> tuple[ColumnElement[bool], ...]:
 
 def _queued() -> dict[str, Any]:
     return {"state": JobState.QUEUED, "stage": None, "progress": 0.0, "lease_expires_at": None, "enqueued_at": now()}
-
-
-def _finished(error: MeshmarkError | None = None) -> dict[str, Any]:
-    values: dict[str, Any] = {"stage": None, "finished_at": now(), "lease_expires_at": None}
-    if error:
-        values |= {"error_code": error.code.value, "error_message": error.message, "error_remedy": error.remedy}
-    return values
 
 
 def _wait_for_turn(transaction: Connection | Session, keys: Iterable[int]) -> None:

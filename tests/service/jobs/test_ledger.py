@@ -2,6 +2,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from datetime import timedelta
 from typing import Any
 
 import pytest
@@ -260,3 +261,38 @@ def test_the_ledger_goes_on_after_its_database_was_restarted() -> None:
         server.start()
         assert ledger.succeed(job.lease)
         ledger.close()
+
+
+@pytest.mark.parametrize("end", END)
+def test_a_job_expires_some_time_after_its_end_and_then_is_named_until_its_files_are_gone(
+    database_url: str, end: str
+) -> None:
+    ledger = Ledger(database_url, retention=0.05)
+    waiting, lease = create(ledger), claim(ledger, create(ledger).id).lease
+    END[end](ledger, lease)
+    job = read(ledger, lease.job_id)
+    assert job.finished_at is not None
+    assert job.expires_at == job.finished_at + timedelta(seconds=0.05)
+    time.sleep(0.06)
+    assert ledger.overdue() == [lease.job_id]
+    assert ledger.drop_artifacts(lease.job_id) == {CONTENT.sha256}
+    assert ledger.overdue() == []
+    gone = read(ledger, lease.job_id)
+    assert (gone.state, gone.expires_at) == ("expired" if end == "succeeded" else end, job.expires_at)
+    assert read(ledger, waiting.id).expires_at is None
+    ledger.close()
+
+
+def test_without_a_retention_nothing_expires(ledger: Ledger) -> None:
+    lease = claim(ledger, create(ledger).id).lease
+    ledger.succeed(lease)
+    assert read(ledger, lease.job_id).expires_at is None
+    assert ledger.overdue() == []
+
+
+def test_files_of_more_than_four_gigabytes_can_be_referred_to(ledger: Ledger) -> None:
+    lease = claim(ledger, create(ledger).id).lease
+    assert ledger.publish(lease, ArtifactKind.MODEL, Content("cd" * 32, 5 * 2**30), stored)
+    model = read(ledger, lease.job_id).artifact(ArtifactKind.MODEL)
+    assert model is not None
+    assert model.size == 5 * 2**30
