@@ -5,6 +5,7 @@ Which rows refer to content, and when it may be removed, is no concern of a stor
 
 import hashlib
 import os
+import re
 import tempfile
 import time
 from abc import ABC, abstractmethod
@@ -19,6 +20,7 @@ from core.errors import ErrorCode, MeshmarkError
 
 CHUNK = 2**20
 DRAFT = ".staged-"
+NAME = re.compile("[0-9a-f]{64}")  # what else lies in a store was not put there by us
 # Content without a reference that is younger than this may be that of a request still at work.
 GRACE = 3600.0
 

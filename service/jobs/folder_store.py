@@ -6,7 +6,7 @@ from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
-from service.jobs.artifacts import CHUNK, ArtifactStore, Staged, Stored, writing
+from service.jobs.artifacts import CHUNK, NAME, ArtifactStore, Staged, Stored, writing
 
 
 class FolderStore(ArtifactStore):
@@ -53,8 +53,9 @@ class FolderStore(ArtifactStore):
     def listing(self, prefix: str = "") -> Iterator[Stored]:
         """The files by their names."""
         for path in self.root.glob(f"{prefix or '??'}/*"):
-            with suppress(FileNotFoundError):
-                yield Stored(path.name, datetime.fromtimestamp(path.stat().st_mtime, UTC))
+            if NAME.fullmatch(path.name) and path == self.path(path.name):
+                with suppress(FileNotFoundError):
+                    yield Stored(path.name, datetime.fromtimestamp(path.stat().st_mtime, UTC))
 
     def link(self, sha256: str) -> None:  # noqa: ARG002
         """A folder has no addresses."""

@@ -11,7 +11,7 @@ from obstore.exceptions import BaseError
 from obstore.store import S3Store as Bucket
 
 from service.config import Settings
-from service.jobs.artifacts import ArtifactStore, Staged, Stored, StoreUnavailableError
+from service.jobs.artifacts import NAME, ArtifactStore, Staged, Stored, StoreUnavailableError
 
 PIECE = 8 * 2**20  # bytes asked for at a time: a client that reads slowly holds no connection to the store
 LINK_LIFETIME = timedelta(minutes=5)
@@ -79,7 +79,10 @@ class S3Store(ArtifactStore):
         """The objects by their names."""
         with _asking():
             for page in obstore.list(self._bucket, prefix or None, chunk_size=1000):
-                yield from (Stored(item["path"].rpartition("/")[2], item["last_modified"]) for item in page)
+                for item in page:
+                    name = item["path"].rpartition("/")[2]
+                    if NAME.fullmatch(name) and item["path"] == _key(name):
+                        yield Stored(name, item["last_modified"])
 
     def link(self, sha256: str) -> str | None:
         """A presigned address, where the settings allow them."""

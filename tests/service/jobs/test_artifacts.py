@@ -1,6 +1,7 @@
 import hashlib
 import io
 import os
+import resource
 import time
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime, timedelta
@@ -9,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from core.errors import ErrorCode, MeshmarkError
-from service.jobs.artifacts import ArtifactStore
+from service.jobs.artifacts import ArtifactStore, StoreUnavailableError
 
 NOTHING = hashlib.sha256(b"nothing like it").hexdigest()
 
@@ -125,3 +126,14 @@ def test_damaged_content_is_noticed(store: ArtifactStore, tmp_path: Path) -> Non
     sha256 = put(store, b"whole")
     with pytest.raises(ValueError, match="damaged"):
         store.fetch(sha256, 4, tmp_path / "copy")
+
+
+def test_a_full_disk_is_a_store_that_is_not_available(store: ArtifactStore, tmp_path: Path) -> None:
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2**20, limits[1]))  # a write beyond it fails as on a full disk
+    try:
+        with pytest.raises(StoreUnavailableError), store.stage(io.BytesIO(bytes(2**22)), limit=2**22, name="file"):
+            pytest.fail("it was staged")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert local_files(tmp_path) == []
