@@ -14,6 +14,7 @@ for group in "$@"; do
             ls /usr/share/glvnd/egl_vendor.d/*.json >/dev/null 2>&1 || need libegl1 libgl1 libgl1-mesa-dri ;;
         tests)
             command -v redis-server >/dev/null || need redis-server
+            command -v initdb >/dev/null || ls /usr/lib/postgresql/*/bin/initdb >/dev/null 2>&1 || need postgresql
             command -v node >/dev/null && command -v npm >/dev/null || need nodejs npm ;;
         *) echo "unknown group: $group" >&2; exit 2 ;;
     esac

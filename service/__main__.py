@@ -1,4 +1,7 @@
-"""`python -m service [all|api|openapi]`: the service with its worker, the API alone, or its OpenAPI document."""
+"""`python -m service [all|api|openapi]`: the service with its worker, the API alone, or its OpenAPI document.
+
+`python -m service --show-settings` prints every setting with its value and where that comes from.
+"""
 
 import argparse
 import os
@@ -13,8 +16,9 @@ import uvicorn
 import yaml
 
 from service.app import create_app
-from service.config import Settings
+from service.config import Settings, load_settings
 from service.logs import configure_logs
+from service.show_settings import show_settings
 
 RESTART_DELAY = 1.0  # seconds; a worker that cannot start shall not be started in a busy loop
 STOP_TIMEOUT = 10.0
@@ -90,13 +94,21 @@ def main() -> None:
     """Run what the command line asks for."""
     parser = argparse.ArgumentParser(prog="python -m service", description=__doc__)
     parser.add_argument("what", nargs="?", choices=["all", "api", "openapi"], default="all")
-    match parser.parse_args().what:
+    parser.add_argument("--show-settings", action="store_true", help="print the settings in effect and end")
+    arguments = parser.parse_args()
+    if arguments.show_settings:
+        rows = show_settings(load_settings())
+        widths = [max(map(len, column)) for column in list(zip(*rows, strict=True))[:2]]
+        for variable, value, origin in rows:
+            print(f"{variable:{widths[0]}}  {value:{widths[1]}}  {origin}")
+        return
+    match arguments.what:
         case "openapi":
             sys.stdout.write(openapi())
         case "api":
-            serve(Settings(), None)
+            serve(load_settings(), None)
         case _:
-            serve(Settings(), [sys.executable, "-m", "worker", str(os.getpid())])
+            serve(load_settings(), [sys.executable, "-m", "worker", str(os.getpid())])
 
 
 if __name__ == "__main__":

@@ -9,9 +9,10 @@ from pydantic.json_schema import models_json_schema
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from service.config import Settings
-from service.jobs.artifacts import ArtifactStore
+from service.jobs.artifacts import GRACE
 from service.jobs.ledger import Ledger
 from service.jobs.queue import create_queue
+from service.jobs.stores import open_store
 from service.problems import Problem, install_problem_handlers, problem_response, upload_too_large
 from service.routes import health, watermarks
 from service.state import AppState
@@ -65,10 +66,13 @@ def create_app(settings: Settings) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        data = settings.data_dir.resolve()
         state = AppState(
-            settings, Ledger(settings.ledger_url), ArtifactStore(data / "artifacts"), create_queue(settings)
+            settings,
+            Ledger(settings.ledger_url, settings.retention_seconds),
+            open_store(settings),
+            create_queue(settings),
         )
+        state.artifacts.clear_staging(GRACE)
         app.state.meshmark = state
         yield
         state.queue.close()

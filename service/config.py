@@ -1,33 +1,39 @@
 """Settings: every one is an environment variable `MESHMARK_<NAME>`."""
 
+import os
+import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Self
 
-from pydantic import Field
+from pydantic import Field, SecretStr, ValidationError, field_validator, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
+from sqlalchemy.engine import make_url
+from sqlalchemy.exc import ArgumentError
 
 from core.asset.budgets import DEFAULT_BUDGETS, Budgets
 from core.lettering.fonts import MAX_FONT_BYTES
 
 MIB = 2**20
+PREFIX = "MESHMARK_"
+SECRETS = Path("/run/secrets")  # where Docker and Kubernetes mount what shall not stand in the environment
 
 
 class Settings(BaseSettings):
     """What the API, the worker and the embedded service read at start."""
 
-    model_config = SettingsConfigDict(env_prefix="MESHMARK_", extra="ignore")
+    model_config = SettingsConfigDict(env_prefix=PREFIX, env_ignore_empty=True, extra="ignore")
 
     host: Annotated[str, Field(description="Address the API listens on.")] = "127.0.0.1"
     port: Annotated[int, Field(ge=0, le=65535, description="Port the API listens on; 0 takes any free one.")] = 8080
     data_dir: Annotated[
-        Path, Field(description="Folder of artifacts, scratch files, and of the default ledger and broker.")
+        Path, Field(description="Folder of scratch files, and of the default ledger, broker and artifact store.")
     ] = Path("data")
     database_url: Annotated[
         str,
         Field(
-            pattern=r"^$|^(sqlite|postgresql)\b",
-            description="SQLAlchemy URL of the job ledger (SQLite, PostgreSQL); empty: SQLite in data_dir.",
+            pattern=r"^$|^(sqlite|postgresql(\+psycopg)?)://",
+            description="Job ledger: `postgresql://user:password@host/name`, or `sqlite:///path`; empty: in data_dir.",
         ),
     ] = ""
     broker_url: Annotated[
@@ -37,6 +43,26 @@ class Settings(BaseSettings):
             description="Queue: `redis://...`, or `filesystem://` for files in data_dir and no server.",
         ),
     ] = "filesystem://"
+    store_url: Annotated[
+        str,
+        Field(
+            pattern=r"^$|^s3://[a-z0-9][a-z0-9.-]*(/.*)?$",
+            description="Artifact store: `s3://bucket/prefix`; empty: a folder in data_dir.",
+        ),
+    ] = ""
+    s3_endpoint: Annotated[
+        str,
+        Field(pattern="^$|^https?://", description="URL of a store that speaks S3; empty: Amazon's own."),
+    ] = ""
+    s3_region: Annotated[str, Field(description="Region of the bucket; empty: as the store has it.")] = ""
+    s3_access_key_id: Annotated[
+        SecretStr, Field(description="Access key; empty: `AWS_ACCESS_KEY_ID`, or the machine's role.")
+    ] = SecretStr("")
+    s3_secret_access_key: Annotated[SecretStr, Field(description="The access key's secret.")] = SecretStr("")
+    s3_presign: Annotated[
+        bool,
+        Field(description="Redirect downloads to the bucket by presigned links; clients must reach its endpoint."),
+    ] = False
     max_upload_bytes: Annotated[int, Field(gt=0, description="Largest asset accepted, in bytes.")] = (
         DEFAULT_BUDGETS.bytes
     )
@@ -63,7 +89,36 @@ class Settings(BaseSettings):
     job_threads: Annotated[
         int, Field(ge=0, description="Threads a job may use; 0: the machine's cores divided by worker_concurrency.")
     ] = 0
+    retention_seconds: Annotated[
+        float, Field(ge=0, description="Seconds after its end at which a job's files are deleted; 0: never.")
+    ] = 0.0
     log_level: Annotated[str, Field(pattern="^(DEBUG|INFO|WARNING|ERROR)$", description="Least level logged.")] = "INFO"
+
+    @field_validator("database_url")
+    @classmethod
+    def _can_be_parsed(cls, url: str) -> str:
+        try:
+            if url:
+                make_url(url)
+        except (ArgumentError, ValueError):
+            raise ValueError("it is not a URL") from None  # the original's words may hold the password
+        return url
+
+    @field_validator("data_dir")
+    @classmethod
+    def _can_be_written(cls, folder: Path) -> Path:
+        there = next(path for path in (folder.resolve(), *folder.resolve().parents) if path.exists())
+        if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
+            raise ValueError(f"{there} is not a folder that can be written to")
+        return folder
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        if bool(self.s3_access_key_id.get_secret_value()) != bool(self.s3_secret_access_key.get_secret_value()):
+            raise ValueError("MESHMARK_S3_ACCESS_KEY_ID and MESHMARK_S3_SECRET_ACCESS_KEY go together")
+        if self.s3_presign and not self.store_url:
+            raise ValueError("MESHMARK_S3_PRESIGN needs a MESHMARK_STORE_URL")
+        return self
 
     @property
     def budgets(self) -> Budgets:
@@ -81,3 +136,21 @@ class Settings(BaseSettings):
     def ledger_url(self) -> str:
         """The SQLAlchemy URL in effect."""
         return self.database_url or f"sqlite:///{self.data_dir.resolve() / 'ledger.sqlite3'}"
+
+
+def load_settings(secrets: Path = SECRETS) -> Settings:
+    """The settings of this process: from the environment, or else from files `meshmark_<name>` among the secrets.
+
+    Raises:
+        SystemExit: with code 2, once every setting that cannot work is named in a line of its own on stderr.
+    """
+    try:
+        return Settings(_secrets_dir=secrets if secrets.is_dir() else None)  # type: ignore[call-arg]
+    except ValidationError as error:
+        for problem in error.errors():
+            message = problem["msg"].removeprefix("Value error, ")
+            if problem["loc"]:
+                name = str(problem["loc"][0])
+                message = f"{PREFIX}{name.upper()}: {message}. {Settings.model_fields[name].description}"
+            print(message, file=sys.stderr)
+        sys.exit(2)

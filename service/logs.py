@@ -36,5 +36,5 @@ def configure_logs(level: str) -> None:
     )
     logging.basicConfig(handlers=[handler], level=level, force=True)
     if level != "DEBUG":  # they tell every message twice; the worker logs its jobs itself
-        for chatty in ("celery", "kombu"):
+        for chatty in ("alembic", "celery", "kombu"):
             logging.getLogger(chatty).setLevel("WARNING")

@@ -9,6 +9,7 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
+from sqlalchemy.exc import OperationalError
 from starlette.exceptions import HTTPException
 
 from core.errors import ErrorCode, MeshmarkError
@@ -47,11 +48,16 @@ STATUS: dict[ErrorCode, int] = {
     ErrorCode.WORKER_LOST: 500,
     ErrorCode.UPLOAD_TOO_LARGE: 413,
     ErrorCode.MISSING_FILE: 422,
+    ErrorCode.ADDRESS_REFUSED: 422,
+    ErrorCode.DOWNLOAD_FAILED: 422,
+    ErrorCode.DOWNLOAD_TOO_LARGE: 422,
+    ErrorCode.INVALID_SECRET: 422,
     ErrorCode.NOT_FOUND: 404,
     ErrorCode.NOT_READY: 409,
     ErrorCode.JOB_FAILED: 409,
     ErrorCode.JOB_CANCELED: 409,
     ErrorCode.JOB_EXPIRED: 410,
+    ErrorCode.RANGE_NOT_SATISFIABLE: 416,
     ErrorCode.INVALID_REQUEST: 400,
     ErrorCode.UNSUPPORTED_MEDIA_TYPE: 415,
     ErrorCode.METHOD_NOT_ALLOWED: 405,
@@ -94,6 +100,7 @@ def title(code: ErrorCode) -> str:
 
 HEADERS: dict[ErrorCode, dict[str, str]] = {
     ErrorCode.NOT_READY: {"Retry-After": "1"},
+    ErrorCode.SERVICE_UNAVAILABLE: {"Retry-After": "5"},
     ErrorCode.UPLOAD_TOO_LARGE: {"Connection": "close"},  # nobody will read what is still being sent
 }
 
@@ -133,6 +140,15 @@ def upload_too_large(limit: int) -> MeshmarkError:
     )
 
 
+def ledger_unavailable() -> MeshmarkError:
+    """The error for a database that cannot be reached."""
+    return MeshmarkError(
+        ErrorCode.SERVICE_UNAVAILABLE,
+        "The job ledger does not answer.",
+        "Try again later; the operator can check the database.",
+    )
+
+
 def install_problem_handlers(app: FastAPI, body_limit: int) -> None:
     """Answer every error of an app with problem details."""
 
@@ -165,6 +181,11 @@ def install_problem_handlers(app: FastAPI, body_limit: int) -> None:
     @app.exception_handler(HTTPException)
     async def _http(request: Request, error: HTTPException) -> JSONResponse:
         return problem_response(_from_status(request, error, body_limit), error.headers)
+
+    @app.exception_handler(OperationalError)
+    async def _no_ledger(_request: Request, error: OperationalError) -> JSONResponse:
+        log.error("the job ledger does not answer", error=str(error.orig))
+        return problem_response(ledger_unavailable())
 
     @app.exception_handler(Exception)
     async def _unknown(request: Request, error: Exception) -> JSONResponse:

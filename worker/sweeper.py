@@ -1,13 +1,18 @@
-"""Find what nobody works on: jobs of workers that vanished, and queued jobs whose message was lost."""
+"""Find what nobody works on and nobody needs: jobs of workers that vanished, messages and files that were lost."""
 
+import random
 import shutil
 import threading
+import time
 
 import structlog
 
-from service.jobs import queue
+from service.jobs import contents, queue
+from service.jobs.artifacts import GRACE
 from service.jobs.ledger import WORKER_LOST
 from worker.tasks import Worker, scratch_name
+
+SHARES = 256  # of the store, by the first two digits of the hash; all are swept once in a grace period
 
 log = structlog.get_logger(__name__)
 
@@ -23,6 +28,9 @@ def sweep(worker: Worker) -> None:
     for job_id in [*requeued, *lost]:
         log.warning("job announced again", job=job_id)
         queue.send(worker.celery, job_id)
+    for job_id in worker.ledger.overdue():
+        contents.discard(worker.ledger, worker.artifacts, worker.ledger.drop_artifacts(job_id))
+        log.info("job expired: its files are deleted", job=job_id)
     folders = list(worker.scratch.iterdir())  # before the leases: a folder is made after its claim
     held = {scratch_name(lease) for lease in worker.ledger.running()}
     for folder in folders:
@@ -30,11 +38,25 @@ def sweep(worker: Worker) -> None:
             shutil.rmtree(folder, ignore_errors=True)
 
 
+def sweep_store(worker: Worker, share: int) -> None:
+    """Remove content that no job refers to from one of 256 shares of the store, and what killed processes left here."""
+    worker.artifacts.clear_staging(GRACE)
+    for sha256 in contents.discard_orphans(worker.ledger, worker.artifacts, f"{share % SHARES:02x}"):
+        log.warning("content removed: no job refers to it", sha256=sha256)
+
+
 def sweep_forever(worker: Worker) -> None:
-    """Sweep several times per lease until the worker stops; a failed pass is logged and the next one comes."""
+    """Sweep until the worker stops: jobs several times per lease, the store slowly, from a share drawn by chance on.
+
+    A failed pass is logged and the next one comes.
+    """
+    share, due = random.randrange(SHARES), time.monotonic()
     while not worker.stopping.wait(worker.settings.lease_seconds / 4):
         try:
             sweep(worker)
+            if time.monotonic() >= due:
+                share, due = share + 1, time.monotonic() + GRACE / SHARES
+                sweep_store(worker, share)
         except Exception:
             log.exception("sweep failed")
 

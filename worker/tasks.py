@@ -2,28 +2,37 @@
 
 import json
 import os
+import random
 import shutil
 import threading
 import time
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
 
 import structlog
 from celery import Celery
+from sqlalchemy.exc import OperationalError
 
 from core.errors import ErrorCode, MeshmarkError
 from service.config import Settings
-from service.jobs import queue
-from service.jobs.artifacts import ArtifactStore
-from service.jobs.ledger import Content, Ledger
-from service.jobs.models import ArtifactKind, Job, Lease
+from service.jobs import contents, queue
+from service.jobs.artifacts import StoreUnavailableError, writing
+from service.jobs.ledger import Ledger
+from service.jobs.models import Artifact, ArtifactKind, Job, Lease
+from service.jobs.stores import open_store
 from worker.child import SUFFIXES
+from worker.heartbeat import Heartbeat
 from worker.runner import Limits, Progress, Published, Work, run_engine
 
-HEARTBEAT = 1.0  # seconds; also how long a cancellation may go unnoticed
+# Seconds: how long to go on trying where store or ledger do not answer, and the pauses between.
+PATIENCE = 60.0
+FIRST_PAUSE, LONGEST_PAUSE = 0.2, 5.0
 
 log = structlog.get_logger(__name__)
+T = TypeVar("T")
 
 
 class LeaseLostError(Exception):
@@ -44,8 +53,8 @@ class Worker:
     stopping: threading.Event = field(default_factory=threading.Event)
 
     def __post_init__(self) -> None:
-        self.ledger = Ledger(self.settings.ledger_url)
-        self.artifacts = ArtifactStore(self.settings.data_dir.resolve() / "artifacts")
+        self.ledger = Ledger(self.settings.ledger_url, self.settings.retention_seconds)
+        self.artifacts = open_store(self.settings)
         self.scratch = self.settings.data_dir.resolve() / "scratch"
         self.scratch.mkdir(parents=True, exist_ok=True)
 
@@ -66,14 +75,17 @@ class Worker:
         folder = self.scratch / scratch_name(lease)
         log.info("job started")
         try:
-            folder.mkdir()
-            with self.artifacts.exclusive():
-                for sha256 in self.ledger.drop_outputs(lease):
-                    self.artifacts.remove(sha256)
-            self._work(job, folder)
-            if not self.ledger.succeed(lease):
-                raise LeaseLostError
+            with writing():
+                folder.mkdir()
+            with Heartbeat(self.ledger, lease, self.settings.lease_seconds) as heartbeat:
+                contents.discard(self.ledger, self.artifacts, self.ledger.drop_outputs(lease))
+                self._work(job, folder, heartbeat)
+                if not self._patiently(heartbeat, lambda: self.ledger.succeed(lease)):
+                    raise LeaseLostError
             log.info("job succeeded", seconds=round(time.monotonic() - began, 2))
+        except (StoreUnavailableError, OperationalError) as error:
+            self.ledger.release(lease)  # without a message: a sweeper announces it again after a while
+            log.warning("job put back: the artifact store or the ledger does not answer", reason=str(error))
         except MeshmarkError as error:
             self.ledger.fail(lease, error)
             log.info("job failed", code=error.code.value, reason=error.message)
@@ -89,14 +101,14 @@ class Worker:
         finally:
             shutil.rmtree(folder, ignore_errors=True)
 
-    def _work(self, job: Job, folder: Path) -> None:
+    def _work(self, job: Job, folder: Path, heartbeat: Heartbeat) -> None:
         source, font = job.artifact(ArtifactKind.INPUT), job.artifact(ArtifactKind.FONT)
         if source is None:  # canceled between the claim and here
             raise LeaseLostError
         work = Work(
             engine=self.engine,
-            input=self.artifacts.path(source.sha256),
-            font=self.artifacts.path(font.sha256) if font else None,
+            input=self._fetch(source, folder, heartbeat),
+            font=self._fetch(font, folder, heartbeat) if font else None,
             parameters=job.parameters,
             budgets=self.settings.budgets,
             folder=folder,
@@ -105,45 +117,62 @@ class Worker:
         limits = Limits(self.settings.job_time_limit, self.settings.job_memory_limit, threads)
         report = folder / ("report" + SUFFIXES["report"])
         try:
-            self._follow(job, work, limits)
+            self._follow(job, work, limits, heartbeat)
+        except StoreUnavailableError:
+            raise
         except MeshmarkError as error:
             # The engine writes the report once before it measures: then there is a watermarked model to deliver.
             if not report.exists():
                 raise
             log.warning("the engine ended before it had measured its result", code=error.code.value)
             report.write_bytes(_explained(report.read_bytes(), error))
-        self._publish(job.lease, Published(ArtifactKind.REPORT, report))
+        self._publish(job.lease, Published(ArtifactKind.REPORT, report), heartbeat)
 
-    def _follow(self, job: Job, work: Work, limits: Limits) -> None:
+    def _follow(self, job: Job, work: Work, limits: Limits, heartbeat: Heartbeat) -> None:
         """Run the engine, publish what it makes but the report, and pass on how it goes."""
-        beat = min(HEARTBEAT, self.settings.lease_seconds / 4)
-        at, due = Progress("reading", 0.0), 0.0
         with closing(run_engine(work, limits)) as events:
             for event in events:
-                if self.stopping.is_set():
-                    raise StoppingError
+                self._check(heartbeat)
                 if isinstance(event, Published) and event.kind is not ArtifactKind.REPORT:
-                    self._publish(job.lease, event)
+                    self._publish(job.lease, event, heartbeat)
                 if isinstance(event, Progress):
-                    if event.stage != at.stage:
-                        due = 0.0  # a new stage shows at once
-                    at = event
-                if time.monotonic() >= due:
-                    if not self.ledger.heartbeat(job.lease, self.settings.lease_seconds, at.stage, at.fraction):
-                        raise LeaseLostError
-                    due = time.monotonic() + beat
+                    heartbeat.at(event.stage, event.fraction)
 
-    def _publish(self, lease: Lease, event: Published) -> None:
-        with (
-            event.path.open("rb") as stream,
-            self.artifacts.stage(stream, limit=event.path.stat().st_size, name=event.kind) as staged,
-            self.artifacts.exclusive(),
-        ):
-            self.artifacts.add(staged)
-            if self.ledger.publish(lease, event.kind, Content(staged.sha256, staged.size)):
-                return
-            for sha256 in self.ledger.unreferenced([staged.sha256]):
-                self.artifacts.remove(sha256)
+    def _fetch(self, artifact: Artifact, folder: Path, heartbeat: Heartbeat) -> Path:
+        path = folder / artifact.kind
+        self._patiently(heartbeat, lambda: self.artifacts.fetch(artifact.sha256, artifact.size, path))
+        return path
+
+    def _publish(self, lease: Lease, event: Published, heartbeat: Heartbeat) -> None:
+        def publish() -> bool:
+            size = event.path.stat().st_size
+            with (
+                event.path.open("rb") as stream,
+                self.artifacts.stage(stream, limit=size, name=event.kind) as staged,
+            ):
+                return contents.publish(self.ledger, self.artifacts, lease, event.kind, staged)
+
+        if not self._patiently(heartbeat, publish):
+            raise LeaseLostError
+
+    def _patiently(self, heartbeat: Heartbeat, call: Callable[[], T]) -> T:
+        """Call again and again while store or ledger do not answer, as long as the lease holds and PATIENCE lasts."""
+        deadline, pause = time.monotonic() + PATIENCE, FIRST_PAUSE
+        while True:
+            self._check(heartbeat)
+            try:
+                return call()
+            except (StoreUnavailableError, OperationalError) as error:
+                if time.monotonic() + pause > deadline:
+                    raise
+                log.warning("the artifact store or the ledger does not answer; trying again", reason=str(error))
+            heartbeat.lost.wait(pause * random.uniform(0.5, 1))  # not all workers at the same moment
+            pause = min(2 * pause, LONGEST_PAUSE)
+
+    def _check(self, heartbeat: Heartbeat) -> None:
+        if self.stopping.is_set():
+            raise StoppingError
+        if heartbeat.lost.is_set():
             raise LeaseLostError
 
 

@@ -1,52 +1,108 @@
-"""Stored files, named by the SHA-256 of their content, in one folder that API and workers share."""
+"""Stored content, named by its SHA-256: what every store can do, and what all of them do alike.
 
-import fcntl
+Which rows refer to content, and when it may be removed, is no concern of a store: see :mod:`service.jobs.contents`.
+"""
+
 import hashlib
 import os
+import re
 import tempfile
+import time
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 from core.errors import ErrorCode, MeshmarkError
 
 CHUNK = 2**20
+DRAFT = ".staged-"
+NAME = re.compile("[0-9a-f]{64}")  # what else lies in a store was not put there by us
+# Content without a reference that is younger than this may be that of a request still at work.
+GRACE = 3600.0
+
+
+class StoreUnavailableError(MeshmarkError):
+    """The store does not answer, or has no room; it may soon."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            ErrorCode.SERVICE_UNAVAILABLE,
+            "The artifact store cannot be reached, or has no room.",
+            "Send the request again in a few seconds; the operator can check the store.",
+        )
 
 
 @dataclass(frozen=True)
 class Staged:
-    """Content written to disk and hashed, not yet under its final name."""
+    """Content written to the local disk and hashed, not yet in the store."""
 
     path: Path
     sha256: str
     size: int
 
 
-class ArtifactStore:
-    """A folder of files `<aa>/<sha256>`; a file under its final name is always complete."""
+class Stored(NamedTuple):
+    """Content in the store, and when it came there."""
 
-    def __init__(self, root: Path) -> None:
-        self.root = root
-        root.mkdir(parents=True, exist_ok=True)
+    sha256: str
+    since: datetime
 
-    def path(self, sha256: str) -> Path:
-        """Where this content is or would be."""
-        return self.root / sha256[:2] / sha256
+
+class ArtifactStore(ABC):
+    """Content by its hash. What is there is complete and never changes.
+
+    Every method may raise StoreUnavailableError.
+    """
+
+    def __init__(self, staging: Path) -> None:
+        self._staging = staging
+        staging.mkdir(parents=True, exist_ok=True)
+
+    @abstractmethod
+    def has(self, sha256: str) -> bool:
+        """Whether the content is there at this moment."""
+
+    @abstractmethod
+    def put(self, staged: Staged) -> None:
+        """Store content durably; storing it twice is as good as once."""
+
+    @abstractmethod
+    def read(self, sha256: str, start: int, stop: int) -> Iterator[bytes]:
+        """The bytes from `start` up to `stop`, in chunks.
+
+        Raises:
+            FileNotFoundError: at the first chunk, where the content is not there.
+        """
+
+    @abstractmethod
+    def remove(self, sha256: str) -> None:
+        """Delete content if it is there; it is gone when this returns."""
+
+    @abstractmethod
+    def listing(self, prefix: str = "") -> Iterator[Stored]:
+        """All content, or that whose hash begins with these two hexadecimal digits."""
+
+    @abstractmethod
+    def link(self, sha256: str) -> str | None:
+        """An address, good for some minutes, where anyone may fetch the content; None where there is no such thing."""
 
     @contextmanager
     def stage(self, stream: BinaryIO, *, limit: int, name: str) -> Iterator[Staged]:
-        """Copy a stream to disk, hashing as it goes; what is not added inside the block is removed after it.
+        """Copy a stream to the local disk, hashing as it goes; the copy is removed after the block.
 
         Raises:
             MeshmarkError: ``upload_too_large`` as soon as more than `limit` bytes came.
         """
-        handle, temporary = tempfile.mkstemp(prefix=".staged-", dir=self.root)
+        with writing():
+            handle, temporary = tempfile.mkstemp(prefix=DRAFT, dir=self._staging)
         path = Path(temporary)
         try:
-            digest, size = hashlib.sha256(), 0
             with os.fdopen(handle, "wb") as target:
+                digest, size = hashlib.sha256(), 0
                 while chunk := stream.read(CHUNK):
                     size += len(chunk)
                     if size > limit:
@@ -56,36 +112,43 @@ class ArtifactStore:
                             "Send a smaller one, or ask the operator to raise the limit.",
                         )
                     digest.update(chunk)
-                    target.write(chunk)
-                target.flush()
-                os.fsync(target.fileno())
+                    with writing():
+                        target.write(chunk)
+                with writing():
+                    target.flush()
+                    os.fsync(target.fileno())
             yield Staged(path, digest.hexdigest(), size)
         finally:
             path.unlink(missing_ok=True)
 
-    @contextmanager
-    def exclusive(self) -> Iterator[None]:
-        """No other thread or process adds or removes content meanwhile.
+    def fetch(self, sha256: str, size: int, target: Path) -> None:
+        """Copy content into a file of one's own.
 
-        Content is added together with the row that refers to it, and removed after a look at the rows: without the
-        lock, a removal between the two would leave a row that refers to nothing.
+        Raises:
+            FileNotFoundError: the content is not there.
+            ValueError: what is there is not what was stored.
         """
-        with (self.root / ".lock").open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            yield
+        digest = hashlib.sha256()
+        with target.open("wb") as file:
+            for chunk in self.read(sha256, 0, size):
+                digest.update(chunk)
+                with writing():
+                    file.write(chunk)
+        if digest.hexdigest() != sha256:
+            raise ValueError(f"the stored content {sha256} is damaged")
 
-    def add(self, staged: Staged) -> None:
-        """Give staged content its final name, at once and durably. Call inside :meth:`exclusive`."""
-        target = self.path(staged.sha256)
-        target.parent.mkdir(exist_ok=True)
-        staged.path.rename(target)
-        folder = os.open(target.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+    def clear_staging(self, age: float) -> None:
+        """Remove what processes that were killed left on the local disk, once it is so many seconds old."""
+        for draft in self._staging.glob(f"{DRAFT}*"):
+            with suppress(FileNotFoundError):
+                if draft.stat().st_mtime < time.time() - age:
+                    draft.unlink()
 
-    def remove(self, sha256: str) -> None:
-        """Delete content if it is there. Call inside :meth:`exclusive`, for content no row refers to."""
-        with suppress(FileNotFoundError):
-            self.path(sha256).unlink()
+
+@contextmanager
+def writing() -> Iterator[None]:
+    """A disk that is full or broken is a store that is not available."""
+    try:
+        yield
+    except OSError as error:
+        raise StoreUnavailableError from error

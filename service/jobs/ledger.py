@@ -1,26 +1,38 @@
 """The job ledger: the one truth about every job.
 
 Every transition is a single compare-and-set UPDATE, so any number of workers and duplicate messages may race for a
-job and exactly one wins. A worker's right to change a job is its lease: it is renewed by heartbeats, and it is void
-as soon as the job was canceled, given to another worker, or finished.
+job and exactly one wins: PostgreSQL (READ COMMITTED) looks at the condition again once it has waited for the row, and
+SQLite has one writer. A transaction that goes on to change a job's artifacts begins with such an UPDATE of the job, and
+thereby locks it. What takes many rows leaves out those that another process is at (SKIP LOCKED), so that no two can
+wait for each other in a circle.
+
+A worker's right to change a job is its lease: it is renewed by heartbeats, and it is void as soon as the job was
+canceled, given to another worker, or finished.
 """
 
+import sqlite3
+import time
 import uuid
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sqlalchemy import ColumnElement, create_engine, delete, event, select, text, update
+from sqlalchemy import ColumnElement, Connection, create_engine, delete, event, select, text, update
 from sqlalchemy.engine import Engine, make_url
 from sqlalchemy.orm import Session, sessionmaker
 
 from core.errors import ErrorCode, MeshmarkError
-from service.jobs.models import Artifact, ArtifactKind, Base, Job, JobState, Lease
+from service.jobs.migrations import migrate
+from service.jobs.models import Artifact, ArtifactKind, Job, JobState, Lease
 
 ACTIVE = (JobState.QUEUED, JobState.RUNNING)
-# API and worker start together, and one of them creates the tables.
-ONE_AT_A_TIME = {"sqlite": "BEGIN IMMEDIATE", "postgresql": "SELECT pg_advisory_xact_lock(7239017)"}
+# What a transaction begins with that no other one with the same key shall run beside. SQLite has one lock for all.
+ONE_AT_A_TIME = {"sqlite": text("BEGIN IMMEDIATE"), "postgresql": text("SELECT pg_advisory_xact_lock(:key)")}
+MIGRATION = 7239017  # a key of its own: any constant
+# What libpq is told, so that a server that vanished without a word is noticed. Seconds; the last in milliseconds.
+PATIENCE = {"connect_timeout": 5, "keepalives_idle": 10, "keepalives_interval": 5, "tcp_user_timeout": 20_000}
+BUSY = 10.0  # seconds to wait for another process's lock on a SQLite file
 OUTPUTS = (ArtifactKind.MODEL, ArtifactKind.REPORT, ArtifactKind.PREVIEW)
 
 
@@ -31,6 +43,10 @@ class Content(NamedTuple):
     size: int
 
 
+class MissingContentError(Exception):
+    """The store does not have the content that a row was to refer to."""
+
+
 def now() -> datetime:
     """The present moment, UTC."""
     return datetime.now(UTC)
@@ -38,40 +54,69 @@ def now() -> datetime:
 
 def _connect(url: str) -> Engine:
     if make_url(url).get_backend_name() != "sqlite":
-        return create_engine(url, pool_pre_ping=True)
+        # The locks below are reasoned for this level, whatever the server's own default is.
+        return create_engine(url, pool_pre_ping=True, isolation_level="READ COMMITTED", connect_args=PATIENCE)
     if database := make_url(url).database:
         Path(database).parent.mkdir(parents=True, exist_ok=True)
-    engine = create_engine(url, connect_args={"timeout": 10.0})
+    engine = create_engine(url, connect_args={"timeout": BUSY})
 
     @event.listens_for(engine, "connect")
     def _tune(connection: Any, _record: Any) -> None:
-        connection.execute("PRAGMA journal_mode=WAL")  # readers never wait for the writer
         connection.execute("PRAGMA foreign_keys=ON")
+        deadline = time.monotonic() + BUSY
+        while True:
+            try:
+                connection.execute("PRAGMA journal_mode=WAL")  # readers never wait for the writer
+                return
+            except sqlite3.OperationalError:  # the one statement that does not wait for another process's lock
+                if time.monotonic() > deadline:
+                    raise
+            time.sleep(0.01)
 
     return engine
 
 
 class Ledger:
-    """Jobs in a SQL database. Safe to share between threads; each call is one short transaction."""
+    """Jobs in a SQL database. Safe to share between threads; each call is one short transaction.
 
-    def __init__(self, url: str) -> None:
+    Args:
+        url: as SQLAlchemy writes it.
+        retention: seconds after its end at which a job expires; 0: never.
+    """
+
+    def __init__(self, url: str, retention: float = 0) -> None:
+        self._retention = retention
         self._engine = _connect(url)
         self._session = sessionmaker(self._engine, expire_on_commit=False)
-        with self._engine.begin() as connection:
-            connection.execute(text(ONE_AT_A_TIME[connection.dialect.name]))
-            Base.metadata.create_all(connection)
+        try:
+            with self._engine.begin() as connection:
+                _wait_for_turn(connection, {MIGRATION})
+                migrate(connection)
+        except BaseException:
+            self.close()
+            raise
 
     def close(self) -> None:
         """Close every connection."""
         self._engine.dispose()
 
     def ping(self) -> None:
-        """Raise SQLAlchemyError where the database does not answer."""
+        """Raise OperationalError where the database does not answer."""
         with self._engine.connect() as connection:
             connection.execute(text("SELECT 1"))
 
-    def create(self, filename: str, parameters: dict[str, Any], contents: Mapping[ArtifactKind, Content]) -> Job:
-        """A new queued job that refers to its stored inputs."""
+    def create(
+        self,
+        filename: str,
+        parameters: dict[str, Any],
+        contents: Mapping[ArtifactKind, Content],
+        stored: Callable[[str], bool],
+    ) -> Job:
+        """A new queued job that refers to its inputs; `stored` says whether the store has them.
+
+        Raises:
+            MissingContentError: it does not; nothing is recorded. See :mod:`service.jobs.contents`.
+        """
         moment = now()
         job = Job(
             id=str(uuid.uuid4()),
@@ -83,6 +128,7 @@ class Ledger:
             artifacts=[Artifact(kind=kind, sha256=item.sha256, size=item.size) for kind, item in contents.items()],
         )
         with self._session.begin() as session:
+            _lock_content(session, contents.values(), stored)
             session.add(job)
         return job
 
@@ -113,10 +159,15 @@ class Ledger:
         with self._session.begin() as session:
             return self._set(session, _held(lease), lease_expires_at=expiry, stage=stage, progress=progress)
 
-    def publish(self, lease: Lease, kind: ArtifactKind, content: Content) -> bool:
-        """Refer to an output, in place of an earlier attempt's; False when the lease is void."""
+    def publish(self, lease: Lease, kind: ArtifactKind, content: Content, stored: Callable[[str], bool]) -> bool:
+        """Refer to an output, in place of an earlier attempt's; False when the lease is void.
+
+        Raises:
+            MissingContentError: `stored` says that the store does not have it; nothing is recorded.
+        """
         with self._session.begin() as session:
-            if not self._set(session, _held(lease), lease_token=lease.token):  # locks the row until the commit
+            _lock_content(session, [content], stored)
+            if not self._lock(session, _held(lease)):
                 return False
             session.merge(Artifact(job_id=lease.job_id, kind=kind, sha256=content.sha256, size=content.size))
             return True
@@ -124,12 +175,12 @@ class Ledger:
     def succeed(self, lease: Lease) -> bool:
         """running -> succeeded; False when the lease is void."""
         with self._session.begin() as session:
-            return self._set(session, _held(lease), state=JobState.SUCCEEDED, progress=1.0, **_finished())
+            return self._set(session, _held(lease), state=JobState.SUCCEEDED, progress=1.0, **self._finished())
 
     def fail(self, lease: Lease, error: MeshmarkError) -> bool:
         """running -> failed; False when the lease is void."""
         with self._session.begin() as session:
-            return self._set(session, _held(lease), state=JobState.FAILED, **_finished(error))
+            return self._set(session, _held(lease), state=JobState.FAILED, **self._finished(error))
 
     def release(self, lease: Lease) -> bool:
         """running -> queued without counting the attempt, for a worker that stops; False when the lease is void."""
@@ -139,67 +190,92 @@ class Ledger:
     def cancel(self, job_id: str) -> bool:
         """queued or running -> canceled; False when the job had already ended."""
         with self._session.begin() as session:
-            return self._set(session, (Job.id == job_id, Job.state.in_(ACTIVE)), state=JobState.CANCELED, **_finished())
+            return self._set(
+                session, (Job.id == job_id, Job.state.in_(ACTIVE)), state=JobState.CANCELED, **self._finished()
+            )
 
     def drop_artifacts(self, job_id: str) -> set[str]:
-        """Forget an ended job's files (succeeded -> expired); returns the hashes that no job refers to any more."""
+        """Forget an ended job's files (succeeded -> expired); returns their hashes: other jobs may have the same."""
         with self._session.begin() as session:
             self._set(session, (Job.id == job_id, Job.state == JobState.SUCCEEDED), state=JobState.EXPIRED)
-            ended = select(Job.id).where(Job.id == job_id, Job.state.not_in(ACTIVE))
-            dropped = session.scalars(
-                delete(Artifact).where(Artifact.job_id.in_(ended)).returning(Artifact.sha256)
-            ).all()
-            return _unreferenced(session, dropped)
+            if not self._set(session, (Job.id == job_id, Job.state.not_in(ACTIVE)), purge_at=None):
+                return set()
+            dropped = session.scalars(delete(Artifact).where(Artifact.job_id == job_id).returning(Artifact.sha256))
+            return set(dropped)
+
+    def overdue(self, limit: int = 100) -> list[str]:
+        """Ended jobs that have expired and whose files are still there; those that expired first."""
+        expired = select(Job.id).where(Job.purge_at < now()).order_by(Job.purge_at).limit(limit)
+        with self._session() as session:
+            return list(session.scalars(expired))
 
     def drop_outputs(self, lease: Lease) -> set[str]:
-        """Forget what an earlier attempt published; returns the hashes that no job refers to any more."""
+        """Forget what an earlier attempt published; returns the hashes: other jobs may have the same."""
         with self._session.begin() as session:
-            held = select(Job.id).where(*_held(lease))
-            dropped = session.scalars(
-                delete(Artifact).where(Artifact.job_id.in_(held), Artifact.kind.in_(OUTPUTS)).returning(Artifact.sha256)
-            ).all()
-            return _unreferenced(session, dropped)
+            if not self._lock(session, _held(lease)):
+                return set()
+            outputs = (Artifact.job_id == lease.job_id, Artifact.kind.in_(OUTPUTS))
+            return set(session.scalars(delete(Artifact).where(*outputs).returning(Artifact.sha256)))
 
     def unreferenced(self, hashes: Iterable[str]) -> set[str]:
-        """Those hashes that no job refers to."""
+        """Those hashes that no job refers to at the moment."""
+        candidates = set(hashes)
         with self._session() as session:
-            return _unreferenced(session, hashes)
+            return candidates - set(session.scalars(select(Artifact.sha256).where(Artifact.sha256.in_(candidates))))
+
+    def discard(self, sha256: str, remove: Callable[[str], None]) -> None:
+        """Remove content, unless a job refers to it; nobody begins to meanwhile."""
+        with self._session.begin() as session:
+            _wait_for_turn(session, {_key(sha256)})
+            if session.scalar(select(Artifact.job_id).where(Artifact.sha256 == sha256).limit(1)) is None:
+                remove(sha256)
 
     def recover(self, max_attempts: int, error: MeshmarkError) -> tuple[list[str], list[str]]:
         """Take running jobs from workers that fell silent: (requeued ids, failed ids)."""
         requeued: list[str] = []
         failed: list[str] = []
-        with self._session() as session:
-            silent = session.scalars(
-                select(Job).where(Job.state == JobState.RUNNING, Job.lease_expires_at < now())
-            ).all()
-        for job in silent:
-            condition = (*_held(job.lease), Job.lease_expires_at < now())  # a heartbeat may have come since
-            again = job.attempts < max_attempts
-            values = _queued() if again else {"state": JobState.FAILED, **_finished(error)}
-            with self._session.begin() as session:
+        with self._session.begin() as session:
+            silent = select(Job).where(Job.state == JobState.RUNNING, Job.lease_expires_at < now())
+            for job in session.scalars(silent.with_for_update(skip_locked=True)).all():
+                # SQLite locks no row that is only read: there a heartbeat or another sweeper may have come since.
+                condition = (*_held(job.lease), Job.lease_expires_at < now())
+                again = job.attempts < max_attempts
+                values = _queued() if again else {"state": JobState.FAILED, **self._finished(error)}
                 if self._set(session, condition, **values):
                     (requeued if again else failed).append(job.id)
         return requeued, failed
 
     def waiting(self, seconds: float) -> list[str]:
         """The jobs queued and not announced for so long. They count as announced from here on, so announce them."""
-        cutoff = now() - timedelta(seconds=seconds)
+        silent = (Job.state == JobState.QUEUED, Job.enqueued_at < now() - timedelta(seconds=seconds))
+        free = select(Job.id).where(*silent).with_for_update(skip_locked=True)
+        announced = update(Job).where(Job.id.in_(free), *silent).values(enqueued_at=now()).returning(Job.id)
         with self._session.begin() as session:
-            return list(
-                session.scalars(
-                    update(Job)
-                    .where(Job.state == JobState.QUEUED, Job.enqueued_at < cutoff)
-                    .values(enqueued_at=now())
-                    .returning(Job.id)
-                )
-            )
+            return list(session.scalars(announced))
 
     def running(self) -> set[Lease]:
         """The leases held now."""
         with self._session() as session:
             rows = session.execute(select(Job.id, Job.lease_token).where(Job.state == JobState.RUNNING))
             return {Lease(job_id, token) for job_id, token in rows}
+
+    def _lock(self, session: Session, condition: Iterable[ColumnElement[bool]]) -> bool:
+        """Keep everyone from changing a job until the commit; False where it is not as the condition says."""
+        return self._set(session, condition, lease_token=Job.lease_token)
+
+    def _finished(self, error: MeshmarkError | None = None) -> dict[str, Any]:
+        moment = now()
+        expiry = moment + timedelta(seconds=self._retention) if self._retention else None
+        values: dict[str, Any] = {
+            "stage": None,
+            "finished_at": moment,
+            "lease_expires_at": None,
+            "expires_at": expiry,
+            "purge_at": expiry,
+        }
+        if error:
+            values |= {"error_code": error.code.value, "error_message": error.message, "error_remedy": error.remedy}
+        return values
 
     @staticmethod
     def _set(session: Session, condition: Iterable[ColumnElement[bool]], **values: Any) -> bool:
@@ -217,16 +293,26 @@ def _queued() -> dict[str, Any]:
     return {"state": JobState.QUEUED, "stage": None, "progress": 0.0, "lease_expires_at": None, "enqueued_at": now()}
 
 
-def _finished(error: MeshmarkError | None = None) -> dict[str, Any]:
-    values: dict[str, Any] = {"stage": None, "finished_at": now(), "lease_expires_at": None}
-    if error:
-        values |= {"error_code": error.code.value, "error_message": error.message, "error_remedy": error.remedy}
-    return values
+def _wait_for_turn(transaction: Connection | Session, keys: Iterable[int]) -> None:
+    """Begin a transaction that no other one with one of these keys runs beside, until it commits."""
+    dialect = transaction.get_bind().dialect.name if isinstance(transaction, Session) else transaction.dialect.name
+    if dialect == "sqlite":
+        transaction.execute(ONE_AT_A_TIME[dialect])
+        return
+    for key in sorted(keys):  # in the same order everywhere, so that no two wait for each other
+        transaction.execute(ONE_AT_A_TIME[dialect], {"key": key})
 
 
-def _unreferenced(session: Session, hashes: Iterable[str]) -> set[str]:
-    candidates = set(hashes)
-    return candidates - set(session.scalars(select(Artifact.sha256).where(Artifact.sha256.in_(candidates))))
+def _lock_content(session: Session, contents: Iterable[Content], stored: Callable[[str], bool]) -> None:
+    """Begin a transaction in which this content stays in the store, which must have it."""
+    hashes = {content.sha256 for content in contents}
+    _wait_for_turn(session, map(_key, hashes))
+    if not all(map(stored, hashes)):
+        raise MissingContentError
+
+
+def _key(sha256: str) -> int:
+    return int(sha256[:15], 16)  # 60 bits: a key is a signed 64-bit integer
 
 
 WORKER_LOST = MeshmarkError(

@@ -19,6 +19,7 @@ EXAMPLE: JsonDict = {
     "created_at": "2026-01-31T12:00:00.000000Z",
     "started_at": "2026-01-31T12:00:00.200000Z",
     "finished_at": None,
+    "expires_at": None,
     "attempts": 1,
     "input": {
         "filename": "lantern.glb",
@@ -74,6 +75,9 @@ class JobView(BaseModel):
     created_at: datetime
     started_at: Annotated[datetime | None, Field(description="When the latest attempt began.")]
     finished_at: datetime | None
+    expires_at: Annotated[
+        datetime | None, Field(description="When the job's files are deleted; null: never, or not yet known.")
+    ]
     attempts: Annotated[int, Field(description="How often the job was started.")]
     input: Annotated[InputView | None, Field(description="The uploaded asset; null once it is deleted.")]
     parameters: Parameters
@@ -102,6 +106,7 @@ class JobView(BaseModel):
             created_at=job.created_at,
             started_at=job.started_at,
             finished_at=job.finished_at,
+            expires_at=job.expires_at,
             attempts=job.attempts,
             input=InputView(filename=job.filename, size=source.size, sha256=source.sha256) if source else None,
             parameters=Parameters.model_validate(job.parameters),

@@ -7,14 +7,13 @@ from typing import Annotated, Any
 import structlog
 from celery import Celery
 from fastapi import APIRouter, BackgroundTasks, File, Form, Request, Response, UploadFile, status
-from fastapi.responses import FileResponse
 from kombu.exceptions import KombuError
 
 from core.errors import ErrorCode, MeshmarkError
 from core.parameters import parse_parameters
+from service.delivery import deliver, disposition
 from service.intake import check_asset, check_lettering
-from service.jobs import queue
-from service.jobs.ledger import Content
+from service.jobs import contents, queue
 from service.jobs.models import ArtifactKind, Job, JobState
 from service.problems import problem_responses
 from service.routes.schemas import JobView
@@ -50,10 +49,17 @@ REFUSALS = problem_responses(
     ErrorCode.BUDGET_EXCEEDED,
     ErrorCode.UNSUPPORTED_FEATURE,
     ErrorCode.EXTERNAL_REFERENCE,
+    ErrorCode.SERVICE_UNAVAILABLE,
 )
-UNKNOWN = problem_responses(ErrorCode.NOT_FOUND)
+UNKNOWN = problem_responses(ErrorCode.NOT_FOUND, ErrorCode.SERVICE_UNAVAILABLE)
 NOT_THERE = problem_responses(
-    ErrorCode.NOT_FOUND, ErrorCode.NOT_READY, ErrorCode.JOB_FAILED, ErrorCode.JOB_CANCELED, ErrorCode.JOB_EXPIRED
+    ErrorCode.NOT_FOUND,
+    ErrorCode.NOT_READY,
+    ErrorCode.JOB_FAILED,
+    ErrorCode.JOB_CANCELED,
+    ErrorCode.JOB_EXPIRED,
+    ErrorCode.RANGE_NOT_SATISFIABLE,
+    ErrorCode.SERVICE_UNAVAILABLE,
 )
 
 
@@ -95,14 +101,9 @@ def create_watermark(
             )
         check_lettering(parameters, staged[ArtifactKind.FONT].path.read_bytes() if font is not None else None)
         check_asset(staged[ArtifactKind.INPUT].path, settings.budgets)
-        with artifacts.exclusive():
-            for item in staged.values():
-                artifacts.add(item)
-            job = state.ledger.create(
-                _plain_name(file.filename),
-                parameters.model_dump(mode="json"),
-                {kind: Content(item.sha256, item.size) for kind, item in staged.items()},
-            )
+        job = contents.create_job(
+            state.ledger, artifacts, _plain_name(file.filename), parameters.model_dump(mode="json"), staged
+        )
     background.add_task(_announce, state.queue, job.id)  # a broker that does not answer delays no client
     view = _view(request, job)
     response.headers["Location"] = view.links.self
@@ -120,31 +121,38 @@ def delete_watermark(state: State, job_id: str) -> None:
     """Cancel the job if it has not ended, and delete the uploaded asset and everything made from it."""
     _job(state, job_id)
     state.ledger.cancel(job_id)
-    with state.artifacts.exclusive():
-        for sha256 in state.ledger.drop_artifacts(job_id):
-            state.artifacts.remove(sha256)
+    contents.discard(state.ledger, state.artifacts, state.ledger.drop_artifacts(job_id))
 
 
 def _download(kind: ArtifactKind) -> dict[str, Any]:
-    content = {"content": {MEDIA_TYPES[kind]: {}}, "description": f"The {kind}."}
+    content = {MEDIA_TYPES[kind]: {"schema": {"type": "string", "format": "binary"}}}
     return {
-        "response_class": FileResponse,
-        "responses": {200: content, 304: {"description": "Not changed since `If-None-Match`."}, **NOT_THERE},
+        "response_class": Response,
+        "responses": {
+            200: {"description": f"The {kind}.", "content": content},
+            206: {"description": "The part that `Range` asks for.", "content": content},
+            304: {"description": "The client has it: `If-None-Match` names its `ETag`."},
+            307: {"description": "It is at the `Location`, for some minutes; where the service is set up so."},
+            **NOT_THERE,
+        },
     }
 
 
+@router.head("/{job_id}/model", name="head_model", **_download(ArtifactKind.MODEL))
 @router.get("/{job_id}/model", **_download(ArtifactKind.MODEL))
 def read_model(request: Request, state: State, job_id: str) -> Response:
     """The watermarked GLB; there from stage `evaluating` on."""
     return _deliver(request, state, job_id, ArtifactKind.MODEL)
 
 
+@router.head("/{job_id}/report", name="head_report", **_download(ArtifactKind.REPORT))
 @router.get("/{job_id}/report", **_download(ArtifactKind.REPORT))
 def read_report(request: Request, state: State, job_id: str) -> Response:
     """Where the watermarks are, and what they measure."""
     return _deliver(request, state, job_id, ArtifactKind.REPORT)
 
 
+@router.head("/{job_id}/preview", name="head_preview", **_download(ArtifactKind.PREVIEW))
 @router.get("/{job_id}/preview", **_download(ArtifactKind.PREVIEW))
 def read_preview(request: Request, state: State, job_id: str) -> Response:
     """Pictures of the watermarked asset from eight sides, as one PNG."""
@@ -182,16 +190,12 @@ def _deliver(request: Request, state: AppState, job_id: str, kind: ArtifactKind)
     artifact = job.artifact(kind)
     if artifact is None:
         raise _not_there(job, kind)
-    path = state.artifacts.path(artifact.sha256)
+    name = PurePath(job.filename).stem + ".watermarked" + SUFFIXES[kind]
+    headers = {"Content-Type": MEDIA_TYPES[kind], "Content-Disposition": disposition(name)}
     try:
-        found = path.stat()
+        return deliver(request, state.artifacts, artifact, headers)
     except FileNotFoundError:  # deleted since the look at the ledger
         raise _not_there(_job(state, job_id), kind) from None
-    headers = {"ETag": f'"{artifact.sha256}"', "Cache-Control": "private, no-cache"}
-    if artifact.sha256 in request.headers.get("If-None-Match", ""):
-        return Response(status_code=status.HTTP_304_NOT_MODIFIED, headers=headers)
-    name = PurePath(job.filename).stem + ".watermarked" + SUFFIXES[kind]
-    return FileResponse(path, headers=headers, media_type=MEDIA_TYPES[kind], filename=name, stat_result=found)
 
 
 def _not_there(job: Job, kind: ArtifactKind) -> MeshmarkError:

@@ -1,4 +1,5 @@
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -36,10 +37,16 @@ def quiet() -> None:
     structlog.configure(processors=[structlog.processors.KeyValueRenderer()])
 
 
-@pytest.fixture
-def client(tmp_path: Path) -> Iterator[Client]:
-    settings = Settings(data_dir=tmp_path, max_upload_bytes=100_000, max_font_bytes=50_000)
-    with TestClient(create_app(settings), raise_server_exceptions=False) as http:
+@contextmanager
+def client_with(settings: Settings) -> Iterator[Client]:
+    """A running application with these settings."""
+    with TestClient(create_app(settings), raise_server_exceptions=False, follow_redirects=False) as http:
         client = Client(http, settings)
         yield client
         client.worker.ledger.close()
+
+
+@pytest.fixture
+def client(tmp_path: Path) -> Iterator[Client]:
+    with client_with(Settings(data_dir=tmp_path, max_upload_bytes=100_000, max_font_bytes=50_000)) as client:
+        yield client

@@ -35,9 +35,14 @@ def free_port() -> int:
 
 
 @contextmanager
-def running(command: list[str], environment: dict[str, str]) -> Iterator["subprocess.Popen[bytes]"]:
+def running(
+    command: list[str], environment: dict[str, str], quiet: bool = False
+) -> Iterator["subprocess.Popen[bytes]"]:
     """A process that is asked to end afterwards, and must."""
-    process = subprocess.Popen(command, env=os.environ | environment, start_new_session=True)
+    output = subprocess.DEVNULL if quiet else None
+    process = subprocess.Popen(
+        command, env=os.environ | environment, start_new_session=True, stdout=output, stderr=output
+    )
     try:
         yield process
     finally:

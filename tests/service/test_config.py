@@ -1,10 +1,13 @@
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from pydantic import ValidationError
 
 from core.asset.budgets import DEFAULT_BUDGETS
-from service.config import Settings
+from service.config import Settings, load_settings
 
 
 def test_settings_come_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -34,6 +37,11 @@ def test_every_setting_is_described() -> None:
     ("name", "value"),
     [
         ("database_url", "mysql://localhost/jobs"),
+        ("database_url", "postgresql+asyncpg://localhost/jobs"),
+        ("database_url", "postgresql://localhost:port/jobs"),
+        ("data_dir", "/dev/null/data"),
+        ("store_url", "https://bucket.example"),
+        ("s3_endpoint", "minio:9000"),
         ("broker_url", "amqp://localhost"),
         ("max_attempts", "0"),
         ("job_time_limit", "-1"),
@@ -44,3 +52,43 @@ def test_a_setting_that_cannot_work_is_refused_at_start(monkeypatch: pytest.Monk
     monkeypatch.setenv(f"MESHMARK_{name.upper()}", value)
     with pytest.raises(ValidationError, match=name):
         Settings()
+
+
+def test_a_setting_may_stand_in_a_file_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "meshmark_database_url").write_text("postgresql://user:pass@db/jobs\n")
+    (tmp_path / "meshmark_port").write_text("9000")
+    monkeypatch.setenv("MESHMARK_PORT", "9001")
+    settings = load_settings(tmp_path)
+    assert settings.database_url == "postgresql://user:pass@db/jobs"
+    assert settings.port == 9001
+    assert load_settings(tmp_path / "nothing").port == 9001
+
+
+def test_an_empty_variable_is_as_good_as_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MESHMARK_PORT", "")
+    assert Settings().port == 8080
+
+
+def start(command: str, **variables: str) -> "subprocess.CompletedProcess[str]":
+    environment = os.environ | {f"MESHMARK_{name.upper()}": value for name, value in variables.items()}
+    return subprocess.run(
+        [sys.executable, "-m", *command.split()], env=environment, capture_output=True, text=True, timeout=60
+    )
+
+
+@pytest.mark.parametrize("command", ["service", "service api", "service --show-settings", "worker"])
+def test_what_cannot_work_is_told_in_a_line_each_and_nothing_is_started(command: str) -> None:
+    secret = "postgresql://user:secret@localhost:port/jobs"
+    ended = start(command, port="99999", database_url=secret)
+    assert ended.returncode == 2
+    assert "secret" not in ended.stderr
+    lines = ended.stderr.splitlines()
+    assert [line.split(":")[0] for line in lines] == ["MESHMARK_PORT", "MESHMARK_DATABASE_URL"]
+    assert "less than or equal to 65535" in lines[0]
+
+
+def test_settings_that_do_not_go_together_are_refused() -> None:
+    ended = start("service", s3_access_key_id="id")
+    assert (ended.returncode, ended.stderr.count("\n")) == (2, 1)
+    assert "MESHMARK_S3_SECRET_ACCESS_KEY" in ended.stderr
+    assert "MESHMARK_STORE_URL" in start("service", s3_presign="true").stderr

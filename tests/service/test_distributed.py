@@ -1,4 +1,8 @@
-"""`python -m service api` and `celery -A worker.app worker` as processes of their own, with a real Redis between."""
+"""`python -m service api` and `celery -A worker.app worker` as processes of their own, with a real Redis between.
+
+Once they share a folder with ledger and artifacts, as on one machine; once a PostgreSQL and a bucket and no folder, as
+on many.
+"""
 
 import os
 import signal
@@ -11,16 +15,27 @@ import pytest
 from service.config import Settings
 from service.jobs import queue
 from tests.service.harness import API_COMMAND, WORKER_COMMAND, Service, redis_server, running
+from tests.service.s3 import Bucket
 from tests.worker.waiting import gone, wait_until
 
 
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
-    folder = tmp_path_factory.mktemp("distributed")
+@pytest.fixture(scope="module", params=["a folder", "servers"])
+def service(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    folder, worker = tmp_path_factory.mktemp("distributed"), [*WORKER_COMMAND, "--hostname=first@test"]
+    shared = {}
+    if request.param == "servers":
+        bucket: Bucket = request.getfixturevalue("s3").new_bucket()
+        shared = {"database_url": request.getfixturevalue("postgres").new_database(), **bucket.settings}
+        worker = elsewhere(folder, worker)
     with redis_server(folder) as broker:
-        service = Service(folder, broker_url=broker)
-        with service.running(API_COMMAND, [*WORKER_COMMAND, "--hostname=first@test"]):
+        service = Service(folder, broker_url=broker, **shared)
+        with service.running(API_COMMAND, worker):
             yield service
+
+
+def elsewhere(folder: Path, command: list[str]) -> list[str]:
+    """A command with a data folder of its own."""
+    return ["env", f"MESHMARK_DATA_DIR={folder / 'another machine'}", *command]
 
 
 def settings(service: Service) -> Settings:
@@ -56,7 +71,10 @@ def test_a_job_survives_kill_9_of_its_worker(service: Service, tmp_path: Path) -
     worker.send_signal(signal.SIGKILL)
     wait_until(lambda: all(map(gone, engines)))
     go.touch()
-    with running([*WORKER_COMMAND, "--hostname=second@test"], service.environment):
+    second = [*WORKER_COMMAND, "--hostname=second@test"]
+    if "MESHMARK_STORE_URL" in service.environment:
+        second = elsewhere(tmp_path, second)
+    with running(second, service.environment):
         assert service.wait_for(url, "succeeded")["attempts"] == 2
 
 

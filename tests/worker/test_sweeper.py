@@ -1,3 +1,5 @@
+import io
+import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -6,8 +8,9 @@ import pytest
 
 from service.config import Settings
 from service.jobs import queue
+from service.jobs.artifacts import GRACE
 from service.jobs.models import JobState
-from worker.sweeper import sweep
+from worker.sweeper import sweep, sweep_store
 from worker.tasks import Worker, scratch_name
 
 
@@ -20,7 +23,7 @@ def worker(tmp_path: Path) -> Iterator[Worker]:
 
 
 def create(worker: Worker) -> str:
-    return worker.ledger.create("asset.obj", {"text": "HI"}, {}).id
+    return worker.ledger.create("asset.obj", {"text": "HI"}, {}, lambda _: True).id
 
 
 def state(worker: Worker, job_id: str) -> str:
@@ -67,3 +70,16 @@ def test_working_folders_of_attempts_that_are_over_are_removed(worker: Worker) -
         (folder / "file").touch()
     sweep(worker)
     assert list(worker.scratch.iterdir()) == [mine]
+
+
+def test_content_that_no_job_refers_to_is_removed_when_it_is_old(worker: Worker) -> None:
+    with worker.artifacts.stage(io.BytesIO(b"1"), limit=1, name="file") as staged:
+        worker.artifacts.put(staged)
+        share = int(staged.sha256[:2], 16)
+        sweep_store(worker, share)
+        assert worker.artifacts.has(staged.sha256)
+        os.utime(staged.path, (0, time.time() - GRACE - 1))  # one file under both names
+        sweep_store(worker, share + 1)
+        assert worker.artifacts.has(staged.sha256)
+        sweep_store(worker, share)
+        assert not worker.artifacts.has(staged.sha256)

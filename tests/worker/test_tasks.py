@@ -10,31 +10,36 @@ from pathlib import Path
 import pytest
 
 from service.config import Settings
-from service.jobs import queue
-from service.jobs.ledger import WORKER_LOST, Content
-from service.jobs.models import ArtifactKind, Job, JobState
+from service.jobs import contents, queue
+from service.jobs.ledger import WORKER_LOST
+from service.jobs.models import Artifact, ArtifactKind, Job, JobState
+from tests.service.s3 import S3, Flaky, bucket_settings
 from tests.worker.engines import asset
 from tests.worker.waiting import wait_until
 from worker.tasks import Worker
 
 
+def worker_with(settings: Settings) -> Worker:
+    return Worker(settings, queue.create_queue(settings), "tests.worker.engines:directed")
+
+
 @pytest.fixture
 def worker(tmp_path: Path) -> Iterator[Worker]:
-    settings = Settings(data_dir=tmp_path / "data", lease_seconds=60)
-    worker = Worker(settings, queue.create_queue(settings), "tests.worker.engines:directed")
+    worker = worker_with(Settings(data_dir=tmp_path / "data", lease_seconds=60))
     yield worker
     worker.ledger.close()
 
 
 def submit(worker: Worker, do: str = "work", **details: object) -> str:
     content = asset(do, **details)
-    with (
-        worker.artifacts.stage(BytesIO(content), limit=len(content), name="file") as staged,
-        worker.artifacts.exclusive(),
-    ):
-        worker.artifacts.add(staged)
-    contents = {ArtifactKind.INPUT: Content(staged.sha256, staged.size)}
-    return worker.ledger.create("asset.obj", {"text": "HI"}, contents).id
+    with worker.artifacts.stage(BytesIO(content), limit=len(content), name="file") as staged:
+        staged_as = {ArtifactKind.INPUT: staged}
+        return contents.create_job(worker.ledger, worker.artifacts, "asset.obj", {"text": "HI"}, staged_as).id
+
+
+def content(worker: Worker, artifact: Artifact | None) -> bytes:
+    assert artifact is not None
+    return b"".join(worker.artifacts.read(artifact.sha256, 0, artifact.size))
 
 
 def job(worker: Worker, job_id: str) -> Job:
@@ -56,9 +61,7 @@ def test_a_job_is_run_once_and_its_results_are_kept(worker: Worker) -> None:
     worker.run(job_id)
     done = job(worker, job_id)
     assert (done.state, done.attempts, done.progress) == (JobState.SUCCEEDED, 1, 1)
-    model = done.artifact(ArtifactKind.MODEL)
-    assert model is not None
-    assert worker.artifacts.path(model.sha256).read_bytes() == b"glTF of HI"
+    assert content(worker, done.artifact(ArtifactKind.MODEL)) == b"glTF of HI"
     assert list(worker.scratch.iterdir()) == []
     worker.run(job_id)
     again = job(worker, job_id)
@@ -89,10 +92,8 @@ def test_a_job_whose_measurement_dies_still_delivers_its_model_and_says_why(
     worker.run(job_id)
     done = job(worker, job_id)
     assert done.state == JobState.SUCCEEDED
-    report, model = done.artifact(ArtifactKind.REPORT), done.artifact(ArtifactKind.MODEL)
-    assert report is not None
-    assert model is not None
-    metrics = json.loads(worker.artifacts.path(report.sha256).read_bytes())["metrics"]
+    assert done.artifact(ArtifactKind.MODEL) is not None
+    metrics = json.loads(content(worker, done.artifact(ArtifactKind.REPORT)))["metrics"]
     assert metrics["ocr"] is None
     assert metrics["missing"]["ocr"]["code"] == code
 
@@ -120,8 +121,7 @@ def test_a_worker_that_lost_its_lease_publishes_nothing(worker: Worker, tmp_path
     taken = job(worker, job_id)
     assert (taken.state, taken.attempts) == (JobState.RUNNING, 2)
     assert [artifact.kind for artifact in taken.artifacts] == [ArtifactKind.INPUT]
-    stored = [path for path in worker.artifacts.root.rglob("*") if path.is_file() and path.name != ".lock"]
-    assert len(stored) == 1
+    assert len(list(worker.artifacts.listing())) == 1
 
 
 def test_a_stopping_worker_gives_its_job_back_to_the_queue(worker: Worker) -> None:
@@ -134,10 +134,56 @@ def test_a_stopping_worker_gives_its_job_back_to_the_queue(worker: Worker) -> No
     assert queue.depth(worker.celery) == 1
 
 
-def test_an_input_that_vanished_from_the_disk_is_a_failed_job_and_not_a_stuck_one(worker: Worker) -> None:
+def test_an_input_that_vanished_from_the_store_is_a_failed_job_and_not_a_stuck_one(worker: Worker) -> None:
     job_id = submit(worker)
     source = job(worker, job_id).artifact(ArtifactKind.INPUT)
     assert source is not None
-    worker.artifacts.path(source.sha256).unlink()
+    worker.artifacts.remove(source.sha256)
     worker.run(job_id)
     assert (job(worker, job_id).state, job(worker, job_id).error_code) == (JobState.FAILED, "internal_error")
+
+
+def test_a_store_that_fails_for_a_while_delays_a_job_and_does_not_end_it(s3: S3, tmp_path: Path) -> None:
+    """It fails when the input is fetched, and again when the model is published; the lease is far shorter."""
+    with Flaky(s3.url).running() as flaky:
+        bucket, go = s3.new_bucket(), tmp_path / "go"
+        bucket.endpoint = flaky.url
+        worker = worker_with(bucket_settings(bucket, tmp_path / "data", lease_seconds=1))
+        job_id = submit(worker, wait_for=os.fspath(go))
+        flaky.failing.set()
+        thread = threading.Thread(target=worker.run, args=(job_id,))
+        thread.start()
+        wait_until(lambda: flaky.failed)
+        flaky.failing.clear()
+        wait_until(lambda: job(worker, job_id).stage == "placing")
+        flaky.failing.set()
+        before = flaky.failed
+        go.touch()
+        wait_until(lambda: flaky.failed > before + 3)
+        assert worker.ledger.recover(1, WORKER_LOST) == ([], [])  # the lease was kept all the while
+        flaky.failing.clear()
+        thread.join(20)
+        done = job(worker, job_id)
+        assert (done.state, done.attempts) == (JobState.SUCCEEDED, 1)
+        assert content(worker, done.artifact(ArtifactKind.MODEL)) == b"glTF of HI"
+        worker.ledger.close()
+
+
+def test_a_job_is_put_back_when_the_store_fails_for_longer_than_a_worker_waits(
+    s3: S3, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("worker.tasks.PATIENCE", 0.5)
+    with Flaky(s3.url).running() as flaky:
+        bucket = s3.new_bucket()
+        bucket.endpoint = flaky.url
+        worker = worker_with(bucket_settings(bucket, tmp_path / "data", lease_seconds=60))
+        job_id = submit(worker)
+        flaky.failing.set()
+        worker.run(job_id)
+        waiting = job(worker, job_id)
+        assert (waiting.state, waiting.attempts) == (JobState.QUEUED, 0)
+        assert list(worker.scratch.iterdir()) == []
+        flaky.failing.clear()
+        worker.run(job_id)
+        assert job(worker, job_id).state == JobState.SUCCEEDED
+        worker.ledger.close()

@@ -1,53 +1,81 @@
 import hashlib
 import io
+import os
+import resource
+import time
 from concurrent.futures import ThreadPoolExecutor
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from core.errors import ErrorCode, MeshmarkError
-from service.jobs.artifacts import ArtifactStore
+from service.jobs.artifacts import ArtifactStore, StoreUnavailableError
+
+NOTHING = hashlib.sha256(b"nothing like it").hexdigest()
 
 
-def put(store: ArtifactStore, content: bytes) -> Path:
-    with store.stage(io.BytesIO(content), limit=len(content), name="file") as staged, store.exclusive():
-        store.add(staged)
-    return store.path(staged.sha256)
+def put(store: ArtifactStore, content: bytes) -> str:
+    with store.stage(io.BytesIO(content), limit=len(content), name="file") as staged:
+        store.put(staged)
+    return staged.sha256
 
 
-def files(store: ArtifactStore) -> list[Path]:
-    return sorted(path for path in store.root.rglob("*") if path.is_file() and path.name != ".lock")
+def read(store: ArtifactStore, sha256: str, start: int, stop: int) -> bytes:
+    return b"".join(store.read(sha256, start, stop))
 
 
-@given(content=st.binary(max_size=200))
-def test_content_is_found_under_its_hash(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
-    store = ArtifactStore(tmp_path_factory.mktemp("store"))
-    digest = hashlib.sha256(content).hexdigest()
-    path = put(store, content)
-    assert path == store.root / digest[:2] / digest
-    assert path.read_bytes() == content
-    assert files(store) == [path]
+def names(store: ArtifactStore) -> list[str]:
+    return sorted(item.sha256 for item in store.listing())
 
 
-def test_the_same_content_is_kept_once_however_often_it_comes(tmp_path: Path) -> None:
-    store = ArtifactStore(tmp_path)
+def local_files(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.rglob("*") if path.is_file())
+
+
+@pytest.mark.parametrize("content", [b"", b"1", bytes(range(256)) * 100, b"x" * (20 * 2**20 + 1)], ids=len)
+def test_content_is_found_under_its_hash(store: ArtifactStore, content: bytes, tmp_path: Path) -> None:
+    sha256 = put(store, content)
+    assert sha256 == hashlib.sha256(content).hexdigest()
+    assert store.has(sha256)
+    assert names(store) == [sha256]
+    assert read(store, sha256, 0, len(content)) == content
+    store.fetch(sha256, len(content), tmp_path / "copy")
+    assert (tmp_path / "copy").read_bytes() == content
+
+
+def test_any_part_can_be_read(store: ArtifactStore) -> None:
+    content = os.urandom(17 * 2**20)  # more than is asked of a server at a time
+    sha256, size = put(store, content), len(content)
+    for start, stop in [(0, 1), (5, 5), (size - 1, size), (8 * 2**20 - 1, 16 * 2**20 + 1)]:
+        assert read(store, sha256, start, stop) == content[start:stop]
+
+
+def test_what_is_not_there_is_not_found(store: ArtifactStore, tmp_path: Path) -> None:
+    assert not store.has(NOTHING)
+    for stop in (0, 1, 2**24):
+        with pytest.raises(FileNotFoundError):
+            read(store, NOTHING, 0, stop)
+    with pytest.raises(FileNotFoundError):
+        store.fetch(NOTHING, 3, tmp_path / "copy")
+
+
+def test_the_same_content_is_kept_once_however_often_it_comes(store: ArtifactStore) -> None:
     with ThreadPoolExecutor(8) as pool:
-        paths = set(pool.map(lambda _: put(store, b"x" * 10_000), range(32)))
-    assert files(store) == list(paths)
-    assert files(store)[0].read_bytes() == b"x" * 10_000
+        hashes = set(pool.map(lambda _: put(store, b"x" * 10_000), range(32)))
+    [sha256] = hashes
+    assert names(store) == [sha256]
+    assert read(store, sha256, 0, 10_000) == b"x" * 10_000
 
 
-def test_content_over_the_limit_is_refused_and_leaves_nothing(tmp_path: Path) -> None:
-    store = ArtifactStore(tmp_path)
+def test_content_over_the_limit_is_refused_and_leaves_nothing(store: ArtifactStore, tmp_path: Path) -> None:
     with pytest.raises(MeshmarkError) as caught, store.stage(io.BytesIO(b"12345"), limit=4, name="file"):
         pytest.fail("it was staged")
     assert caught.value.code == ErrorCode.UPLOAD_TOO_LARGE
-    assert files(store) == []
+    assert local_files(tmp_path) == []
 
 
-def test_reading_stops_at_the_limit(tmp_path: Path) -> None:
+def test_reading_an_upload_stops_at_the_limit(store: ArtifactStore) -> None:
     class Endless(io.RawIOBase):
         given = 0
 
@@ -56,24 +84,56 @@ def test_reading_stops_at_the_limit(tmp_path: Path) -> None:
             return b"\0" * size
 
     stream = Endless()
-    with (
-        pytest.raises(MeshmarkError),
-        ArtifactStore(tmp_path).stage(stream, limit=3 * 2**20, name="file"),  # type: ignore[arg-type]
-    ):
+    with pytest.raises(MeshmarkError), store.stage(stream, limit=3 * 2**20, name="file"):  # type: ignore[arg-type]
         pytest.fail("it was staged")
     assert stream.given <= 4 * 2**20
 
 
-def test_staged_content_that_is_not_added_is_removed(tmp_path: Path) -> None:
-    store = ArtifactStore(tmp_path)
-    with store.stage(io.BytesIO(b"1"), limit=1, name="file"):
-        assert len(files(store)) == 1
-    assert files(store) == []
+def test_what_is_staged_is_removed_from_the_local_disk(store: ArtifactStore, tmp_path: Path) -> None:
+    with store.stage(io.BytesIO(b"1"), limit=1, name="file") as staged:
+        assert local_files(tmp_path) == [staged.path]
+    assert local_files(tmp_path) == []
+    assert names(store) == []
 
 
-def test_removing_twice_is_as_good_as_once(tmp_path: Path) -> None:
-    store = ArtifactStore(tmp_path)
-    digest = put(store, b"1").name
+def test_what_a_killed_process_left_staged_is_removed_when_it_is_old(store: ArtifactStore, tmp_path: Path) -> None:
+    with store.stage(io.BytesIO(b"1"), limit=1, name="file") as staged:
+        store.clear_staging(60)
+        assert local_files(tmp_path) == [staged.path]
+        os.utime(staged.path, (0, time.time() - 61))
+        store.clear_staging(60)
+        assert local_files(tmp_path) == []
+
+
+def test_removing_twice_is_as_good_as_once(store: ArtifactStore) -> None:
+    sha256 = put(store, b"1")
     for _ in range(2):
-        store.remove(digest)
-    assert files(store) == []
+        store.remove(sha256)
+        assert not store.has(sha256)
+    assert names(store) == []
+
+
+def test_content_is_listed_by_the_beginning_of_its_hash_with_its_age(store: ArtifactStore) -> None:
+    hashes = [put(store, bytes([number])) for number in range(20)]
+    assert names(store) == sorted(hashes)
+    prefix = hashes[0][:2]
+    listed = list(store.listing(prefix))
+    assert {item.sha256 for item in listed} == {sha256 for sha256 in hashes if sha256.startswith(prefix)}
+    assert datetime.now(UTC) - listed[0].since < timedelta(minutes=1)
+
+
+def test_damaged_content_is_noticed(store: ArtifactStore, tmp_path: Path) -> None:
+    sha256 = put(store, b"whole")
+    with pytest.raises(ValueError, match="damaged"):
+        store.fetch(sha256, 4, tmp_path / "copy")
+
+
+def test_a_full_disk_is_a_store_that_is_not_available(store: ArtifactStore, tmp_path: Path) -> None:
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2**20, limits[1]))  # a write beyond it fails as on a full disk
+    try:
+        with pytest.raises(StoreUnavailableError), store.stage(io.BytesIO(bytes(2**22)), limit=2**22, name="file"):
+            pytest.fail("it was staged")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert local_files(tmp_path) == []

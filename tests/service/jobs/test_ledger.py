@@ -2,28 +2,35 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
+from datetime import timedelta
 from typing import Any
 
 import pytest
+from sqlalchemy.exc import OperationalError
 
 from core.errors import ErrorCode, MeshmarkError
-from service.jobs.ledger import WORKER_LOST, Content, Ledger
+from service.jobs.ledger import WORKER_LOST, Content, Ledger, MissingContentError
 from service.jobs.models import ArtifactKind, Job, JobState, Lease
+from tests.service.postgres import postgres_server
 
 CONTENT = Content("ab" * 32, 3)
 BROKEN = MeshmarkError(ErrorCode.NO_FACES, "It has no faces.", "Add some.")
 
 
 @pytest.fixture
-def ledger(tmp_path: Path) -> Iterator[Ledger]:
-    ledger = Ledger(f"sqlite:///{tmp_path / 'folder' / 'ledger.sqlite3'}")
+def ledger(database_url: str) -> Iterator[Ledger]:
+    ledger = Ledger(database_url)
     yield ledger
     ledger.close()
 
 
+def stored(_sha256: str) -> bool:
+    """A store that has everything."""
+    return True
+
+
 def create(ledger: Ledger) -> Job:
-    return ledger.create("asset.glb", {"text": "HI"}, {ArtifactKind.INPUT: CONTENT})
+    return ledger.create("asset.glb", {"text": "HI"}, {ArtifactKind.INPUT: CONTENT}, stored)
 
 
 def claim(ledger: Ledger, job_id: str, lease_seconds: float = 60) -> Job:
@@ -63,9 +70,9 @@ def test_an_unknown_job_is_none(ledger: Ledger) -> None:
     assert ledger.claim("nothing", 60) is None
 
 
-def test_of_many_workers_racing_for_jobs_each_job_goes_to_one(ledger: Ledger, tmp_path: Path) -> None:
+def test_of_many_workers_racing_for_jobs_each_job_goes_to_one(ledger: Ledger, database_url: str) -> None:
     jobs = [create(ledger).id for _ in range(8)]
-    ledgers = [ledger, Ledger(f"sqlite:///{tmp_path / 'folder' / 'ledger.sqlite3'}")]  # as two processes have them
+    ledgers = [ledger, Ledger(database_url)]  # as two processes have them
     with ThreadPoolExecutor(16) as pool:
         claims = list(pool.map(lambda race: ledgers[race % 2].claim(jobs[race // 8], 60), range(64)))
     ledgers[1].close()
@@ -88,7 +95,7 @@ def test_a_worker_that_lost_its_lease_changes_nothing(ledger: Ledger) -> None:
     current = claim(ledger, late.job_id).lease
     before = snapshot(read(ledger, late.job_id))
     assert not ledger.heartbeat(late, 60, "embossing", 0.5)
-    assert not ledger.publish(late, ArtifactKind.MODEL, CONTENT)
+    assert not ledger.publish(late, ArtifactKind.MODEL, CONTENT, stored)
     assert not ledger.succeed(late)
     assert not ledger.fail(late, BROKEN)
     assert not ledger.release(late)
@@ -116,7 +123,7 @@ def test_a_job_that_has_ended_never_changes_again(ledger: Ledger, state: str) ->
         assert not transition(ledger, lease)
     assert ledger.claim(lease.job_id, 60) is None
     assert not ledger.heartbeat(lease, 60, "reading", 0)
-    assert not ledger.publish(lease, ArtifactKind.MODEL, CONTENT)
+    assert not ledger.publish(lease, ArtifactKind.MODEL, CONTENT, stored)
     assert not ledger.release(lease)
     assert ledger.recover(2, WORKER_LOST) == ([], [])
     assert ledger.waiting(0) == []
@@ -167,8 +174,8 @@ def test_a_job_waiting_too_long_is_named_to_one_sweeper_at_a_time(ledger: Ledger
 def test_a_second_attempts_output_takes_the_place_of_the_first(ledger: Ledger) -> None:
     lease = claim(ledger, create(ledger).id).lease
     first, second = Content("cd" * 32, 1), Content("ef" * 32, 2)
-    assert ledger.publish(lease, ArtifactKind.MODEL, first)
-    assert ledger.publish(lease, ArtifactKind.MODEL, second)
+    assert ledger.publish(lease, ArtifactKind.MODEL, first, stored)
+    assert ledger.publish(lease, ArtifactKind.MODEL, second, stored)
     model = read(ledger, lease.job_id).artifact(ArtifactKind.MODEL)
     assert model is not None
     assert (model.sha256, model.size) == second
@@ -176,13 +183,26 @@ def test_a_second_attempts_output_takes_the_place_of_the_first(ledger: Ledger) -
     assert read(ledger, lease.job_id).artifact(ArtifactKind.INPUT) is not None
 
 
-def test_content_is_free_to_delete_when_the_last_job_lets_go_of_it(ledger: Ledger) -> None:
+def test_content_is_removed_when_the_last_job_has_let_go_of_it(ledger: Ledger) -> None:
+    removed: list[str] = []
     first, second = create(ledger).id, create(ledger).id
-    ledger.cancel(first)
-    ledger.cancel(second)
-    assert ledger.drop_artifacts(first) == set()
-    assert ledger.unreferenced([CONTENT.sha256]) == set()
-    assert ledger.drop_artifacts(second) == {CONTENT.sha256}
+    for job_id, expected in ((first, []), (second, [CONTENT.sha256])):
+        ledger.cancel(job_id)
+        assert ledger.drop_artifacts(job_id) == {CONTENT.sha256}
+        ledger.discard(CONTENT.sha256, removed.append)
+        assert removed == expected
+        assert ledger.unreferenced([CONTENT.sha256]) == set(expected)
+
+
+def test_nothing_is_recorded_for_content_that_the_store_does_not_have(ledger: Ledger) -> None:
+    lease = claim(ledger, create(ledger).id).lease
+    with pytest.raises(MissingContentError):
+        ledger.create("asset.glb", {}, {ArtifactKind.INPUT: CONTENT}, lambda _: False)
+    with pytest.raises(MissingContentError):
+        ledger.publish(lease, ArtifactKind.MODEL, CONTENT, lambda _: False)
+    assert ledger.running() == {lease}
+    assert ledger.waiting(0) == []
+    assert read(ledger, lease.job_id).artifact(ArtifactKind.MODEL) is None
 
 
 def test_a_succeeded_job_without_its_files_is_expired(ledger: Ledger) -> None:
@@ -198,10 +218,81 @@ def test_the_files_of_a_job_that_has_not_ended_stay(ledger: Ledger) -> None:
     assert read(ledger, job_id).artifact(ArtifactKind.INPUT) is not None
 
 
-def test_api_and_worker_may_create_the_tables_at_the_same_time(tmp_path: Path) -> None:
+def test_of_a_race_to_cancel_and_to_succeed_one_wins(ledger: Ledger) -> None:
+    for _ in range(20):
+        lease = claim(ledger, create(ledger).id).lease
+        with ThreadPoolExecutor(2) as pool:
+            succeeded = pool.submit(ledger.succeed, lease)
+            canceled = pool.submit(ledger.cancel, lease.job_id)
+        assert succeeded.result() != canceled.result()
+        state = read(ledger, lease.job_id).state
+        assert state == (JobState.SUCCEEDED if succeeded.result() else JobState.CANCELED)
+
+
+def test_of_many_sweepers_each_announces_what_no_other_does(ledger: Ledger) -> None:
+    jobs = {create(ledger).id for _ in range(20)}
+    time.sleep(0.5)
     with ThreadPoolExecutor(8) as pool:
-        ledgers = list(pool.map(lambda _: Ledger(f"sqlite:///{tmp_path / 'ledger.sqlite3'}"), range(8)))
-    job_id = create(ledgers[0]).id
-    assert all(ledger.get(job_id) for ledger in ledgers)
-    for ledger in ledgers:
+        named = [job_id for swept in pool.map(lambda _: ledger.waiting(0.5), range(8)) for job_id in swept]
+    assert sorted(named) == sorted(jobs)
+
+
+def test_a_deleted_job_keeps_nothing_that_its_worker_publishes_meanwhile(ledger: Ledger) -> None:
+    for _ in range(20):
+        lease = claim(ledger, create(ledger).id).lease
+
+        def delete(job_id: str = lease.job_id) -> None:
+            ledger.cancel(job_id)
+            ledger.drop_artifacts(job_id)
+
+        with ThreadPoolExecutor(2) as pool:
+            pool.submit(ledger.publish, lease, ArtifactKind.MODEL, CONTENT, stored)
+            pool.submit(delete).result()
+        assert read(ledger, lease.job_id).artifacts == []
+
+
+def test_the_ledger_goes_on_after_its_database_was_restarted() -> None:
+    with postgres_server() as server:
+        ledger = Ledger(server.new_database())
+        job = claim(ledger, create(ledger).id)
+        server.stop()
+        with pytest.raises(OperationalError):
+            ledger.ping()
+        server.start()
+        assert ledger.succeed(job.lease)
         ledger.close()
+
+
+@pytest.mark.parametrize("end", END)
+def test_a_job_expires_some_time_after_its_end_and_then_is_named_until_its_files_are_gone(
+    database_url: str, end: str
+) -> None:
+    ledger = Ledger(database_url, retention=0.05)
+    waiting, lease = create(ledger), claim(ledger, create(ledger).id).lease
+    END[end](ledger, lease)
+    job = read(ledger, lease.job_id)
+    assert job.finished_at is not None
+    assert job.expires_at == job.finished_at + timedelta(seconds=0.05)
+    time.sleep(0.06)
+    assert ledger.overdue() == [lease.job_id]
+    assert ledger.drop_artifacts(lease.job_id) == {CONTENT.sha256}
+    assert ledger.overdue() == []
+    gone = read(ledger, lease.job_id)
+    assert (gone.state, gone.expires_at) == ("expired" if end == "succeeded" else end, job.expires_at)
+    assert read(ledger, waiting.id).expires_at is None
+    ledger.close()
+
+
+def test_without_a_retention_nothing_expires(ledger: Ledger) -> None:
+    lease = claim(ledger, create(ledger).id).lease
+    ledger.succeed(lease)
+    assert read(ledger, lease.job_id).expires_at is None
+    assert ledger.overdue() == []
+
+
+def test_files_of_more_than_four_gigabytes_can_be_referred_to(ledger: Ledger) -> None:
+    lease = claim(ledger, create(ledger).id).lease
+    assert ledger.publish(lease, ArtifactKind.MODEL, Content("cd" * 32, 5 * 2**30), stored)
+    model = read(ledger, lease.job_id).artifact(ArtifactKind.MODEL)
+    assert model is not None
+    assert model.size == 5 * 2**30

@@ -1,14 +1,18 @@
 import struct
+import time
 from datetime import datetime
+from pathlib import Path
 from typing import Any
 
 import pytest
 from httpx2 import Response
 
+from service.config import Settings
 from service.jobs import queue
 from service.jobs.models import ArtifactKind
-from tests.service.conftest import Client
+from tests.service.conftest import Client, client_with
 from tests.worker.engines import asset
+from worker.sweeper import sweep
 
 
 def post(client: Client, **request: Any) -> Response:
@@ -18,7 +22,7 @@ def post(client: Client, **request: Any) -> Response:
 
 
 def stored(client: Client) -> list[str]:
-    return [path.name for path in client.artifacts.root.rglob("*") if path.is_file() and path.name != ".lock"]
+    return [item.sha256 for item in client.artifacts.listing()]
 
 
 def refused(client: Client, response: Response, status: int, code: str) -> dict[str, Any]:
@@ -235,6 +239,27 @@ def test_a_deleted_result_is_gone_and_the_job_expired(client: Client) -> None:
     assert (job["state"], job["links"]["model"]) == ("expired", None)
     response = client.http.get(f"{url}/model")
     assert (response.status_code, response.json()["code"]) == (410, "job_expired")
+
+
+def test_a_job_expires_when_its_time_is_over(tmp_path: Path) -> None:
+    with client_with(Settings(data_dir=tmp_path, retention_seconds=0.5)) as client:
+        url, failed = client.submit(), client.submit(asset("refuse"))
+        assert client.http.get(url).json()["expires_at"] is None
+        client.run(url)
+        client.run(failed)
+        job = client.http.get(url).json()
+        until = datetime.fromisoformat(job["expires_at"]) - datetime.fromisoformat(job["finished_at"])
+        assert until.total_seconds() == 0.5
+        sweep(client.worker)
+        assert client.http.get(f"{url}/model").status_code == 200
+        time.sleep(0.5)
+        sweep(client.worker)
+        for part in ("model", "report", "preview"):
+            answer = client.http.get(f"{url}/{part}")
+            assert (answer.status_code, answer.json()["code"]) == (410, "job_expired")
+        assert client.http.get(url).json()["state"] == "expired"
+        assert client.http.get(failed).json()["error"]["code"] == "no_placement"
+        assert stored(client) == []
 
 
 def test_deleting_one_of_two_jobs_with_the_same_asset_keeps_the_others_files(client: Client) -> None:

@@ -1,0 +1,98 @@
+"""Rows that refer to content, and the content itself: kept in agreement.
+
+What must hold: at every moment, each row of the ledger refers to content that the store has. Ledger and store know
+nothing of each other's transactions, and content is shared by all jobs that have it, so two things could break it: a
+row is written while its content is being removed, or content is removed while a row for it is being written.
+
+Therefore both happen in a ledger transaction that holds a lock on the content's hash (the database's
+own lock, so it holds between machines):
+
+- A row is written only if the store has the content at that moment. If not, nothing is written, the content is put
+  again, and the whole is tried again.
+- Content is removed only if no row refers to it at that moment, and the lock is held until the store has answered.
+
+Whoever comes first, the other one sees it: the remover sees the row, or the writer misses the content. Putting content
+needs no lock: what is put and never referred to, because the process died, is removed by the sweeper once it is older
+than GRACE. The grace period is not what makes this safe; it only spares content that is just about to be referred to
+from being put twice.
+
+One assumption is left: a store does not carry out a deletion after its request was given up (after 30 seconds, and
+counted as failed).
+"""
+
+from collections.abc import Callable, Collection, Iterable, Mapping
+from contextlib import suppress
+from datetime import timedelta
+from itertools import islice
+from typing import Any, TypeVar
+
+import structlog
+
+from service.jobs.artifacts import GRACE, ArtifactStore, Staged, StoreUnavailableError
+from service.jobs.ledger import Content, Ledger, MissingContentError, now
+from service.jobs.models import ArtifactKind, Job, Lease
+
+PAGE = 500  # hashes in one question to the database
+TRIES = 5  # each lost one means that a remover came between two requests to the store
+
+log = structlog.get_logger(__name__)
+T = TypeVar("T")
+
+
+def create_job(
+    ledger: Ledger,
+    store: ArtifactStore,
+    filename: str,
+    parameters: dict[str, Any],
+    staged: Mapping[ArtifactKind, Staged],
+) -> Job:
+    """Store a job's inputs and record the job.
+
+    Raises:
+        StoreUnavailableError: then nothing is recorded.
+    """
+    contents = {kind: Content(item.sha256, item.size) for kind, item in staged.items()}
+    return _keep(store, staged.values(), lambda: ledger.create(filename, parameters, contents, store.has))
+
+
+def publish(ledger: Ledger, store: ArtifactStore, lease: Lease, kind: ArtifactKind, staged: Staged) -> bool:
+    """Store an output and record it, in place of an earlier attempt's; False when the lease is void.
+
+    Raises:
+        StoreUnavailableError: then nothing is recorded.
+    """
+    content = Content(staged.sha256, staged.size)
+    published = _keep(store, [staged], lambda: ledger.publish(lease, kind, content, store.has))
+    if not published:
+        discard(ledger, store, {staged.sha256})
+    return published
+
+
+def discard(ledger: Ledger, store: ArtifactStore, hashes: Iterable[str]) -> None:
+    """Remove content that no row refers to any more; what the store does not remove now is left to the sweeper."""
+    for sha256 in hashes:
+        try:
+            ledger.discard(sha256, store.remove)
+        except StoreUnavailableError:
+            log.warning("content without a reference could not be removed; a sweeper will", sha256=sha256)
+
+
+def discard_orphans(ledger: Ledger, store: ArtifactStore, prefix: str = "", grace: float = GRACE) -> set[str]:
+    """Remove content that no row refers to and that is older than the grace period; returns what that is."""
+    cutoff = now() - timedelta(seconds=grace)
+    old = (item.sha256 for item in store.listing(prefix) if item.since < cutoff)
+    orphans: set[str] = set()
+    while page := list(islice(old, PAGE)):
+        orphans |= ledger.unreferenced(page)
+    discard(ledger, store, orphans)
+    return orphans
+
+
+def _keep(store: ArtifactStore, staged: Collection[Staged], record: Callable[[], T]) -> T:
+    for _ in range(TRIES):
+        for item in staged:
+            if not store.has(item.sha256):
+                store.put(item)
+        with suppress(MissingContentError):
+            return record()
+    raise StoreUnavailableError

@@ -1,0 +1,62 @@
+"""Content in a folder that API and workers share."""
+
+import os
+from collections.abc import Iterator
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+
+from service.jobs.artifacts import CHUNK, NAME, ArtifactStore, Staged, Stored, writing
+
+
+class FolderStore(ArtifactStore):
+    """A folder of files `<aa>/<sha256>`, on the local disk or on a shared one that has hard links."""
+
+    def __init__(self, root: Path) -> None:
+        super().__init__(staging=root)
+        self.root = root
+
+    def path(self, sha256: str) -> Path:
+        """Where this content is or would be."""
+        return self.root / sha256[:2] / sha256
+
+    def has(self, sha256: str) -> bool:
+        """Whether the file is there."""
+        return self.path(sha256).exists()
+
+    def put(self, staged: Staged) -> None:
+        """Give the staged file its final name too, at once and durably."""
+        target = self.path(staged.sha256)
+        with writing():
+            target.parent.mkdir(exist_ok=True)
+            with suppress(FileExistsError):
+                os.link(staged.path, target)
+            folder = os.open(target.parent, os.O_RDONLY)
+            try:
+                os.fsync(folder)
+            finally:
+                os.close(folder)
+
+    def read(self, sha256: str, start: int, stop: int) -> Iterator[bytes]:
+        """The bytes from `start` up to `stop`."""
+        with self.path(sha256).open("rb") as file:
+            file.seek(start)
+            while start < stop and (chunk := file.read(min(CHUNK, stop - start))):
+                start += len(chunk)
+                yield chunk
+
+    def remove(self, sha256: str) -> None:
+        """Delete the file."""
+        with writing():
+            self.path(sha256).unlink(missing_ok=True)
+
+    def listing(self, prefix: str = "") -> Iterator[Stored]:
+        """The files by their names."""
+        for path in self.root.glob(f"{prefix or '??'}/*"):
+            if NAME.fullmatch(path.name) and path == self.path(path.name):
+                with suppress(FileNotFoundError):
+                    yield Stored(path.name, datetime.fromtimestamp(path.stat().st_mtime, UTC))
+
+    def link(self, sha256: str) -> None:  # noqa: ARG002
+        """A folder has no addresses."""
+        return

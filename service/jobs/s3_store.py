@@ -1,0 +1,108 @@
+"""Content in a bucket of Amazon S3 or of another store that speaks its protocol (MinIO, Ceph, R2, ...)."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import timedelta
+from typing import Any
+
+import obstore
+import structlog
+from obstore.exceptions import BaseError
+from obstore.store import S3Store as Bucket
+
+from service.config import Settings
+from service.jobs.artifacts import NAME, ArtifactStore, Staged, Stored, StoreUnavailableError
+
+PIECE = 8 * 2**20  # bytes asked for at a time: a client that reads slowly holds no connection to the store
+LINK_LIFETIME = timedelta(minutes=5)
+# A request waits for a store that fails about ten seconds; a worker goes on trying by itself.
+RETRIES: Any = {"max_retries": 2, "retry_timeout": timedelta(seconds=10), "backoff": {"base": 2}}
+
+log = structlog.get_logger(__name__)
+
+
+class S3Store(ArtifactStore):
+    """Objects `<prefix>/<aa>/<sha256>` in one bucket, which must be there already."""
+
+    def __init__(self, settings: Settings) -> None:
+        super().__init__(staging=settings.data_dir.resolve() / "staging")
+        bucket, _, prefix = settings.store_url.removeprefix("s3://").partition("/")
+        # What is not set is found as every tool for S3 does: AWS_... in the environment, or the machine's role.
+        own = {
+            "endpoint": settings.s3_endpoint,
+            "region": settings.s3_region,
+            "access_key_id": settings.s3_access_key_id.get_secret_value(),
+            "secret_access_key": settings.s3_secret_access_key.get_secret_value(),
+        }
+        self._presign = settings.s3_presign
+        self._bucket = Bucket(
+            bucket,
+            prefix=prefix.strip("/") or None,
+            config={key: value for key, value in own.items() if value},  # type: ignore[arg-type]
+            client_options={
+                "allow_http": settings.s3_endpoint.startswith("http://"),
+                "connect_timeout": "3s",
+                "timeout": "30s",
+            },
+            retry_config=RETRIES,
+        )
+
+    def has(self, sha256: str) -> bool:
+        """Whether the object is there; S3 answers with what is true now, not with what was."""
+        try:
+            with _asking(may_be_missing=True):
+                obstore.head(self._bucket, _key(sha256))
+        except FileNotFoundError:
+            return False
+        return True
+
+    def put(self, staged: Staged) -> None:
+        """Upload the staged file; it appears when it is whole."""
+        with _asking():
+            obstore.put(self._bucket, _key(staged.sha256), staged.path)
+
+    def read(self, sha256: str, start: int, stop: int) -> Iterator[bytes]:
+        """The bytes from `start` up to `stop`; in several requests, which is safe for content that never changes."""
+        if start == stop and not self.has(sha256):  # a range of no bytes cannot be asked for
+            raise FileNotFoundError(sha256)
+        for begin in range(start, stop, PIECE):
+            with _asking(may_be_missing=True):
+                piece = obstore.get_range(self._bucket, _key(sha256), start=begin, end=min(begin + PIECE, stop))
+            yield bytes(piece)
+
+    def remove(self, sha256: str) -> None:
+        """Delete the object."""
+        with _asking():
+            obstore.delete(self._bucket, _key(sha256))
+
+    def listing(self, prefix: str = "") -> Iterator[Stored]:
+        """The objects by their names."""
+        with _asking():
+            for page in obstore.list(self._bucket, prefix or None, chunk_size=1000):
+                for item in page:
+                    name = item["path"].rpartition("/")[2]
+                    if NAME.fullmatch(name) and item["path"] == _key(name):
+                        yield Stored(name, item["last_modified"])
+
+    def link(self, sha256: str) -> str | None:
+        """A presigned address, where the settings allow them."""
+        if not self._presign:
+            return None
+        with _asking():
+            return obstore.sign(self._bucket, "GET", _key(sha256), LINK_LIFETIME)
+
+
+def _key(sha256: str) -> str:
+    return f"{sha256[:2]}/{sha256}"
+
+
+@contextmanager
+def _asking(*, may_be_missing: bool = False) -> Iterator[None]:
+    """Tell failures of the store from an object that is not there; where none is asked for, it is the bucket."""
+    try:
+        yield
+    except (BaseError, OSError) as error:
+        if may_be_missing and isinstance(error, FileNotFoundError):
+            raise
+        log.warning("the artifact store failed", error=str(error)[:500])
+        raise StoreUnavailableError from error

@@ -1,0 +1,97 @@
+"""Connections to addresses that were chosen before, with one deadline for all that happens on them."""
+
+import ssl
+import time
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import httpcore2
+
+from service.outbound.addresses import Address
+
+
+class Deadline:
+    """A point in time until which an exchange must be over."""
+
+    def __init__(self, seconds: float) -> None:
+        self._end = time.monotonic() + seconds
+
+    def remaining(self, at_most: float | None = None) -> float:
+        """The seconds left, or fewer if at most so many are wanted.
+
+        Raises:
+            httpcore2.TimeoutException: none is left.
+        """
+        left = self._end - time.monotonic()
+        if left <= 0:
+            raise httpcore2.ReadTimeout("the deadline is over")
+        return left if at_most is None else min(left, at_most)
+
+
+class DeadlineStream(httpcore2.NetworkStream):
+    """A stream whose every operation ends by the deadline, however steadily the other side dribbles."""
+
+    def __init__(self, stream: httpcore2.NetworkStream, deadline: Deadline) -> None:
+        self._stream = stream
+        self._deadline = deadline
+
+    def read(self, max_bytes: int, timeout: float | None = None) -> bytes:
+        """What has come, or b"" at the end."""
+        return self._stream.read(max_bytes, self._deadline.remaining(timeout))
+
+    def write(self, buffer: bytes, timeout: float | None = None) -> None:
+        """Send all of it. httpcore's own loop would grant each part that is taken a time-out of its own."""
+        connection = self._stream.get_extra_info("socket")
+        rest = memoryview(buffer)
+        while rest:
+            connection.settimeout(self._deadline.remaining(timeout))
+            try:
+                rest = rest[connection.send(rest) :]
+            except TimeoutError as error:
+                raise httpcore2.WriteTimeout(str(error)) from error
+            except OSError as error:
+                raise httpcore2.WriteError(str(error)) from error
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._stream.close()
+
+    def start_tls(
+        self, ssl_context: ssl.SSLContext, server_hostname: str | None = None, timeout: float | None = None
+    ) -> httpcore2.NetworkStream:
+        """The same stream, encrypted, with the certificate checked against the name."""
+        inner = self._stream.start_tls(ssl_context, server_hostname, self._deadline.remaining(timeout))
+        return DeadlineStream(inner, self._deadline)
+
+    def get_extra_info(self, info: str) -> Any:
+        """What httpcore wants to know about the connection."""
+        return self._stream.get_extra_info(info)
+
+
+class PinnedBackend(httpcore2.NetworkBackend):
+    """Connects to the given addresses, one after the other until one answers, whatever the host's name is."""
+
+    def __init__(self, addresses: Sequence[Address], deadline: Deadline) -> None:
+        self._addresses = addresses
+        self._deadline = deadline
+        self._sockets = httpcore2.SyncBackend()
+
+    def connect_tcp(
+        self,
+        host: str,  # noqa: ARG002
+        port: int,
+        timeout: float | None = None,
+        local_address: str | None = None,
+        socket_options: Iterable[httpcore2.SOCKET_OPTION] | None = None,
+    ) -> httpcore2.NetworkStream:
+        """A connection to the first address that takes one."""
+        failure: Exception = httpcore2.ConnectError("there is no address")
+        for address in self._addresses:
+            limit = self._deadline.remaining(timeout)
+            try:
+                stream = self._sockets.connect_tcp(str(address), port, limit, local_address, socket_options)
+            except (httpcore2.ConnectError, httpcore2.ConnectTimeout) as error:
+                failure = error
+            else:
+                return DeadlineStream(stream, self._deadline)
+        raise failure

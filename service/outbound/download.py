@@ -1,0 +1,72 @@
+"""Fetch a file from an address that a user gave."""
+
+from typing import BinaryIO
+
+from core.errors import ErrorCode, MeshmarkError
+from service.outbound.client import Answer, OutboundClient
+from service.outbound.errors import Unreachable
+
+OK = 200
+REDIRECTS = range(300, 400)
+
+
+def download(client: OutboundClient, url: str, target: BinaryIO, limit: int) -> int:
+    """Write the file at a URL to an open file, and return how many bytes it has.
+
+    Only a whole file counts: one whose end the server marks neither by its length nor by chunks is not accepted, for
+    it could have been cut off unnoticed. After an error, the target holds a part that is to be thrown away.
+
+    Raises:
+        MeshmarkError: ``address_refused``, ``download_failed``, ``download_too_large``.
+    """
+    try:
+        with client.send("GET", url) as answer:
+            _check(answer, limit)
+            size = 0
+            for chunk in answer.body:
+                size += len(chunk)
+                if size > limit:
+                    raise _too_large(limit)
+                target.write(chunk)
+            return size
+    except Unreachable as trouble:
+        raise _failed(
+            f"The server at this address could not be used: {trouble}.", "Check the address, or try again later."
+        ) from trouble
+
+
+def _check(answer: Answer, limit: int) -> None:
+    if answer.status in REDIRECTS:
+        raise _failed(
+            f"The server redirects to another address (status {answer.status}).",
+            "Give the final address; redirects are not followed.",
+        )
+    if answer.status != OK:
+        raise _failed(
+            f"The server answered with status {answer.status}.",
+            "Check that anyone may read the file there.",
+        )
+    if (encoding := answer.headers.get("content-encoding", "identity").lower()) != "identity":
+        raise _failed(
+            f"The server sent the file encoded ({encoding[:40]}), though it was asked not to.",
+            "Serve the file as it is, without Content-Encoding.",
+        )
+    declared = answer.headers.get("content-length")
+    if declared is None and "transfer-encoding" not in answer.headers:
+        raise _failed(
+            "The server did not tell how long the file is.", "Serve it with a Content-Length, or upload it instead."
+        )
+    if declared is not None and int(declared) > limit:
+        raise _too_large(limit)
+
+
+def _failed(message: str, remedy: str) -> MeshmarkError:
+    return MeshmarkError(ErrorCode.DOWNLOAD_FAILED, message, remedy)
+
+
+def _too_large(limit: int) -> MeshmarkError:
+    return MeshmarkError(
+        ErrorCode.DOWNLOAD_TOO_LARGE,
+        f"The file at this address is larger than the {limit:,} bytes accepted here.",
+        "Give a smaller asset, or ask the operator to raise the limit.",
+    )

@@ -1,0 +1,1 @@
+"""Webhooks by the Standard Webhooks specification, version 1 (https://www.standardwebhooks.com)."""

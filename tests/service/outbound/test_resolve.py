@@ -1,0 +1,65 @@
+import time
+from ipaddress import ip_network
+
+import pytest
+
+from core.errors import ErrorCode, MeshmarkError
+from service.outbound.errors import Unreachable
+from service.outbound.policy import Policy
+from service.outbound.resolve import Resolver, resolve, system_resolver
+from service.outbound.target import parse_target
+from tests.service.outbound.servers import LOOPBACK, at
+
+
+def addresses(url: str, resolver: Resolver, policy: Policy | None = None, seconds: float = 5.0) -> list[str]:
+    policy = policy or Policy()
+    return [str(address) for address in resolve(parse_target(url, policy), policy, resolver, seconds)]
+
+
+def test_a_name_stands_for_all_its_addresses_in_their_order() -> None:
+    found = addresses("https://files.example/", at("2606:4700::1111", "1.1.1.1", "1.1.1.1"))
+    assert found == ["2606:4700::1111", "1.1.1.1"]
+
+
+@pytest.mark.parametrize("private", ["127.0.0.1", "10.1.2.3", "169.254.169.254", "::1", "fd00::1", "::ffff:10.1.2.3"])
+def test_one_private_address_among_public_ones_is_enough_to_refuse_a_name(private: str) -> None:
+    with pytest.raises(MeshmarkError) as caught:
+        addresses("https://files.example/", at("1.1.1.1", private))
+    assert caught.value.code == ErrorCode.ADDRESS_REFUSED
+    assert private not in str(caught.value)
+
+
+def test_the_names_of_this_machine_are_refused_as_the_system_resolves_them() -> None:
+    with pytest.raises(MeshmarkError, match="address_refused"):
+        addresses("https://localhost/", system_resolver)
+    allowing = Policy(allow=(LOOPBACK, ip_network("::1/128")))
+    assert set(addresses("https://localhost/", system_resolver, allowing)) <= {"127.0.0.1", "::1"}
+
+
+def test_an_address_is_checked_without_asking_anyone() -> None:
+    def asked(host: str) -> list[str]:
+        raise AssertionError(host)
+
+    assert addresses("https://1.1.1.1/", asked) == ["1.1.1.1"]
+    assert addresses("https://127.0.0.1/", asked, Policy(allow=(LOOPBACK,))) == ["127.0.0.1"]
+    for literal in ("127.0.0.1", "[::1]", "[::ffff:127.0.0.1]", "[64:ff9b::7f00:1]", "169.254.169.254"):
+        with pytest.raises(MeshmarkError, match="address_refused"):
+            addresses(f"https://{literal}/", asked)
+
+
+def test_a_name_without_an_address_is_said_to_have_none() -> None:
+    with pytest.raises(Unreachable, match="no address"):
+        addresses("https://files.invalid/", system_resolver, seconds=30)
+    with pytest.raises(Unreachable, match="no address"):
+        addresses("https://files.example/", at())
+
+
+def test_a_name_server_that_does_not_answer_is_not_waited_for() -> None:
+    def slow(_host: str) -> list[str]:
+        time.sleep(2)
+        return ["1.1.1.1"]
+
+    started = time.monotonic()
+    with pytest.raises(Unreachable, match="not resolved"):
+        addresses("https://files.example/", slow, seconds=0.2)
+    assert time.monotonic() - started < 1

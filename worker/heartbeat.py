@@ -1,0 +1,65 @@
+"""Keep the lease of a job alive while its worker is busy with other things, such as a slow upload."""
+
+import threading
+import time
+from types import TracebackType
+from typing import Self
+
+import structlog
+from sqlalchemy.exc import OperationalError
+
+from service.jobs.ledger import Ledger
+from service.jobs.models import Lease
+
+INTERVAL = 1.0  # seconds; also how long a cancellation may go unnoticed
+
+log = structlog.get_logger(__name__)
+
+
+class Heartbeat:
+    """Renews a lease in a thread of its own, and passes on where the work stands, until the block ends.
+
+    `lost` is set when the lease is void, or when the ledger could not be reached for as long as the lease holds.
+    """
+
+    def __init__(self, ledger: Ledger, lease: Lease, lease_seconds: float) -> None:
+        self.lost = threading.Event()
+        self._ledger, self._lease, self._lease_seconds = ledger, lease, lease_seconds
+        self._at = ("reading", 0.0)
+        self._wake = threading.Event()
+        self._over = False
+        self._thread = threading.Thread(target=self._run, name="heartbeat", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._over = True
+        self._wake.set()
+        self._thread.join()
+
+    def at(self, stage: str, fraction: float) -> None:
+        """Where the work stands; a new stage shows at once."""
+        if stage != self._at[0]:
+            self._wake.set()
+        self._at = (stage, fraction)
+
+    def _run(self) -> None:
+        renewed = time.monotonic()
+        while not self._over:
+            self._wake.clear()  # before the look at what to tell: what is told after it sets it again
+            try:
+                if not self._ledger.heartbeat(self._lease, self._lease_seconds, *self._at):
+                    break
+                renewed = time.monotonic()
+            except OperationalError as error:
+                log.warning("the job ledger does not answer", error=str(error.orig))
+                if time.monotonic() > renewed + self._lease_seconds:
+                    break
+            self._wake.wait(min(INTERVAL, self._lease_seconds / 4))
+        else:
+            return
+        self.lost.set()
