@@ -63,6 +63,13 @@ class Settings(BaseSettings):
     job_threads: Annotated[
         int, Field(ge=0, description="Threads a job may use; 0: the machine's cores divided by worker_concurrency.")
     ] = 0
+    device: Annotated[
+        str,
+        Field(
+            pattern="^(auto|cpu|cuda)$",
+            description="Where placement is computed: `cpu`, `cuda`, or `auto` for CUDA where there is any.",
+        ),
+    ] = "auto"
     log_level: Annotated[str, Field(pattern="^(DEBUG|INFO|WARNING|ERROR)$", description="Least level logged.")] = "INFO"
 
     @property
