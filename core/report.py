@@ -84,7 +84,7 @@ def build_report(
         "model": file_facts(model, Format.GLB) | (asset_facts(written) if written is not None else {}),
         "parameters": parameters.model_dump(mode="json"),
         "seed": parameters.seed,
-        "engine": {"version": __version__, "device": device()},
+        "engine": {"version": __version__, "device": device().value},
         "units": {"model_size": MODEL_SIZE, "scale": surface.scale, "offset": surface.offset.tolist()},
         "watermarks": watermarks,
         "embossing": {
