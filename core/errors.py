@@ -34,6 +34,7 @@ class ErrorCode(StrEnum):
     EVALUATION_FAILED = "evaluation_failed"
     OUTPUT_NOT_WRITABLE = "output_not_writable"
     MODEL_UNAVAILABLE = "model_unavailable"
+    DEVICE_UNAVAILABLE = "device_unavailable"
     INTERNAL_ERROR = "internal_error"
     # The process around the work; raised by the worker, listed here so that all codes stand in one place.
     TIME_LIMIT = "time_limit"

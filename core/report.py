@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from core import __version__
 from core.asset.sniff import Format
 from core.asset.surface import MODEL_SIZE, Surface
+from core.device import device
 from core.embossing.emboss import Mark
 from core.metrics.measure import Measurement
 from core.metrics.topology import topology
@@ -83,7 +84,7 @@ def build_report(
         "model": file_facts(model, Format.GLB) | (asset_facts(written) if written is not None else {}),
         "parameters": parameters.model_dump(mode="json"),
         "seed": parameters.seed,
-        "engine": {"version": __version__, "device": "cpu"},
+        "engine": {"version": __version__, "device": device().value},
         "units": {"model_size": MODEL_SIZE, "scale": surface.scale, "offset": surface.offset.tolist()},
         "watermarks": watermarks,
         "embossing": {

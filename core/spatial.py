@@ -25,7 +25,12 @@ class SpatialIndex:
         faces: (F, 3) int64.
         ids: the rows of ``faces`` that count, ascending, at least one; all of them if None. Answers are rows of
             ``faces`` in either case.
+
+    Attributes:
+        device: where it answers, as torch names it; what asks often does best to calculate there as well.
     """
+
+    device = "cpu"
 
     def __init__(self, positions: Float, faces: Int, ids: Int | None = None) -> None:
         self.positions = np.ascontiguousarray(positions, dtype=np.float64)

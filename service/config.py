@@ -92,6 +92,13 @@ class Settings(BaseSettings):
     retention_seconds: Annotated[
         float, Field(ge=0, description="Seconds after its end at which a job's files are deleted; 0: never.")
     ] = 0.0
+    device: Annotated[
+        str,
+        Field(
+            pattern="^(auto|cpu|cuda)$",
+            description="Where placement is computed: `cpu`, `cuda`, or `auto` for CUDA where there is any.",
+        ),
+    ] = "auto"
     log_level: Annotated[str, Field(pattern="^(DEBUG|INFO|WARNING|ERROR)$", description="Least level logged.")] = "INFO"
 
     @field_validator("database_url")

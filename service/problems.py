@@ -41,6 +41,7 @@ STATUS: dict[ErrorCode, int] = {
     ErrorCode.EVALUATION_FAILED: 500,
     ErrorCode.OUTPUT_NOT_WRITABLE: 500,
     ErrorCode.MODEL_UNAVAILABLE: 500,
+    ErrorCode.DEVICE_UNAVAILABLE: 500,
     ErrorCode.INTERNAL_ERROR: 500,
     ErrorCode.TIME_LIMIT: 500,
     ErrorCode.MEMORY_LIMIT: 500,

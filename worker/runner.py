@@ -27,7 +27,10 @@ LOGGED = 4000  # last characters of the child's stderr that are logged
 
 # What the child gets of the worker's environment. The ledger's and the broker's passwords are not among it: the child
 # handles hostile input.
-PASSED_ON = ("PATH", "HOME", "LANG", "TZ", "PYTHONPATH", "VIRTUAL_ENV", "LD_LIBRARY_PATH", "MESHMARK_MODELS")
+PASSED_ON = (
+    *("PATH", "HOME", "LANG", "TZ", "PYTHONPATH", "VIRTUAL_ENV", "LD_LIBRARY_PATH"),
+    *("MESHMARK_MODELS", "MESHMARK_DEVICE", "WARP_CACHE_PATH"),
+)
 PASSED_ON_PREFIXES = ("LC_", "XDG_", "OMP_", "MKL_", "OPENBLAS_", "CUDA_", "NVIDIA_", "TORCH_", "EGL_", "PYOPENGL_")
 # What tells the numeric libraries, libigl and Mesa's software renderer how many threads to use.
 THREADS = ("OMP_NUM_THREADS", "IGL_NUM_THREADS", "LP_NUM_THREADS")

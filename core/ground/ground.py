@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from core.asset.edit import SurfaceEdit
 from core.asset.flatten import Scene
 from core.asset.surface import Surface
+from core.device import spatial_index
 from core.errors import ErrorCode, MeshmarkError
 from core.ground.editable import editable
 from core.ground.orientation import reversed_faces
@@ -57,7 +58,7 @@ def survey(scene: Scene) -> Ground:
     """The :class:`Ground` of a scene.
 
     Raises:
-        MeshmarkError: ``no_faces`` when every face is collapsed.
+        MeshmarkError: ``no_faces`` when every face is collapsed; ``device_unavailable``.
     """
     surface, mask = scene.surface, editable(scene)
     sheets = find_sheets(surface, mask.shown.astype(np.int64) + mask.possible + mask.solid)
@@ -68,7 +69,7 @@ def survey(scene: Scene) -> Ground:
             f"All {len(surface.faces)} faces of this file are collapsed: two of their corners are one point.",
             "Export the model with its surface, not only points, lines or collapsed triangles.",
         )
-    index = SpatialIndex(surface.positions, surface.faces, np.flatnonzero(distinct))
+    index = spatial_index(surface.positions, surface.faces, np.flatnonzero(distinct))
     turned = reversed_faces(surface, distinct, index)
     if turned.any():
         surface = replace(surface, faces=np.where(turned[:, None], surface.faces[:, [0, 2, 1]], surface.faces))

@@ -102,20 +102,23 @@ def levenberg_marquardt(
         the fitted boxes, and their :func:`alignment_loss` (B,); inf where a box was given up on the way: it stayed
         too far from the surface, came close to a better one, or was not promising.
     """
-    center, axes, rough = _fit(boxes, stand_in or index, COARSE_GRID, COARSE_STEPS)
+    device = torch.device(index.device)
+    center, axes, rough = _fit(boxes, stand_in or index, device, COARSE_GRID, COARSE_STEPS)
     loss = np.full(len(boxes), np.inf)
     hopeful = np.flatnonzero(rough < COARSE_LIMIT)
     coarse = Boxes(center, axes, boxes.size)
     if len(hopeful):
         hopeful = hopeful[distinct(coarse[hopeful], rough[hopeful], COARSE_COPY)]
         center[hopeful], axes[hopeful], fine = _fit(
-            coarse[hopeful], stand_in or index, FINE_GRID, FINE_STEPS, boxes.axes[hopeful, 1]
+            coarse[hopeful], stand_in or index, device, FINE_GRID, FINE_STEPS, boxes.axes[hopeful, 1]
         )
         hopeful = hopeful[fine < FINE_LIMIT]
         if stand_in is not None:
             hopeful = hopeful[promising(Boxes(center, axes, boxes.size)[hopeful])]
             fitted = Boxes(center, axes, boxes.size)[hopeful]
-            center[hopeful], axes[hopeful], fine = _fit(fitted, index, EXACT_GRID, EXACT_STEPS, boxes.axes[hopeful, 1])
+            center[hopeful], axes[hopeful], fine = _fit(
+                fitted, index, device, EXACT_GRID, EXACT_STEPS, boxes.axes[hopeful, 1]
+            )
             hopeful = hopeful[fine < EXACT_LIMIT]
         loss[hopeful] = alignment_loss(Boxes(center, axes, boxes.size)[hopeful], index)
     return Boxes(center, axes, boxes.size), loss
@@ -133,20 +136,26 @@ def distinct(boxes: Boxes, loss: Float, copy: float) -> NDArray[np.int64]:
 
 
 def _fit(
-    boxes: Boxes, index: Closest, grid: tuple[int, int], steps: int, reference: Float | None = None
+    boxes: Boxes,
+    index: Closest,
+    device: torch.device,
+    grid: tuple[int, int],
+    steps: int,
+    reference: Float | None = None,
 ) -> tuple[Float, Float, Float]:
     """``steps`` damped Gauss-Newton steps per box over ``grid`` points; centres, axes, mean squared distance.
 
+    All but the look-ups in ``index`` happens on ``device``.
     ``reference`` (B, 3) is the up direction that the roll prior pulls to; the boxes' own if None.
     """
     u, v = np.meshgrid(*(np.linspace(-0.5, 0.5, count) for count in grid), indexing="ij")
-    unit = torch.from_numpy(np.stack([u.ravel(), v.ravel(), np.zeros(u.size)], axis=1))
-    local = unit[None] * torch.from_numpy(boxes.size)[:, None, :]
-    up = torch.from_numpy(boxes.axes[:, 1] if reference is None else reference)
-    center, axes = torch.from_numpy(boxes.center.copy()), torch.from_numpy(boxes.axes.copy())
-    damping = torch.full((len(boxes),), 1e-2, dtype=torch.float64)
+    unit = torch.tensor(np.stack([u.ravel(), v.ravel(), np.zeros(u.size)], axis=1), device=device)
+    local = unit[None] * torch.tensor(boxes.size, device=device)[:, None, :]
+    up = torch.tensor(boxes.axes[:, 1] if reference is None else reference, device=device)
+    center, axes = torch.tensor(boxes.center, device=device), torch.tensor(boxes.axes, device=device)
+    damping = torch.full((len(boxes),), 1e-2, dtype=torch.float64, device=device)
     squared, cost, hessian, gradient = _linearise(center, axes, local, up, index)
-    going = torch.arange(len(boxes))
+    going = torch.arange(len(boxes), device=device)
     for _ in range(steps):
         scale = torch.diagonal(hessian[going], dim1=1, dim2=2) + 1e-3
         damped = hessian[going] + torch.diag_embed(damping[going, None] * scale)
@@ -166,7 +175,7 @@ def _fit(
         going = going[~arrived]
         if len(going) == 0:
             break
-    return center.numpy(), axes.numpy(), squared.numpy()
+    return center.numpy(force=True), axes.numpy(force=True), squared.numpy(force=True)
 
 
 def _linearise(
@@ -175,9 +184,9 @@ def _linearise(
     """Mean squared distance (B,), cost with the roll prior (B,), Gauss-Newton matrix (B, 6, 6), gradient (B, 6)."""
     arm = local @ axes
     points = arm + center[:, None, :]
-    distance, _, nearest = index.closest(points.numpy().reshape(-1, 3))
-    offset = points - torch.from_numpy(nearest).reshape(points.shape)
-    length = torch.from_numpy(distance).reshape(points.shape[:2])
+    distance, _, nearest = index.closest(points.numpy(force=True).reshape(-1, 3))
+    offset = points - torch.from_numpy(nearest).to(points.device).reshape(points.shape)
+    length = torch.from_numpy(distance).to(points.device).reshape(points.shape[:2])
     # The sign only makes the residual smooth through zero; at zero the direction is the box's normal.
     normal = axes[:, 2:3, :].expand_as(points)
     sign = torch.where((offset * normal).sum(-1) < 0, -1.0, 1.0)

@@ -45,6 +45,7 @@ def test_every_setting_is_described() -> None:
         ("broker_url", "amqp://localhost"),
         ("max_attempts", "0"),
         ("job_time_limit", "-1"),
+        ("device", "gpu"),
         ("log_level", "loud"),
     ],
 )

@@ -113,6 +113,13 @@ def test_the_engine_does_not_see_the_workers_secrets(tmp_path: Path, monkeypatch
     assert environment["TMPDIR"] == os.fspath(work.folder)
 
 
+def test_the_engine_is_told_where_to_compute(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MESHMARK_DEVICE", "cuda")
+    monkeypatch.setenv("WARP_CACHE_PATH", os.fspath(tmp_path))
+    environment = json.loads(failure(order(tmp_path, "tell_environment")).message)
+    assert (environment["MESHMARK_DEVICE"], environment["WARP_CACHE_PATH"]) == ("cuda", os.fspath(tmp_path))
+
+
 def test_closing_the_run_kills_the_child_and_what_it_started(tmp_path: Path) -> None:
     pid_file = tmp_path / "pid"
     run = run_engine(order(tmp_path, "spawn", pid_file=os.fspath(pid_file)), GENEROUS)

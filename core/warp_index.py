@@ -1,0 +1,94 @@
+"""The same questions as :mod:`core.spatial`, answered by NVIDIA warp: on a CUDA device, or by the same kernels on the
+CPU.
+
+Warp's hierarchies are float32. They only say which triangles are in question; what is nearest and what is hit is
+decided between those in float64, so that answers are as exact as the CPU's.
+"""
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from core import warp_kernels
+from core.errors import ErrorCode, MeshmarkError
+from core.spatial import SpatialIndex
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+wp.config.log_level = wp.LOG_WARNING  # no banner, and no line for each kernel that is compiled
+
+# Of a mesh of unit extent: many times what rounding to float32 moves its coordinates, and rays near it, by.
+SLACK = np.float32(2e-6)
+
+
+class WarpIndex(SpatialIndex):
+    """A :class:`SpatialIndex` that answers on ``device``, as warp and torch name it: ``cpu``, ``cuda``."""
+
+    def __init__(self, positions: Float, faces: Int, ids: Int | None = None, device: str = "cuda") -> None:
+        super().__init__(positions, faces, ids)
+        self.device = device
+        used = self.positions[self.faces]
+        low, high = used.min(axis=(0, 1)), used.max(axis=(0, 1))
+        self._middle = (low + high) / 2
+        self._extent = float((high - low).max()) or 1.0
+
+    @cached_property
+    def _on_device(self) -> tuple[wp.Mesh, wp.Bvh, Any]:
+        """At unit extent: what finds a triangle nearby, what finds all whose boxes are near, and all their corners.
+
+        Raises:
+            MeshmarkError: ``device_unavailable`` where the compiled kernels cannot be kept.
+        """
+        try:
+            wp.load_module(warp_kernels, device=self.device)
+        except OSError as error:
+            raise MeshmarkError(
+                ErrorCode.DEVICE_UNAVAILABLE,
+                f"What is compiled for the device cannot be kept ({error}).",
+                "Name a folder that can be written in WARP_CACHE_PATH, or set MESHMARK_DEVICE=cpu.",
+            ) from error
+        inwards = self._inwards(self.positions)
+        corners, single = inwards[self.faces], inwards.astype(np.float32)
+        low, high = single[self.faces].min(axis=1) - SLACK, single[self.faces].max(axis=1) + SLACK
+        mesh = wp.Mesh(self._sent(single, wp.vec3f), self._sent(self.faces.astype(np.int32).ravel(), wp.int32))
+        return mesh, wp.Bvh(self._sent(low, wp.vec3f), self._sent(high, wp.vec3f)), self._sent(corners, wp.vec3d)
+
+    def closest(self, points: Float) -> tuple[Float, Int, Float]:
+        """As :meth:`SpatialIndex.closest`."""
+        if len(points) == 0:
+            return super().closest(points)
+        mesh, tree, corners = self._on_device
+        nearest, faces = self._room(points, wp.vec3d), self._room(points, wp.int32)
+        inwards = self._sent(self._inwards(points), wp.vec3d)
+        given = [mesh.id, tree.id, corners, inwards, SLACK]
+        wp.launch(warp_kernels.closest, len(points), given, [nearest, faces], device=self.device)
+        found = nearest.numpy() * self._extent + self._middle
+        return np.linalg.norm(found - points, axis=1), self._row(faces.numpy().astype(np.int64)), found
+
+    def first_hit(self, origins: Float, directions: Float) -> tuple[Float, Int]:
+        """As :meth:`SpatialIndex.first_hit`."""
+        if len(origins) == 0:
+            return super().first_hit(origins, directions)
+        _, tree, corners = self._on_device
+        length = np.linalg.norm(directions, axis=1)
+        length[length == 0] = 1.0  # such a ray goes nowhere and meets nothing
+        distance, faces = self._room(origins, wp.float64), self._room(origins, wp.int32)
+        start, unit = self._inwards(origins), directions / length[:, None]
+        given = [tree.id, corners, self._sent(start, wp.vec3d), self._sent(unit, wp.vec3d), SLACK]
+        wp.launch(warp_kernels.first_hit, len(origins), given, [distance, faces], device=self.device)
+        face = faces.numpy().astype(np.int64)
+        return distance.numpy() * (self._extent / length), np.where(face >= 0, self._row(face), -1)
+
+    def _inwards(self, points: Float) -> Float:
+        """Into the frame in which the mesh lies about the origin with unit extent."""
+        return np.asarray((points - self._middle) / self._extent)
+
+    def _sent(self, values: NDArray[Any], kind: Any) -> Any:
+        return wp.array(np.ascontiguousarray(values), dtype=kind, device=self.device)
+
+    def _room(self, asked: Float, kind: Any) -> Any:
+        return wp.empty(len(asked), dtype=kind, device=self.device)
