@@ -11,13 +11,14 @@ somebody has filed that one off. The columns are
 
 * the paper's 24 views and 200 even directions, each set worth half (``w`` sums to 1 over them)::
 
-      L = seen (SEEN + (1 - SEEN) size x facing x roll x flatness x tone)
+      L = seen (SEEN + (1 - SEEN) size x facing x roll x flatness)
 
   Seen is 1 where the mark faces the direction within 45 degrees and rays from all over its letters get out; size is
-  the text's projected height over :data:`READABLE` pixels to the power of :data:`BY_SIZE`; facing is the cosine over
+  the text's projected height times its tone over :data:`READABLE` pixels, to the power of :data:`BY_SIZE`; tone is how
+  letters stand out from the base colour under them, see :func:`tone`; facing is the cosine over
   that of 40 degrees; size and facing are at most 1; roll is ``1 - ROLLED (1 - cos r) / 2`` for the angle r between
   the text and the picture's horizontal (1 for the even directions, whose pictures have no up); flatness is 1 less the
-  bend under the text; tone is how letters stand out from the base colour under them, see :func:`tone`;
+  bend under the text;
 * 64 half-spaces through the surface's centroid, together worth ``CROPS``: L = 1 where the whole mark lies in the
   half-space, so that a crop by the plane leaves it.
 
@@ -93,7 +94,7 @@ class Objective:
     seen: float = 0.6  # of serving a direction, for being seen there at all
     backup: float = 0.15  # of serving a column, for the second best mark
     crops: float = 0.1  # all half-spaces together; nearly any choice of a few marks serves nearly all
-    legibility: float = 1.0  # exponent of size x facing x roll x flatness x tone
+    legibility: float = 1.0  # exponent of size x facing x roll x flatness
     obstructed: float = 6.0
     salient: float = 1.4
     roll: float = 2.0
@@ -249,8 +250,10 @@ def likelihood(
     cosine = np.clip(boxes.axes[:, 2] @ served.directions.T, 0, 1)
     # The text is as high on the picture as its up is long there.
     upright_length = np.sqrt(np.clip(1 - (boxes.axes[:, 1] @ served.directions.T) ** 2, 0, 1))
-    size = np.minimum(1.0, boxes.size[:, 1:2] * upright_length * (PIXELS / READABLE)) ** BY_SIZE
-    legible = size * np.minimum(1.0, cosine / HEAD_ON) * (np.clip(1 - bend, 0, 1) * tone)[:, None]
+    # Contrast and size stand in for each other: fainter text has to be larger.
+    height = boxes.size[:, 1:2] * upright_length * PIXELS * tone[:, None]
+    size = np.minimum(1.0, height / READABLE) ** BY_SIZE
+    legible = size * np.minimum(1.0, cosine / HEAD_ON) * np.clip(1 - bend, 0, 1)[:, None]
     # The text's right on the picture: how far along its horizontal, how far along its vertical.
     views = served.directions[: len(served.up)]
     along = boxes.axes[:, 0] @ np.cross(served.up, views).T

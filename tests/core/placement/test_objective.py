@@ -146,7 +146,9 @@ def test_letters_of_a_colour_stand_out_from_other_colours_and_letters_without_on
 
 def test_text_is_read_worse_where_its_tone_is_that_of_the_ground() -> None:
     where = box((0, 0, 15), size=(7.5, 0.94, 0.5))
-    assert shown(where, contrast=0.5)[0, FRONT] == pytest.approx(0.5)
+    assert shown(where, contrast=0.5)[0, FRONT] < 0.8 * shown(where)[0, FRONT]
+    larger = box((0, 0, 15), size=(15, 1.88, 0.6))
+    assert shown(larger, contrast=0.5)[0, FRONT] == pytest.approx(shown(where)[0, FRONT])
 
 
 def test_upside_down_text_is_worth_half_of_upright_text() -> None:
