@@ -135,10 +135,12 @@ def test_a_damaged_line_in_the_middle_is_named(tmp_path: Path) -> None:
 
 
 SCRIPT = """
+import signal
 from pathlib import Path
 from core.benchmark.run import run
 from tests.core.benchmark.fakes import open_fake, options
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # as in a terminal, also where the tests run without one
     run(options(Path({folder!r}), processes=2), open_fake)
 """
 

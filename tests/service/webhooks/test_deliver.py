@@ -20,7 +20,7 @@ from tests.service.outbound.certificates import certified, trusting
 from tests.service.outbound.servers import NAME, Script, at, client_of, read_request, replying, response, serving
 
 SECRET = new_secret()
-NOW = datetime.now(UTC)
+NOW = datetime(2026, 1, 31, 12, 0, tzinfo=UTC)  # receivers that verify want the true time, which the tests give them
 MESSAGE = Message.of(EventType.SUCCEEDED, NOW, {"id": "1", "state": "succeeded"})
 
 
@@ -61,7 +61,7 @@ def wait(outcome: Outcome) -> float:
 
 def test_a_receiver_verifies_what_it_gets() -> None:
     receiver = Receiver(SECRET)
-    outcome = sent(receiver)
+    outcome = sent(receiver, now=datetime.now(UTC))
     assert (outcome.result, outcome.status, outcome.error) == (Result.DELIVERED, 200, None)
     assert (outcome.snippet, outcome.retry_at) == ("thank you", None)
     assert 0 < outcome.seconds < 1
@@ -75,17 +75,18 @@ def test_a_receiver_verifies_what_it_gets() -> None:
 def test_while_a_secret_is_rotated_receivers_with_the_old_and_the_new_one_verify() -> None:
     old, new = new_secret(), new_secret()
     for known in (old, new):
-        assert sent(Receiver(known), secrets=(new, old)).result == Result.DELIVERED
+        assert sent(Receiver(known), secrets=(new, old), now=datetime.now(UTC)).result == Result.DELIVERED
     stranger = Receiver(new_secret())
-    outcome = sent(stranger, secrets=(new, old))
+    outcome = sent(stranger, secrets=(new, old), now=datetime.now(UTC))
     assert (outcome.result, outcome.status, outcome.snippet) == (Result.RETRY, 401, "who are you?")
     assert stranger.believed == []
 
 
 def test_a_repetition_has_the_same_id_and_body_but_a_time_of_its_own() -> None:
     receiver = Receiver(SECRET)
-    sent(receiver)
-    sent(receiver, attempt=2, now=NOW + timedelta(seconds=5))
+    at = datetime.now(UTC)
+    sent(receiver, now=at)
+    sent(receiver, attempt=2, now=at + timedelta(seconds=5))
     assert receiver.believed[0] == receiver.believed[1]
     first, second = receiver.heads
     assert first["webhook-id"] == second["webhook-id"]
