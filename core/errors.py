@@ -47,6 +47,8 @@ class ErrorCode(StrEnum):
     DOWNLOAD_FAILED = "download_failed"
     DOWNLOAD_TOO_LARGE = "download_too_large"
     INVALID_SECRET = "invalid_secret"
+    INVALID_API_KEY = "invalid_api_key"
+    MISSING_SCOPE = "missing_scope"
     NOT_FOUND = "not_found"
     NOT_READY = "not_ready"
     JOB_FAILED = "job_failed"

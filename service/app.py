@@ -8,6 +8,7 @@ from fastapi import FastAPI
 from pydantic.json_schema import models_json_schema
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from service.access import SCHEME
 from service.config import Settings
 from service.jobs.artifacts import GRACE
 from service.jobs.ledger import Ledger
@@ -52,6 +53,9 @@ class Application(FastAPI):
             schemas.update(problems["$defs"])
             for name in ("HTTPValidationError", "ValidationError"):  # FastAPI's own shape, which is never sent
                 schemas.pop(name, None)
+            document["components"]["securitySchemes"] = {
+                SCHEME: {"type": "http", "scheme": "bearer", "description": "Needed where the service is set up so."}
+            }
             for path in document["paths"].values():
                 for operation in path.values():
                     if "HTTPValidationError" in str(operation["responses"].get("422")):

@@ -52,6 +52,8 @@ STATUS: dict[ErrorCode, int] = {
     ErrorCode.DOWNLOAD_FAILED: 422,
     ErrorCode.DOWNLOAD_TOO_LARGE: 422,
     ErrorCode.INVALID_SECRET: 422,
+    ErrorCode.INVALID_API_KEY: 401,
+    ErrorCode.MISSING_SCOPE: 403,
     ErrorCode.NOT_FOUND: 404,
     ErrorCode.NOT_READY: 409,
     ErrorCode.JOB_FAILED: 409,
@@ -105,6 +107,14 @@ HEADERS: dict[ErrorCode, dict[str, str]] = {
 }
 
 
+class ProblemError(MeshmarkError):
+    """An error whose answer has headers of its own."""
+
+    def __init__(self, code: ErrorCode, message: str, remedy: str, headers: Mapping[str, str]) -> None:
+        super().__init__(code, message, remedy)
+        self.headers = headers
+
+
 def problem_response(error: MeshmarkError, headers: Mapping[str, str] | None = None) -> JSONResponse:
     """The response that tells a client about an error."""
     problem = Problem(
@@ -154,7 +164,7 @@ def install_problem_handlers(app: FastAPI, body_limit: int) -> None:
 
     @app.exception_handler(MeshmarkError)
     async def _known(_request: Request, error: MeshmarkError) -> JSONResponse:
-        return problem_response(error)
+        return problem_response(error, error.headers if isinstance(error, ProblemError) else None)
 
     @app.exception_handler(RequestValidationError)
     async def _invalid(request: Request, error: RequestValidationError) -> JSONResponse:

@@ -30,7 +30,7 @@ import structlog
 
 from service.jobs.artifacts import GRACE, ArtifactStore, Staged, StoreUnavailableError
 from service.jobs.ledger import Content, Ledger, MissingContentError, now
-from service.jobs.models import ArtifactKind, Job, Lease
+from service.jobs.models import DEFAULT_TENANT, ArtifactKind, Job, Lease
 
 PAGE = 500  # hashes in one question to the database
 TRIES = 5  # each lost one means that a remover came between two requests to the store
@@ -45,6 +45,7 @@ def create_job(
     filename: str,
     parameters: dict[str, Any],
     staged: Mapping[ArtifactKind, Staged],
+    tenant: str = DEFAULT_TENANT,
 ) -> Job:
     """Store a job's inputs and record the job.
 
@@ -52,7 +53,7 @@ def create_job(
         StoreUnavailableError: then nothing is recorded.
     """
     contents = {kind: Content(item.sha256, item.size) for kind, item in staged.items()}
-    return _keep(store, staged.values(), lambda: ledger.create(filename, parameters, contents, store.has))
+    return _keep(store, staged.values(), lambda: ledger.create(filename, parameters, contents, store.has, tenant))
 
 
 def publish(ledger: Ledger, store: ArtifactStore, lease: Lease, kind: ArtifactKind, staged: Staged) -> bool:

@@ -24,7 +24,7 @@ from sqlalchemy.orm import Session, sessionmaker
 
 from core.errors import ErrorCode, MeshmarkError
 from service.jobs.migrations import migrate
-from service.jobs.models import Artifact, ArtifactKind, Job, JobState, Lease
+from service.jobs.models import DEFAULT_TENANT, Artifact, ArtifactKind, Job, JobState, Lease
 
 ACTIVE = (JobState.QUEUED, JobState.RUNNING)
 # What a transaction begins with that no other one with the same key shall run beside. SQLite has one lock for all.
@@ -96,6 +96,11 @@ class Ledger:
             self.close()
             raise
 
+    @property
+    def sessions(self) -> sessionmaker[Session]:
+        """For what stands beside the jobs, in files of its own."""
+        return self._session
+
     def close(self) -> None:
         """Close every connection."""
         self._engine.dispose()
@@ -111,6 +116,7 @@ class Ledger:
         parameters: dict[str, Any],
         contents: Mapping[ArtifactKind, Content],
         stored: Callable[[str], bool],
+        tenant: str = DEFAULT_TENANT,
     ) -> Job:
         """A new queued job that refers to its inputs; `stored` says whether the store has them.
 
@@ -120,6 +126,7 @@ class Ledger:
         moment = now()
         job = Job(
             id=str(uuid.uuid4()),
+            tenant_id=tenant,
             state=JobState.QUEUED,
             filename=filename,
             parameters=parameters,
@@ -132,10 +139,10 @@ class Ledger:
             session.add(job)
         return job
 
-    def get(self, job_id: str) -> Job | None:
-        """The job as it stands now."""
+    def get(self, job_id: str, tenant: str = DEFAULT_TENANT) -> Job | None:
+        """The tenant's job as it stands now; None where there is none, and where it is another tenant's."""
         with self._session() as session:
-            return session.get(Job, job_id)
+            return session.scalar(select(Job).where(Job.id == job_id, Job.tenant_id == tenant))
 
     def claim(self, job_id: str, lease_seconds: float) -> Job | None:
         """Take a queued job, or None if it is not (or no longer) there to be taken."""
@@ -187,12 +194,11 @@ class Ledger:
         with self._session.begin() as session:
             return self._set(session, _held(lease), attempts=Job.attempts - 1, **_queued())
 
-    def cancel(self, job_id: str) -> bool:
-        """queued or running -> canceled; False when the job had already ended."""
+    def cancel(self, job_id: str, tenant: str = DEFAULT_TENANT) -> bool:
+        """queued or running -> canceled; False when the job had already ended, or is not the tenant's."""
+        condition = (Job.id == job_id, Job.tenant_id == tenant, Job.state.in_(ACTIVE))
         with self._session.begin() as session:
-            return self._set(
-                session, (Job.id == job_id, Job.state.in_(ACTIVE)), state=JobState.CANCELED, **self._finished()
-            )
+            return self._set(session, condition, state=JobState.CANCELED, **self._finished())
 
     def drop_artifacts(self, job_id: str) -> set[str]:
         """Forget an ended job's files (succeeded -> expired); returns their hashes: other jobs may have the same."""

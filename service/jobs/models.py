@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 from sqlalchemy import JSON, BigInteger, DateTime, Dialect, Enum, ForeignKey, Index, Integer, String, TypeDecorator
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 
+DEFAULT_TENANT = "default"  # whose the jobs of a service without keys are
+
 
 class JobState(StrEnum):
     """Where a job stands; the last four are terminal, and only a succeeded job can still become `expired`."""
@@ -62,18 +64,49 @@ class Base(DeclarativeBase):
     type_annotation_map = {  # noqa: RUF012
         datetime: UtcDateTime,
         dict[str, Any]: JSON,
+        list[str]: JSON,
         JobState: _words(JobState),
         ArtifactKind: _words(ArtifactKind),
     }
+
+
+class Tenant(Base):
+    """Whose jobs and keys there are."""
+
+    __tablename__ = "tenants"
+
+    id: Mapped[str] = mapped_column(String(63), primary_key=True)
+    created_at: Mapped[datetime]
+
+
+class ApiKey(Base):
+    """What a client of a tenant shows with each request; see :mod:`service.jobs.tenants`."""
+
+    __tablename__ = "api_keys"
+
+    id: Mapped[str] = mapped_column(String(8), primary_key=True)
+    tenant_id: Mapped[str] = mapped_column(ForeignKey("tenants.id"))
+    name: Mapped[str] = mapped_column(String(100))
+    secret_sha256: Mapped[str] = mapped_column(String(64))
+    scopes: Mapped[list[str]]
+    created_at: Mapped[datetime]
+    last_used_at: Mapped[datetime | None]
+    expires_at: Mapped[datetime | None]
+    revoked_at: Mapped[datetime | None]
+    spent_until: Mapped[float] = mapped_column(default=0.0)  # seconds since 1970: see service.jobs.limits
 
 
 class Job(Base):
     """One watermarking request and what became of it."""
 
     __tablename__ = "jobs"
-    __table_args__ = (Index("ix_jobs_state_enqueued_at", "state", "enqueued_at"),)
+    __table_args__ = (
+        Index("ix_jobs_state_enqueued_at", "state", "enqueued_at"),
+        Index("ix_jobs_tenant_id_state", "tenant_id", "state"),
+    )
 
     id: Mapped[str] = mapped_column(String(36), primary_key=True)
+    tenant_id: Mapped[str] = mapped_column(String(63), server_default=DEFAULT_TENANT)  # never changes
     state: Mapped[JobState] = mapped_column(default=JobState.QUEUED)
     stage: Mapped[str | None] = mapped_column(String(32))
     progress: Mapped[float] = mapped_column(default=0.0)

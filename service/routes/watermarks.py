@@ -11,6 +11,8 @@ from kombu.exceptions import KombuError
 
 from core.errors import ErrorCode, MeshmarkError
 from core.parameters import parse_parameters
+from service import access
+from service.access import Admitted, Client, GuardedRoute
 from service.delivery import deliver, disposition
 from service.intake import check_asset, check_lettering
 from service.jobs import contents, queue
@@ -19,7 +21,7 @@ from service.problems import problem_responses
 from service.routes.schemas import JobView
 from service.state import AppState, State
 
-router = APIRouter(prefix="/v1/watermarks", tags=["watermarks"])
+router = APIRouter(prefix="/v1/watermarks", tags=["watermarks"], route_class=GuardedRoute)
 log = structlog.get_logger(__name__)
 
 MEDIA_TYPES = {
@@ -30,6 +32,7 @@ MEDIA_TYPES = {
 SUFFIXES = {ArtifactKind.MODEL: ".glb", ArtifactKind.REPORT: ".report.json", ArtifactKind.PREVIEW: ".png"}
 
 REFUSALS = problem_responses(
+    *access.REFUSALS,
     ErrorCode.INVALID_REQUEST,
     ErrorCode.UPLOAD_TOO_LARGE,
     ErrorCode.UNSUPPORTED_MEDIA_TYPE,
@@ -51,8 +54,9 @@ REFUSALS = problem_responses(
     ErrorCode.EXTERNAL_REFERENCE,
     ErrorCode.SERVICE_UNAVAILABLE,
 )
-UNKNOWN = problem_responses(ErrorCode.NOT_FOUND, ErrorCode.SERVICE_UNAVAILABLE)
+UNKNOWN = problem_responses(*access.REFUSALS, ErrorCode.NOT_FOUND, ErrorCode.SERVICE_UNAVAILABLE)
 NOT_THERE = problem_responses(
+    *access.REFUSALS,
     ErrorCode.NOT_FOUND,
     ErrorCode.NOT_READY,
     ErrorCode.JOB_FAILED,
@@ -69,6 +73,7 @@ def create_watermark(
     response: Response,
     background: BackgroundTasks,
     state: State,
+    client: Admitted,
     file: Annotated[
         UploadFile,
         File(description="The asset: GLB, glTF, OBJ, STL, PLY, OFF, 3MF or DAE; with its other files as a ZIP."),
@@ -102,7 +107,12 @@ def create_watermark(
         check_lettering(parameters, staged[ArtifactKind.FONT].path.read_bytes() if font is not None else None)
         check_asset(staged[ArtifactKind.INPUT].path, settings.budgets)
         job = contents.create_job(
-            state.ledger, artifacts, _plain_name(file.filename), parameters.model_dump(mode="json"), staged
+            state.ledger,
+            artifacts,
+            _plain_name(file.filename),
+            parameters.model_dump(mode="json"),
+            staged,
+            client.tenant,
         )
     background.add_task(_announce, state.queue, job.id)  # a broker that does not answer delays no client
     view = _view(request, job)
@@ -111,16 +121,16 @@ def create_watermark(
 
 
 @router.get("/{job_id}", responses=UNKNOWN)
-def read_watermark(request: Request, state: State, job_id: str) -> JobView:
+def read_watermark(request: Request, state: State, client: Admitted, job_id: str) -> JobView:
     """Where the job stands."""
-    return _view(request, _job(state, job_id))
+    return _view(request, _job(state, client, job_id))
 
 
 @router.delete("/{job_id}", status_code=status.HTTP_204_NO_CONTENT, responses=UNKNOWN)
-def delete_watermark(state: State, job_id: str) -> None:
+def delete_watermark(state: State, client: Admitted, job_id: str) -> None:
     """Cancel the job if it has not ended, and delete the uploaded asset and everything made from it."""
-    _job(state, job_id)
-    state.ledger.cancel(job_id)
+    _job(state, client, job_id)
+    state.ledger.cancel(job_id, client.tenant)
     contents.discard(state.ledger, state.artifacts, state.ledger.drop_artifacts(job_id))
 
 
@@ -140,23 +150,23 @@ def _download(kind: ArtifactKind) -> dict[str, Any]:
 
 @router.head("/{job_id}/model", name="head_model", **_download(ArtifactKind.MODEL))
 @router.get("/{job_id}/model", **_download(ArtifactKind.MODEL))
-def read_model(request: Request, state: State, job_id: str) -> Response:
+def read_model(request: Request, state: State, client: Admitted, job_id: str) -> Response:
     """The watermarked GLB; there from stage `evaluating` on."""
-    return _deliver(request, state, job_id, ArtifactKind.MODEL)
+    return _deliver(request, state, client, job_id, ArtifactKind.MODEL)
 
 
 @router.head("/{job_id}/report", name="head_report", **_download(ArtifactKind.REPORT))
 @router.get("/{job_id}/report", **_download(ArtifactKind.REPORT))
-def read_report(request: Request, state: State, job_id: str) -> Response:
+def read_report(request: Request, state: State, client: Admitted, job_id: str) -> Response:
     """Where the watermarks are, and what they measure."""
-    return _deliver(request, state, job_id, ArtifactKind.REPORT)
+    return _deliver(request, state, client, job_id, ArtifactKind.REPORT)
 
 
 @router.head("/{job_id}/preview", name="head_preview", **_download(ArtifactKind.PREVIEW))
 @router.get("/{job_id}/preview", **_download(ArtifactKind.PREVIEW))
-def read_preview(request: Request, state: State, job_id: str) -> Response:
+def read_preview(request: Request, state: State, client: Admitted, job_id: str) -> Response:
     """Pictures of the watermarked asset from eight sides, as one PNG."""
-    return _deliver(request, state, job_id, ArtifactKind.PREVIEW)
+    return _deliver(request, state, client, job_id, ArtifactKind.PREVIEW)
 
 
 def _announce(broker: Celery, job_id: str) -> None:
@@ -166,8 +176,8 @@ def _announce(broker: Celery, job_id: str) -> None:
         log.error("the broker does not answer; a worker's sweeper will find the job", job=job_id, error=str(error))
 
 
-def _job(state: AppState, job_id: str) -> Job:
-    job = state.ledger.get(job_id)
+def _job(state: AppState, client: Client, job_id: str) -> Job:
+    job = state.ledger.get(job_id, client.tenant)
     if job is None:
         raise MeshmarkError(
             ErrorCode.NOT_FOUND, f"There is no job {job_id[:64]!r}.", "Use the id or the Location that POST gave."
@@ -185,8 +195,8 @@ def _plain_name(filename: str | None) -> str:
     return "".join(character for character in name if character.isprintable())[-120:] or "asset"
 
 
-def _deliver(request: Request, state: AppState, job_id: str, kind: ArtifactKind) -> Response:
-    job = _job(state, job_id)
+def _deliver(request: Request, state: AppState, client: Client, job_id: str, kind: ArtifactKind) -> Response:
+    job = _job(state, client, job_id)
     artifact = job.artifact(kind)
     if artifact is None:
         raise _not_there(job, kind)
@@ -195,7 +205,7 @@ def _deliver(request: Request, state: AppState, job_id: str, kind: ArtifactKind)
     try:
         return deliver(request, state.artifacts, artifact, headers)
     except FileNotFoundError:  # deleted since the look at the ledger
-        raise _not_there(_job(state, job_id), kind) from None
+        raise _not_there(_job(state, client, job_id), kind) from None
 
 
 def _not_there(job: Job, kind: ArtifactKind) -> MeshmarkError:

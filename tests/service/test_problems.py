@@ -23,7 +23,7 @@ def test_a_wrong_method_is_a_problem_that_names_the_right_ones(client: Client) -
 
 
 def test_a_bug_is_a_problem_without_its_details(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(_self: Ledger, _job_id: str) -> None:
+    def fail(_self: Ledger, _job_id: str, _tenant: str) -> None:
         raise RuntimeError("secret detail")
 
     monkeypatch.setattr(Ledger, "get", fail)
