@@ -1,5 +1,6 @@
 """Who may come in: a request shows an API key (RFC 6750), or the service asks for none."""
 
+import math
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -9,13 +10,14 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.routing import APIRoute
 
 from core.errors import ErrorCode
+from service.jobs.limits import spend
 from service.jobs.models import DEFAULT_TENANT
 from service.jobs.tenants import Scope, authenticate, note_use
 from service.problems import ProblemError
 from service.state import state_of
 
 SCHEME = "api_key"  # its name in the OpenAPI document
-REFUSALS = (ErrorCode.INVALID_API_KEY, ErrorCode.MISSING_SCOPE)
+REFUSALS = (ErrorCode.INVALID_API_KEY, ErrorCode.MISSING_SCOPE, ErrorCode.RATE_LIMITED)
 # Whoever is refused may still be sending an asset, which nobody will read.
 CLOSE = {"Connection": "close"}
 
@@ -58,7 +60,7 @@ def let_in(request: Request) -> Client:
     """Whom a request comes from.
 
     Raises:
-        ProblemError: ``invalid_api_key`` or ``missing_scope``.
+        ProblemError: ``invalid_api_key``, ``rate_limited`` or ``missing_scope``.
     """
     state = state_of(request)
     if state.settings.auth == "none":
@@ -74,6 +76,14 @@ def let_in(request: Request) -> Client:
             else "The API key is not one, or it was revoked or has expired.",
             "Send the header `Authorization: Bearer mm_...` with a key that the operator created for you.",
             CLOSE | {"WWW-Authenticate": "Bearer" if shown is None else 'Bearer error="invalid_token"'},
+        )
+    allowed = state.settings.requests_per_minute
+    if allowed and (wait := spend(state.ledger.sessions, key.id, allowed)):
+        raise ProblemError(
+            ErrorCode.RATE_LIMITED,
+            f"The API key {key.id} makes more than {allowed:,} requests a minute.",
+            "Send the request again after the seconds in Retry-After.",
+            CLOSE | {"Retry-After": str(math.ceil(wait))},
         )
     scope = required_scope([request.method])
     if scope not in key.scopes:

@@ -14,6 +14,7 @@ import sqlite3
 import time
 import uuid
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,7 +25,7 @@ from sqlalchemy.orm import Session, sessionmaker
 
 from core.errors import ErrorCode, MeshmarkError
 from service.jobs.migrations import migrate
-from service.jobs.models import DEFAULT_TENANT, Artifact, ArtifactKind, Job, JobState, Lease
+from service.jobs.models import DEFAULT_TENANT, Artifact, ArtifactKind, Job, JobState, Lease, MetadataEntry
 
 ACTIVE = (JobState.QUEUED, JobState.RUNNING)
 # What a transaction begins with that no other one with the same key shall run beside. SQLite has one lock for all.
@@ -41,6 +42,22 @@ class Content(NamedTuple):
 
     sha256: str
     size: int
+
+
+@dataclass(frozen=True)
+class Submission:
+    """On whose behalf a job is recorded, and what comes with it.
+
+    `condition` is called in the transaction that records the job, with its id, once the job is there for it to see.
+    What it raises undoes everything.
+    """
+
+    tenant: str = DEFAULT_TENANT
+    metadata: Mapping[str, str] = field(default_factory=dict)
+    condition: Callable[[Session, str], None] = lambda _session, _job_id: None
+
+
+BY_DEFAULT = Submission()
 
 
 class MissingContentError(Exception):
@@ -116,7 +133,7 @@ class Ledger:
         parameters: dict[str, Any],
         contents: Mapping[ArtifactKind, Content],
         stored: Callable[[str], bool],
-        tenant: str = DEFAULT_TENANT,
+        submission: Submission = BY_DEFAULT,
     ) -> Job:
         """A new queued job that refers to its inputs; `stored` says whether the store has them.
 
@@ -126,17 +143,20 @@ class Ledger:
         moment = now()
         job = Job(
             id=str(uuid.uuid4()),
-            tenant_id=tenant,
+            tenant_id=submission.tenant,
             state=JobState.QUEUED,
             filename=filename,
             parameters=parameters,
             created_at=moment,
             enqueued_at=moment,
             artifacts=[Artifact(kind=kind, sha256=item.sha256, size=item.size) for kind, item in contents.items()],
+            metadata_entries=[MetadataEntry(key=key, value=value) for key, value in submission.metadata.items()],
         )
         with self._session.begin() as session:
             _lock_content(session, contents.values(), stored)
             session.add(job)
+            session.flush()
+            submission.condition(session, job.id)
         return job
 
     def get(self, job_id: str, tenant: str = DEFAULT_TENANT) -> Job | None:

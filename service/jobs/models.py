@@ -103,6 +103,7 @@ class Job(Base):
     __table_args__ = (
         Index("ix_jobs_state_enqueued_at", "state", "enqueued_at"),
         Index("ix_jobs_tenant_id_state", "tenant_id", "state"),
+        Index("ix_jobs_tenant_id_created_at_id", "tenant_id", "created_at", "id"),
     )
 
     id: Mapped[str] = mapped_column(String(36), primary_key=True)
@@ -125,6 +126,7 @@ class Job(Base):
     error_message: Mapped[str | None]
     error_remedy: Mapped[str | None]
     artifacts: Mapped[list["Artifact"]] = relationship(lazy="selectin", order_by="Artifact.kind")
+    metadata_entries: Mapped[list["MetadataEntry"]] = relationship(lazy="selectin", order_by="MetadataEntry.key")
 
     @property
     def lease(self) -> Lease:
@@ -145,3 +147,27 @@ class Artifact(Base):
     kind: Mapped[ArtifactKind] = mapped_column(primary_key=True)
     sha256: Mapped[str] = mapped_column(String(64), index=True)
     size: Mapped[int] = mapped_column(BigInteger().with_variant(Integer, "sqlite"))
+
+
+class MetadataEntry(Base):
+    """A name and a value that a client noted about a job; rows of their own, so that jobs are found by them."""
+
+    __tablename__ = "job_metadata"
+    __table_args__ = (Index("ix_job_metadata_key_value", "key", "value"),)
+
+    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id", ondelete="CASCADE"), primary_key=True)
+    key: Mapped[str] = mapped_column(String(40), primary_key=True)
+    value: Mapped[str] = mapped_column(String(256))
+
+
+class IdempotencyKey(Base):
+    """Which job a request with a key made, or that one is about to; see :mod:`service.jobs.idempotency`."""
+
+    __tablename__ = "idempotency_keys"
+
+    tenant_id: Mapped[str] = mapped_column(String(63), primary_key=True)
+    key: Mapped[str] = mapped_column(String(255), primary_key=True)
+    fingerprint: Mapped[str] = mapped_column(String(64))
+    token: Mapped[str] = mapped_column(String(36))
+    job_id: Mapped[str | None] = mapped_column(ForeignKey("jobs.id", ondelete="CASCADE"))
+    expires_at: Mapped[datetime] = mapped_column(index=True)

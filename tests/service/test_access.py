@@ -118,10 +118,21 @@ def test_a_key_does_what_its_scopes_say_and_nothing_else(client: Client) -> None
     assert client.http.delete(f"/v1/watermarks/{job_id}", headers=writer).status_code == 204
 
 
+def test_a_key_that_asks_too_often_is_told_when_to_come_again(database_url: str, tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path, database_url=database_url, auth="keys", requests_per_minute=3)
+    with client_with(settings) as client:
+        busy, other = bearer(client), bearer(client)
+        answers = [client.http.get("/v1/watermarks", headers=busy) for _ in range(4)]
+        assert [answer.status_code for answer in answers] == [200, 200, 200, 429]
+        assert answers[3].json()["code"] == "rate_limited"
+        assert 1 <= int(answers[3].headers["Retry-After"]) <= 20
+        assert client.http.get("/v1/watermarks", headers=other).status_code == 200
+
+
 def test_every_guarded_operation_lists_how_access_is_refused() -> None:
     for method, path, operation in OPERATIONS:
         if path not in OPEN:
-            assert {"401", "403"} <= set(operation["responses"]), (method, path)
+            assert {"401", "403", "429"} <= set(operation["responses"]), (method, path)
     assert DOCUMENT["components"]["securitySchemes"]["api_key"]["scheme"] == "bearer"
 
 
@@ -129,6 +140,12 @@ def test_the_scheme_is_read_as_http_writes_it(client: Client) -> None:
     text = bearer(client)["Authorization"].split()[1]
     job_id = finished_job(client, {"Authorization": f"bearer  {text}"})
     assert client.http.get(f"/v1/watermarks/{job_id}", headers={"Authorization": f"BEARER {text}"}).status_code == 200
+
+
+def test_an_id_that_no_database_can_look_for_is_not_there(client: Client) -> None:
+    headers = bearer(client)
+    for text in ("%00", "a%00b", "%ff", "a" * 5000, "%F0%9F%A6%84"):
+        assert client.http.get(f"/v1/watermarks/{text}", headers=headers).status_code == 404, text
 
 
 def test_a_service_without_keys_serves_the_default_tenant_alone(database_url: str, tmp_path: Path) -> None:
