@@ -1,4 +1,4 @@
-"""`python -m service [all|api|openapi]`: the service with its worker, the API alone, or its OpenAPI document.
+"""`python -m service [all|api|openapi|keys]`: the service with its worker, the API alone, its OpenAPI document, keys.
 
 `python -m service --show-settings` prints every setting with its value and where that comes from.
 """
@@ -17,6 +17,7 @@ import yaml
 
 from service.app import create_app
 from service.config import Settings, load_settings
+from service.keys import add_keys_commands, run_keys_command
 from service.logs import configure_logs
 from service.show_settings import show_settings
 
@@ -93,8 +94,11 @@ def openapi() -> str:
 def main() -> None:
     """Run what the command line asks for."""
     parser = argparse.ArgumentParser(prog="python -m service", description=__doc__)
-    parser.add_argument("what", nargs="?", choices=["all", "api", "openapi"], default="all")
     parser.add_argument("--show-settings", action="store_true", help="print the settings in effect and end")
+    commands = parser.add_subparsers(dest="what", metavar="all|api|openapi|keys")
+    for name, meaning in (("all", "API and worker"), ("api", "the API alone"), ("openapi", "print its document")):
+        commands.add_parser(name, help=meaning)
+    add_keys_commands(commands.add_parser("keys", help="create, list and revoke API keys"))
     arguments = parser.parse_args()
     if arguments.show_settings:
         rows = show_settings(load_settings())
@@ -105,6 +109,8 @@ def main() -> None:
     match arguments.what:
         case "openapi":
             sys.stdout.write(openapi())
+        case "keys":
+            sys.exit(run_keys_command(load_settings(), arguments))
         case "api":
             serve(load_settings(), None)
         case _:

@@ -8,6 +8,7 @@ from fastapi import FastAPI
 from pydantic.json_schema import models_json_schema
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from service.access import SCHEME
 from service.config import Settings
 from service.jobs.artifacts import GRACE
 from service.jobs.ledger import Ledger
@@ -17,8 +18,8 @@ from service.problems import Problem, install_problem_handlers, problem_response
 from service.routes import health, watermarks
 from service.state import AppState
 
-FORM_OVERHEAD = 2**17  # bytes of a request that are neither asset nor font: boundaries, part headers, parameters
-MAX_PARAMS_BYTES = 2**16
+MAX_FIELD_BYTES = 2**16
+FORM_OVERHEAD = 3 * MAX_FIELD_BYTES  # of a request that is neither asset nor font: two fields, part headers, boundaries
 
 
 class DeclaredSizeLimit:
@@ -52,6 +53,9 @@ class Application(FastAPI):
             schemas.update(problems["$defs"])
             for name in ("HTTPValidationError", "ValidationError"):  # FastAPI's own shape, which is never sent
                 schemas.pop(name, None)
+            document["components"]["securitySchemes"] = {
+                SCHEME: {"type": "http", "scheme": "bearer", "description": "Needed where the service is set up so."}
+            }
             for path in document["paths"].values():
                 for operation in path.values():
                     if "HTTPValidationError" in str(operation["responses"].get("422")):
@@ -86,7 +90,7 @@ def create_app(settings: Settings) -> FastAPI:
         version="1",
         lifespan=lifespan,
         generate_unique_id_function=lambda route: route.name,  # a client generator's method names
-        form_limits={"max_files": 2, "max_fields": 1, "max_part_size": MAX_PARAMS_BYTES},
+        form_limits={"max_files": 2, "max_fields": 2, "max_part_size": MAX_FIELD_BYTES},
     )
     app.include_router(watermarks.router, max_body_size=body_limit)
     app.include_router(health.router)

@@ -3,6 +3,7 @@
 import os
 import sys
 from dataclasses import replace
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Annotated, Self
 
@@ -25,6 +26,19 @@ class Settings(BaseSettings):
     model_config = SettingsConfigDict(env_prefix=PREFIX, env_ignore_empty=True, extra="ignore")
 
     host: Annotated[str, Field(description="Address the API listens on.")] = "127.0.0.1"
+    auth: Annotated[
+        str,
+        Field(
+            pattern="^(none|keys)$",
+            description="`keys`: requests need an API key; `none`: they do not, and the API listens on loopback only.",
+        ),
+    ] = "none"
+    requests_per_minute: Annotated[
+        int, Field(ge=0, description="Requests a minute each API key may make, at once or evenly; 0: any number.")
+    ] = 6000
+    max_active_jobs: Annotated[
+        int, Field(ge=0, description="Jobs of a tenant that may wait and run at a time; 0: any number.")
+    ] = 10_000
     port: Annotated[int, Field(ge=0, le=65535, description="Port the API listens on; 0 takes any free one.")] = 8080
     data_dir: Annotated[
         Path, Field(description="Folder of scratch files, and of the default ledger, broker and artifact store.")
@@ -121,6 +135,11 @@ class Settings(BaseSettings):
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
+        if self.auth == "none" and not _is_loopback(self.host):
+            raise ValueError(
+                f"MESHMARK_HOST={self.host} lets others in: set MESHMARK_AUTH=keys, "
+                "and create keys with `python -m service keys create`"
+            )
         if bool(self.s3_access_key_id.get_secret_value()) != bool(self.s3_secret_access_key.get_secret_value()):
             raise ValueError("MESHMARK_S3_ACCESS_KEY_ID and MESHMARK_S3_SECRET_ACCESS_KEY go together")
         if self.s3_presign and not self.store_url:
@@ -143,6 +162,13 @@ class Settings(BaseSettings):
     def ledger_url(self) -> str:
         """The SQLAlchemy URL in effect."""
         return self.database_url or f"sqlite:///{self.data_dir.resolve() / 'ledger.sqlite3'}"
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return host == "localhost" or ip_address(host).is_loopback
+    except ValueError:  # another name
+        return False
 
 
 def load_settings(secrets: Path = SECRETS) -> Settings:

@@ -11,6 +11,7 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy.exc import OperationalError
 from starlette.exceptions import HTTPException
+from starlette.routing import compile_path
 
 from core.errors import ErrorCode, MeshmarkError
 
@@ -53,6 +54,13 @@ STATUS: dict[ErrorCode, int] = {
     ErrorCode.DOWNLOAD_FAILED: 422,
     ErrorCode.DOWNLOAD_TOO_LARGE: 422,
     ErrorCode.INVALID_SECRET: 422,
+    ErrorCode.INVALID_API_KEY: 401,
+    ErrorCode.MISSING_SCOPE: 403,
+    ErrorCode.RATE_LIMITED: 429,
+    ErrorCode.TOO_MANY_JOBS: 429,
+    ErrorCode.IDEMPOTENCY_KEY_IN_USE: 409,
+    ErrorCode.IDEMPOTENCY_KEY_REUSED: 422,
+    ErrorCode.INVALID_METADATA: 422,
     ErrorCode.NOT_FOUND: 404,
     ErrorCode.NOT_READY: 409,
     ErrorCode.JOB_FAILED: 409,
@@ -101,9 +109,24 @@ def title(code: ErrorCode) -> str:
 
 HEADERS: dict[ErrorCode, dict[str, str]] = {
     ErrorCode.NOT_READY: {"Retry-After": "1"},
+    ErrorCode.IDEMPOTENCY_KEY_IN_USE: {"Retry-After": "1"},
+    ErrorCode.TOO_MANY_JOBS: {"Retry-After": "5"},
     ErrorCode.SERVICE_UNAVAILABLE: {"Retry-After": "5"},
     ErrorCode.UPLOAD_TOO_LARGE: {"Connection": "close"},  # nobody will read what is still being sent
 }
+
+
+RETRY_AFTER = {"Retry-After": {"description": "Seconds to wait before trying again.", "schema": {"type": "integer"}}}
+CHALLENGE = {"WWW-Authenticate": {"description": "What is missing, by RFC 6750.", "schema": {"type": "string"}}}
+DESCRIBED_HEADERS = {401: CHALLENGE, 403: CHALLENGE, 409: RETRY_AFTER, 429: RETRY_AFTER, 503: RETRY_AFTER}
+
+
+class ProblemError(MeshmarkError):
+    """An error whose answer has headers of its own."""
+
+    def __init__(self, code: ErrorCode, message: str, remedy: str, headers: Mapping[str, str]) -> None:
+        super().__init__(code, message, remedy)
+        self.headers = headers
 
 
 def problem_response(error: MeshmarkError, headers: Mapping[str, str] | None = None) -> JSONResponse:
@@ -127,7 +150,11 @@ def problem_responses(*codes: ErrorCode) -> dict[int | str, dict[str, Any]]:
         by_status.setdefault(STATUS[code], []).append(f"`{code}`")
     schema = {"schema": {"$ref": "#/components/schemas/Problem"}}
     return {
-        status: {"description": ", ".join(names), "content": {MEDIA_TYPE: schema}}
+        status: {
+            "description": ", ".join(names),
+            "content": {MEDIA_TYPE: schema},
+            **({"headers": DESCRIBED_HEADERS[status]} if status in DESCRIBED_HEADERS else {}),
+        }
         for status, names in by_status.items()
     }
 
@@ -155,10 +182,20 @@ def install_problem_handlers(app: FastAPI, body_limit: int) -> None:
 
     @app.exception_handler(MeshmarkError)
     async def _known(_request: Request, error: MeshmarkError) -> JSONResponse:
-        return problem_response(error)
+        return problem_response(error, error.headers if isinstance(error, ProblemError) else None)
 
     @app.exception_handler(RequestValidationError)
     async def _invalid(request: Request, error: RequestValidationError) -> JSONResponse:
+        in_query = {str(item["loc"][-1]): item["msg"] for item in error.errors() if item["loc"][0] == "query"}
+        if in_query:
+            listed = "; ".join(f"{name}: {message}" for name, message in in_query.items())
+            return problem_response(
+                MeshmarkError(
+                    ErrorCode.INVALID_REQUEST,
+                    f"The address asks for what is not possible: {listed}.",
+                    "Correct the named parameters; /docs tells what each may be.",
+                )
+            )
         sent_as = request.headers.get("Content-Type", "")
         if not sent_as.startswith(FORMS):
             return problem_response(
@@ -181,7 +218,10 @@ def install_problem_handlers(app: FastAPI, body_limit: int) -> None:
 
     @app.exception_handler(HTTPException)
     async def _http(request: Request, error: HTTPException) -> JSONResponse:
-        return problem_response(_from_status(request, error, body_limit), error.headers)
+        headers = dict(error.headers or {})
+        if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED and (methods := _methods_of(app, request.url.path)):
+            headers["Allow"] = ", ".join(methods)
+        return problem_response(_from_status(request, error, body_limit), headers)
 
     @app.exception_handler(OperationalError)
     async def _no_ledger(_request: Request, error: OperationalError) -> JSONResponse:
@@ -198,6 +238,17 @@ def install_problem_handlers(app: FastAPI, body_limit: int) -> None:
                 "Try again; if it happens again, report the time of the request to the operator.",
             )
         )
+
+
+def _methods_of(app: FastAPI, path: str) -> list[str]:
+    """What is possible on a path of the API; the framework itself names the methods of its first route alone."""
+    described = app.openapi()["paths"].items()
+    return sorted(
+        method.upper()
+        for template, operations in described
+        if compile_path(template)[0].match(path)
+        for method in operations
+    )
 
 
 def _from_status(request: Request, error: HTTPException, body_limit: int) -> MeshmarkError:

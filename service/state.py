@@ -21,10 +21,15 @@ class AppState:
     queue: Celery
 
 
-async def _state(request: Request) -> AppState:
+def state_of(request: Request) -> AppState:
+    """The state of the app that a request came to."""
     state = request.app.state.meshmark
     assert isinstance(state, AppState)
     return state
+
+
+async def _state(request: Request) -> AppState:
+    return state_of(request)
 
 
 State = Annotated[AppState, Depends(_state)]

@@ -23,13 +23,15 @@ counted as failed).
 from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import suppress
 from datetime import timedelta
+from functools import partial
 from itertools import islice
 from typing import Any, TypeVar
 
 import structlog
 
+from core.errors import MeshmarkError
 from service.jobs.artifacts import GRACE, ArtifactStore, Staged, StoreUnavailableError
-from service.jobs.ledger import Content, Ledger, MissingContentError, now
+from service.jobs.ledger import BY_DEFAULT, Content, Ledger, MissingContentError, Submission, now
 from service.jobs.models import ArtifactKind, Job, Lease
 
 PAGE = 500  # hashes in one question to the database
@@ -45,14 +47,23 @@ def create_job(
     filename: str,
     parameters: dict[str, Any],
     staged: Mapping[ArtifactKind, Staged],
+    submission: Submission = BY_DEFAULT,
 ) -> Job:
     """Store a job's inputs and record the job.
 
     Raises:
         StoreUnavailableError: then nothing is recorded.
+        MeshmarkError: what the submission's condition raises; then nothing is recorded and nothing kept.
     """
     contents = {kind: Content(item.sha256, item.size) for kind, item in staged.items()}
-    return _keep(store, staged.values(), lambda: ledger.create(filename, parameters, contents, store.has))
+    try:
+        record = partial(ledger.create, filename, parameters, contents, store.has, submission)
+        return _keep(store, staged.values(), record)
+    except StoreUnavailableError:
+        raise
+    except MeshmarkError:
+        discard(ledger, store, {item.sha256 for item in staged.values()})
+        raise
 
 
 def publish(ledger: Ledger, store: ArtifactStore, lease: Lease, kind: ArtifactKind, staged: Staged) -> bool:

@@ -14,6 +14,7 @@ import sqlite3
 import time
 import uuid
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,7 +25,7 @@ from sqlalchemy.orm import Session, sessionmaker
 
 from core.errors import ErrorCode, MeshmarkError
 from service.jobs.migrations import migrate
-from service.jobs.models import Artifact, ArtifactKind, Job, JobState, Lease
+from service.jobs.models import DEFAULT_TENANT, Artifact, ArtifactKind, Job, JobState, Lease, MetadataEntry
 
 ACTIVE = (JobState.QUEUED, JobState.RUNNING)
 # What a transaction begins with that no other one with the same key shall run beside. SQLite has one lock for all.
@@ -41,6 +42,22 @@ class Content(NamedTuple):
 
     sha256: str
     size: int
+
+
+@dataclass(frozen=True)
+class Submission:
+    """On whose behalf a job is recorded, and what comes with it.
+
+    `condition` is called in the transaction that records the job, with its id, once the job is there for it to see.
+    What it raises undoes everything.
+    """
+
+    tenant: str = DEFAULT_TENANT
+    metadata: Mapping[str, str] = field(default_factory=dict)
+    condition: Callable[[Session, str], None] = lambda _session, _job_id: None
+
+
+BY_DEFAULT = Submission()
 
 
 class MissingContentError(Exception):
@@ -96,6 +113,11 @@ class Ledger:
             self.close()
             raise
 
+    @property
+    def sessions(self) -> sessionmaker[Session]:
+        """For what stands beside the jobs, in files of its own."""
+        return self._session
+
     def close(self) -> None:
         """Close every connection."""
         self._engine.dispose()
@@ -111,6 +133,7 @@ class Ledger:
         parameters: dict[str, Any],
         contents: Mapping[ArtifactKind, Content],
         stored: Callable[[str], bool],
+        submission: Submission = BY_DEFAULT,
     ) -> Job:
         """A new queued job that refers to its inputs; `stored` says whether the store has them.
 
@@ -120,22 +143,26 @@ class Ledger:
         moment = now()
         job = Job(
             id=str(uuid.uuid4()),
+            tenant_id=submission.tenant,
             state=JobState.QUEUED,
             filename=filename,
             parameters=parameters,
             created_at=moment,
             enqueued_at=moment,
             artifacts=[Artifact(kind=kind, sha256=item.sha256, size=item.size) for kind, item in contents.items()],
+            metadata_entries=[MetadataEntry(key=key, value=value) for key, value in submission.metadata.items()],
         )
         with self._session.begin() as session:
             _lock_content(session, contents.values(), stored)
             session.add(job)
+            session.flush()
+            submission.condition(session, job.id)
         return job
 
-    def get(self, job_id: str) -> Job | None:
-        """The job as it stands now."""
+    def get(self, job_id: str, tenant: str = DEFAULT_TENANT) -> Job | None:
+        """The tenant's job as it stands now; None where there is none, and where it is another tenant's."""
         with self._session() as session:
-            return session.get(Job, job_id)
+            return session.scalar(select(Job).where(Job.id == job_id, Job.tenant_id == tenant))
 
     def claim(self, job_id: str, lease_seconds: float) -> Job | None:
         """Take a queued job, or None if it is not (or no longer) there to be taken."""
@@ -187,12 +214,11 @@ class Ledger:
         with self._session.begin() as session:
             return self._set(session, _held(lease), attempts=Job.attempts - 1, **_queued())
 
-    def cancel(self, job_id: str) -> bool:
-        """queued or running -> canceled; False when the job had already ended."""
+    def cancel(self, job_id: str, tenant: str = DEFAULT_TENANT) -> bool:
+        """queued or running -> canceled; False when the job had already ended, or is not the tenant's."""
+        condition = (Job.id == job_id, Job.tenant_id == tenant, Job.state.in_(ACTIVE))
         with self._session.begin() as session:
-            return self._set(
-                session, (Job.id == job_id, Job.state.in_(ACTIVE)), state=JobState.CANCELED, **self._finished()
-            )
+            return self._set(session, condition, state=JobState.CANCELED, **self._finished())
 
     def drop_artifacts(self, job_id: str) -> set[str]:
         """Forget an ended job's files (succeeded -> expired); returns their hashes: other jobs may have the same."""

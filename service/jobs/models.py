@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 from sqlalchemy import JSON, BigInteger, DateTime, Dialect, Enum, ForeignKey, Index, Integer, String, TypeDecorator
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 
+DEFAULT_TENANT = "default"  # whose the jobs of a service without keys are
+
 
 class JobState(StrEnum):
     """Where a job stands; the last four are terminal, and only a succeeded job can still become `expired`."""
@@ -62,18 +64,50 @@ class Base(DeclarativeBase):
     type_annotation_map = {  # noqa: RUF012
         datetime: UtcDateTime,
         dict[str, Any]: JSON,
+        list[str]: JSON,
         JobState: _words(JobState),
         ArtifactKind: _words(ArtifactKind),
     }
+
+
+class Tenant(Base):
+    """Whose jobs and keys there are."""
+
+    __tablename__ = "tenants"
+
+    id: Mapped[str] = mapped_column(String(63), primary_key=True)
+    created_at: Mapped[datetime]
+
+
+class ApiKey(Base):
+    """What a client of a tenant shows with each request; see :mod:`service.jobs.tenants`."""
+
+    __tablename__ = "api_keys"
+
+    id: Mapped[str] = mapped_column(String(8), primary_key=True)
+    tenant_id: Mapped[str] = mapped_column(ForeignKey("tenants.id"))
+    name: Mapped[str] = mapped_column(String(100))
+    secret_sha256: Mapped[str] = mapped_column(String(64))
+    scopes: Mapped[list[str]]
+    created_at: Mapped[datetime]
+    last_used_at: Mapped[datetime | None]
+    expires_at: Mapped[datetime | None]
+    revoked_at: Mapped[datetime | None]
+    spent_until: Mapped[float] = mapped_column(default=0.0)  # seconds since 1970: see service.jobs.limits
 
 
 class Job(Base):
     """One watermarking request and what became of it."""
 
     __tablename__ = "jobs"
-    __table_args__ = (Index("ix_jobs_state_enqueued_at", "state", "enqueued_at"),)
+    __table_args__ = (
+        Index("ix_jobs_state_enqueued_at", "state", "enqueued_at"),
+        Index("ix_jobs_tenant_id_state", "tenant_id", "state"),
+        Index("ix_jobs_tenant_id_created_at_id", "tenant_id", "created_at", "id"),
+    )
 
     id: Mapped[str] = mapped_column(String(36), primary_key=True)
+    tenant_id: Mapped[str] = mapped_column(String(63), server_default=DEFAULT_TENANT)  # never changes
     state: Mapped[JobState] = mapped_column(default=JobState.QUEUED)
     stage: Mapped[str | None] = mapped_column(String(32))
     progress: Mapped[float] = mapped_column(default=0.0)
@@ -92,6 +126,7 @@ class Job(Base):
     error_message: Mapped[str | None]
     error_remedy: Mapped[str | None]
     artifacts: Mapped[list["Artifact"]] = relationship(lazy="selectin", order_by="Artifact.kind")
+    metadata_entries: Mapped[list["MetadataEntry"]] = relationship(lazy="selectin", order_by="MetadataEntry.key")
 
     @property
     def lease(self) -> Lease:
@@ -112,3 +147,27 @@ class Artifact(Base):
     kind: Mapped[ArtifactKind] = mapped_column(primary_key=True)
     sha256: Mapped[str] = mapped_column(String(64), index=True)
     size: Mapped[int] = mapped_column(BigInteger().with_variant(Integer, "sqlite"))
+
+
+class MetadataEntry(Base):
+    """A name and a value that a client noted about a job; rows of their own, so that jobs are found by them."""
+
+    __tablename__ = "job_metadata"
+    __table_args__ = (Index("ix_job_metadata_key_value", "key", "value"),)
+
+    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id", ondelete="CASCADE"), primary_key=True)
+    key: Mapped[str] = mapped_column(String(40), primary_key=True)
+    value: Mapped[str] = mapped_column(String(256))
+
+
+class IdempotencyKey(Base):
+    """Which job a request with a key made, or that one is about to; see :mod:`service.jobs.idempotency`."""
+
+    __tablename__ = "idempotency_keys"
+
+    tenant_id: Mapped[str] = mapped_column(String(63), primary_key=True)
+    key: Mapped[str] = mapped_column(String(255), primary_key=True)
+    fingerprint: Mapped[str] = mapped_column(String(64))
+    token: Mapped[str] = mapped_column(String(36))
+    job_id: Mapped[str | None] = mapped_column(ForeignKey("jobs.id", ondelete="CASCADE"))
+    expires_at: Mapped[datetime] = mapped_column(index=True)

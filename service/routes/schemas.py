@@ -1,9 +1,9 @@
 """What the watermark routes answer, as clients see it."""
 
-from datetime import datetime
+from datetime import UTC, datetime
 from typing import Annotated, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict, Field
 from pydantic.config import JsonDict
 
 from core.errors import ErrorCode
@@ -27,6 +27,7 @@ EXAMPLE: JsonDict = {
         "sha256": "b94d27b9934d3e08a52e52d7da7dabfac484efe37a5380ee9088f7ace2efcde9",
     },
     "parameters": {"text": "SAMPLE", "seed": 7},
+    "metadata": {"order": "4711"},
     "error": None,
     "links": {
         "self": "/v1/watermarks/6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11",
@@ -35,6 +36,16 @@ EXAMPLE: JsonDict = {
         "preview": None,
     },
 }
+
+
+def _utc(moment: datetime) -> datetime:
+    try:
+        return moment.astimezone(UTC)
+    except OverflowError:  # in UTC, it is before the year 1 or after 9999
+        raise ValueError("it is out of range") from None
+
+
+Moment = Annotated[AwareDatetime, AfterValidator(_utc)]
 
 
 class InputView(BaseModel):
@@ -81,6 +92,7 @@ class JobView(BaseModel):
     attempts: Annotated[int, Field(description="How often the job was started.")]
     input: Annotated[InputView | None, Field(description="The uploaded asset; null once it is deleted.")]
     parameters: Parameters
+    metadata: Annotated[dict[str, str], Field(description="What the client noted when it sent the asset.")]
     error: ErrorView | None
     links: LinksView
 
@@ -110,6 +122,18 @@ class JobView(BaseModel):
             attempts=job.attempts,
             input=InputView(filename=job.filename, size=source.size, sha256=source.sha256) if source else None,
             parameters=Parameters.model_validate(job.parameters),
+            metadata={entry.key: entry.value for entry in job.metadata_entries},
             error=error,
             links=LinksView(self=url, **parts),
         )
+
+
+class JobPage(BaseModel):
+    """Some of the jobs there are, newest first."""
+
+    model_config = ConfigDict(
+        json_schema_extra={"examples": [{"items": [EXAMPLE], "next": "/v1/watermarks?limit=1&cursor=MjAyNi0wMS0zMVQ"}]}
+    )
+
+    items: list[JobView]
+    next: Annotated[str | None, Field(description="Where the list goes on; null: this is its end.")]

@@ -93,3 +93,18 @@ def test_settings_that_do_not_go_together_are_refused() -> None:
     assert (ended.returncode, ended.stderr.count("\n")) == (2, 1)
     assert "MESHMARK_S3_SECRET_ACCESS_KEY" in ended.stderr
     assert "MESHMARK_STORE_URL" in start("service", s3_presign="true").stderr
+
+
+@pytest.mark.parametrize("command", ["service", "service api"])
+@pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.1.2", "meshmark.example"])
+def test_an_address_that_others_reach_is_refused_without_keys(command: str, host: str) -> None:
+    ended = start(command, host=host)
+    assert (ended.returncode, ended.stderr.count("\n")) == (2, 1)
+    assert f"MESHMARK_HOST={host}" in ended.stderr
+    assert "MESHMARK_AUTH=keys" in ended.stderr
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "127.1.2.3", "::1", "localhost"])
+def test_loopback_needs_no_keys(host: str) -> None:
+    assert Settings(host=host).auth == "none"
+    assert Settings(host="0.0.0.0", auth="keys").host == "0.0.0.0"

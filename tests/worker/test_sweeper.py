@@ -2,14 +2,16 @@ import io
 import os
 import time
 from collections.abc import Iterator
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
+from sqlalchemy import select
 
 from service.config import Settings
-from service.jobs import queue
+from service.jobs import idempotency, queue
 from service.jobs.artifacts import GRACE
-from service.jobs.models import JobState
+from service.jobs.models import IdempotencyKey, JobState
 from worker.sweeper import sweep, sweep_store
 from worker.tasks import Worker, scratch_name
 
@@ -40,6 +42,16 @@ def test_the_job_of_a_vanished_worker_is_announced_again_and_in_the_end_fails(wo
         sweep(worker)
         assert queue.depth(worker.celery) == 1, attempt
     assert state(worker, job_id) == "worker_lost"
+
+
+def test_a_key_that_its_client_may_use_again_is_forgotten(worker: Worker, monkeypatch: pytest.MonkeyPatch) -> None:
+    for key, held in (("old", 0.0), ("new", 60.0)):
+        monkeypatch.setattr(idempotency, "HELD", timedelta(seconds=held))
+        idempotency.reserve(worker.ledger.sessions, "default", key, "print")
+    time.sleep(0.01)
+    sweep(worker)
+    with worker.ledger.sessions() as session:
+        assert list(session.scalars(select(IdempotencyKey.key))) == ["new"]
 
 
 def test_a_job_whose_message_was_lost_is_announced_again(worker: Worker) -> None:

@@ -8,14 +8,6 @@ from service.jobs.stores import open_store
 from tests.service.s3 import bucket_settings
 
 
-@pytest.fixture(params=["sqlite", "postgresql"])
-def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
-    """A new, empty database of each kind; PostgreSQL is started by the first test that asks for it."""
-    if request.param == "sqlite":
-        return f"sqlite:///{tmp_path / 'folder' / 'ledger.sqlite3'}"
-    return str(request.getfixturevalue("postgres").new_database())
-
-
 @pytest.fixture(params=["folder", "s3"])
 def store(request: pytest.FixtureRequest, tmp_path: Path) -> ArtifactStore:
     """A new, empty store of each kind; the server of the second is started by the first test that asks for it."""

@@ -7,9 +7,10 @@ from typing import Any
 
 import pytest
 from sqlalchemy.exc import OperationalError
+from sqlalchemy.orm import Session
 
 from core.errors import ErrorCode, MeshmarkError
-from service.jobs.ledger import WORKER_LOST, Content, Ledger, MissingContentError
+from service.jobs.ledger import WORKER_LOST, Content, Ledger, MissingContentError, Submission
 from service.jobs.models import ArtifactKind, Job, JobState, Lease
 from tests.service.postgres import postgres_server
 
@@ -63,6 +64,26 @@ def test_a_new_job_waits_and_refers_to_its_input(ledger: Ledger) -> None:
     source = job.artifact(ArtifactKind.INPUT)
     assert source is not None
     assert (source.sha256, source.size) == CONTENT
+
+
+def test_another_tenants_job_is_as_good_as_none(ledger: Ledger) -> None:
+    job_id = ledger.create("asset.glb", {}, {}, stored, Submission("acme")).id
+    assert ledger.get(job_id) is None
+    assert ledger.get(job_id, "beta") is None
+    assert not ledger.cancel(job_id, "beta")
+    job = ledger.get(job_id, "acme")
+    assert job is not None
+    assert job.state == JobState.QUEUED
+
+
+def test_what_a_submissions_condition_raises_undoes_the_job(ledger: Ledger) -> None:
+    def refuse(_session: Session, _job_id: str) -> None:
+        raise BROKEN
+
+    with pytest.raises(MeshmarkError):
+        ledger.create("asset.glb", {}, {ArtifactKind.INPUT: CONTENT}, stored, Submission(condition=refuse))
+    assert ledger.waiting(-1) == []
+    assert ledger.unreferenced([CONTENT.sha256]) == {CONTENT.sha256}
 
 
 def test_an_unknown_job_is_none(ledger: Ledger) -> None:

@@ -60,6 +60,7 @@ def test_a_database_from_before_there_were_migrations_is_adopted_with_its_jobs(
     job = adopted.claim("old", 60)
     adopted.close()
     assert job is not None
+    assert job.tenant_id == "default"
     assert (job.filename, job.parameters, [item.sha256 for item in job.artifacts]) == (
         "old.glb",
         {"text": "HI"},

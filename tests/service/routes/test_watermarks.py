@@ -1,3 +1,4 @@
+import json
 import struct
 import time
 from datetime import datetime
@@ -52,9 +53,9 @@ def test_an_accepted_asset_is_a_queued_job_at_its_location(client: Client) -> No
     assert queue.depth(client.worker.celery) == 1
 
 
-def glb(json: bytes, version: int = 2) -> bytes:
-    json += b" " * (-len(json) % 4)
-    return struct.pack("<4sIIII", b"glTF", version, 20 + len(json), len(json), 0x4E4F534A) + json
+def glb(text: bytes, version: int = 2) -> bytes:
+    text += b" " * (-len(text) % 4)
+    return struct.pack("<4sIIII", b"glTF", version, 20 + len(text), len(text), 0x4E4F534A) + text
 
 
 HUGE_ACCESSOR = (
@@ -113,7 +114,7 @@ def test_a_request_without_parameters_is_refused(client: Client) -> None:
 
 
 def test_a_text_field_in_place_of_the_file_is_refused(client: Client) -> None:
-    refused(client, post(client, data={"params": '{"text": "HI"}', "file": "abc"}, files=None), 400, "invalid_request")
+    refused(client, post(client, data={"params": '{"text": "HI"}', "file": "abc"}, files=None), 422, "missing_file")
 
 
 def test_a_body_that_is_no_form_is_refused(client: Client) -> None:
@@ -128,7 +129,7 @@ def test_a_body_that_is_no_form_is_refused(client: Client) -> None:
 def test_too_many_or_too_large_parts_are_refused(client: Client) -> None:
     three = [("file", ("a", b"1")), ("file", ("b", b"1")), ("font", ("c", b"1"))]
     refused(client, post(client, files=three), 400, "invalid_request")
-    refused(client, post(client, data={"params": "{}", "more": "1"}), 400, "invalid_request")
+    refused(client, post(client, data={"params": "{}", "metadata": "{}", "more": "1"}), 400, "invalid_request")
     refused(client, post(client, data={"params": " " * 70_000}), 400, "invalid_request")
 
 
@@ -271,3 +272,65 @@ def test_deleting_one_of_two_jobs_with_the_same_asset_keeps_the_others_files(cli
     assert client.http.get(f"{second}/model").content == b"glTF of HI"
     client.http.delete(second)
     assert stored(client) == []
+
+
+def test_metadata_is_given_back_and_finds_the_job(client: Client) -> None:
+    notes = {"order": "4711", "shop": "Nord ä"}
+    job = post(client, data={"params": '{"text": "HI"}', "metadata": json.dumps(notes)}).json()
+    client.submit()
+    assert job["metadata"] == notes
+    assert client.http.get(job["links"]["self"]).json()["metadata"] == notes
+    found = client.http.get("/v1/watermarks", params={"metadata": "shop:Nord ä"}).json()
+    assert (found["items"], found["next"]) == ([job], None)
+    assert post(client, data={"params": '{"text": "HI"}', "metadata": "[]"}).json()["code"] == "invalid_metadata"
+
+
+def test_the_list_of_jobs_is_walked_by_its_links(client: Client) -> None:
+    urls = [client.submit() for _ in range(5)]
+    client.http.delete(urls[0])
+    here: str | None = "/v1/watermarks?state=queued&limit=3"
+    pages = []
+    while here:
+        page = client.http.get(here).json()
+        pages.append([job["links"]["self"] for job in page["items"]])
+        here = page["next"]
+    assert pages == [urls[:1:-1], urls[1:2]]
+
+
+def test_jobs_are_listed_by_the_moment_they_were_sent(client: Client) -> None:
+    first, second = (client.http.get(client.submit()).json() for _ in range(2))
+    after = client.http.get("/v1/watermarks", params={"created_after": first["created_at"]}).json()["items"]
+    before = client.http.get("/v1/watermarks", params={"created_before": second["created_at"]}).json()["items"]
+    assert (after, before) == ([second], [first])
+
+
+@pytest.mark.parametrize(
+    ("query", "code", "named"),
+    [
+        ("state=done", "invalid_request", "state"),
+        ("limit=0", "invalid_request", "limit"),
+        ("limit=101", "invalid_request", "limit"),
+        ("created_after=yesterday", "invalid_request", "created_after"),
+        ("created_after=2026-01-31T12:00:00", "invalid_request", "created_after"),
+        ("created_after=0001-01-01T00:00:00%2B14:00", "invalid_request", "created_after"),
+        ("cursor=nothing", "invalid_request", "cursor"),
+        ("metadata=order", "invalid_metadata", "metadata"),
+        ("metadata=order:%00", "invalid_metadata", "metadata"),
+    ],
+)
+def test_a_list_of_what_cannot_be_is_refused(client: Client, query: str, code: str, named: str) -> None:
+    status = 422 if code == "invalid_metadata" else 400
+    assert named in refused(client, client.http.get(f"/v1/watermarks?{query}"), status, code)["detail"]
+
+
+def test_a_tenant_who_has_too_many_jobs_waits_and_leaves_nothing(tmp_path: Path) -> None:
+    with client_with(Settings(data_dir=tmp_path, max_active_jobs=1)) as client:
+        url = client.submit()
+        response = post(client, files={"file": ("asset.obj", asset("other"))}, headers={"Idempotency-Key": "a"})
+        assert (response.status_code, response.json()["code"]) == (429, "too_many_jobs")
+        assert int(response.headers["Retry-After"]) > 0
+        assert len(stored(client)) == 1
+        client.run(url)
+        response = post(client, files={"file": ("asset.obj", asset("other"))}, headers={"Idempotency-Key": "a"})
+        assert response.status_code == 202
+        assert "Idempotent-Replayed" not in response.headers

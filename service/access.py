@@ -1,0 +1,106 @@
+"""Who may come in: a request shows an API key (RFC 6750), or the service asks for none."""
+
+import math
+from collections.abc import Callable, Coroutine
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from fastapi import Depends, Request, Response
+from fastapi.concurrency import run_in_threadpool
+from fastapi.routing import APIRoute
+
+from core.errors import ErrorCode
+from service.jobs.limits import spend
+from service.jobs.models import DEFAULT_TENANT
+from service.jobs.tenants import Scope, authenticate, note_use
+from service.problems import ProblemError
+from service.state import state_of
+
+SCHEME = "api_key"  # its name in the OpenAPI document
+REFUSALS = (ErrorCode.INVALID_API_KEY, ErrorCode.MISSING_SCOPE, ErrorCode.RATE_LIMITED)
+# Whoever is refused may still be sending an asset, which nobody will read.
+CLOSE = {"Connection": "close"}
+
+
+@dataclass(frozen=True)
+class Client:
+    """On whose behalf a request is answered."""
+
+    tenant: str = DEFAULT_TENANT
+
+
+class GuardedRoute(APIRoute):
+    """A route for those who may use it: who may not is turned away before the body of the request is read.
+
+    A dependency would come too late: FastAPI has read the body by then.
+    """
+
+    def __init__(self, path: str, endpoint: Callable[..., Any], **options: Any) -> None:
+        scope = required_scope(options["methods"])
+        options["openapi_extra"] = {"security": [{}, {SCHEME: [scope]}]}
+        super().__init__(path, endpoint, **options)
+
+    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
+        """What answers a request."""
+        answer = super().get_route_handler()
+
+        async def guarded(request: Request) -> Response:
+            request.state.client = await run_in_threadpool(let_in, request)
+            return await answer(request)
+
+        return guarded
+
+
+def required_scope(methods: "set[str] | list[str]") -> Scope:
+    """What a key must allow for these methods."""
+    return Scope.READ if {"GET", "HEAD"}.issuperset(methods) else Scope.WRITE
+
+
+def let_in(request: Request) -> Client:
+    """Whom a request comes from.
+
+    Raises:
+        ProblemError: ``invalid_api_key``, ``rate_limited`` or ``missing_scope``.
+    """
+    state = state_of(request)
+    if state.settings.auth == "none":
+        return Client()
+    shown = request.headers.get("Authorization")
+    scheme, _, text = (shown or "").partition(" ")
+    key = authenticate(state.ledger.sessions, text.strip()) if scheme.lower() == "bearer" else None
+    if key is None:
+        raise ProblemError(
+            ErrorCode.INVALID_API_KEY,
+            "The request carries no API key."
+            if shown is None
+            else "The API key is not one, or it was revoked or has expired.",
+            "Send the header `Authorization: Bearer mm_...` with a key that the operator created for you.",
+            CLOSE | {"WWW-Authenticate": "Bearer" if shown is None else 'Bearer error="invalid_token"'},
+        )
+    allowed = state.settings.requests_per_minute
+    if allowed and (wait := spend(state.ledger.sessions, key.id, allowed)):
+        raise ProblemError(
+            ErrorCode.RATE_LIMITED,
+            f"The API key {key.id} makes more than {allowed:,} requests a minute.",
+            "Send the request again after the seconds in Retry-After.",
+            CLOSE | {"Retry-After": str(math.ceil(wait))},
+        )
+    scope = required_scope([request.method])
+    if scope not in key.scopes:
+        raise ProblemError(
+            ErrorCode.MISSING_SCOPE,
+            f"The API key {key.id} is not for this: it lacks the scope {scope}.",
+            "Ask the operator for a key with this scope.",
+            CLOSE | {"WWW-Authenticate": f'Bearer error="insufficient_scope", scope="{scope}"'},
+        )
+    note_use(state.ledger.sessions, key)
+    return Client(key.tenant_id)
+
+
+async def _client(request: Request) -> Client:
+    client = request.state.client
+    assert isinstance(client, Client)
+    return client
+
+
+Admitted = Annotated[Client, Depends(_client)]

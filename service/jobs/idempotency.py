@@ -1,0 +1,124 @@
+"""Requests that may be sent again: one key, one job (draft-ietf-httpapi-idempotency-key-header).
+
+A request first reserves its key, then records its job and settles the key in one transaction. A reservation holds for
+some minutes only, so that a process that was killed blocks nobody for long; its token keeps one that was overtaken
+from recording a second job. A request that fails gives its key back.
+"""
+
+import hashlib
+import json
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import timedelta
+from typing import Any, NamedTuple
+
+import structlog
+from sqlalchemy import delete, update
+from sqlalchemy.dialects import postgresql, sqlite
+from sqlalchemy.exc import OperationalError
+from sqlalchemy.orm import Session, sessionmaker
+
+from core.errors import ErrorCode, MeshmarkError
+from service.jobs.ledger import now
+from service.jobs.models import IdempotencyKey
+
+HELD = timedelta(minutes=3)  # a store that is slow may take its time; see service.jobs.contents
+KEPT = timedelta(hours=24)
+INSERT = {"sqlite": sqlite.insert, "postgresql": postgresql.insert}
+
+log = structlog.get_logger(__name__)
+
+
+class Reservation(NamedTuple):
+    """The right to record the job of a key. Every reservation has another token, so an old one records nothing."""
+
+    tenant: str
+    key: str
+    token: str
+
+
+def fingerprint(content: dict[str, Any]) -> str:
+    """What tells a request from another one: the SHA-256 of what it asks for."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def reserve(sessions: sessionmaker[Session], tenant: str, key: str, print_: str) -> Reservation | str:
+    """The right to record this key's job, or the id of the job that was recorded.
+
+    Raises:
+        MeshmarkError: ``idempotency_key_reused``, the key is that of another request; ``idempotency_key_in_use``, a
+            request with this key is being answered.
+    """
+    moment = now()
+    reservation = Reservation(tenant, key, str(uuid.uuid4()))
+    values = {"fingerprint": print_, "token": reservation.token, "job_id": None, "expires_at": moment + HELD}
+    with sessions.begin() as session:
+        insert: Any = INSERT[session.get_bind().dialect.name]
+        free = insert(IdempotencyKey).values(tenant_id=tenant, key=key, **values)
+        free = free.on_conflict_do_update(
+            index_elements=["tenant_id", "key"], set_=values, where=IdempotencyKey.expires_at < moment
+        )
+        if session.scalar(free.returning(IdempotencyKey.token)):
+            return reservation
+        taken = session.get(IdempotencyKey, (tenant, key))
+    if taken is None:  # given back since
+        raise _in_use()
+    if taken.fingerprint != print_:
+        raise MeshmarkError(
+            ErrorCode.IDEMPOTENCY_KEY_REUSED,
+            "Another request was sent with this Idempotency-Key: its file, font, parameters or metadata differ.",
+            "Take a new key for each new request; send the same request again with the key that it had.",
+        )
+    if taken.job_id is None:
+        raise _in_use()
+    return taken.job_id
+
+
+def settle(session: Session, reservation: Reservation, job_id: str) -> None:
+    """Note the job of a key, in the transaction that records the job.
+
+    Raises:
+        MeshmarkError: ``idempotency_key_in_use``, the reservation was given to another request meanwhile.
+    """
+    values = {"job_id": job_id, "expires_at": now() + KEPT}
+    settled = update(IdempotencyKey).where(*_mine(reservation)).values(**values).returning(IdempotencyKey.token)
+    if session.scalar(settled.execution_options(synchronize_session=False)) is None:
+        raise _in_use()
+
+
+@contextmanager
+def given_back_on_failure(sessions: sessionmaker[Session], reservation: Reservation) -> Iterator[None]:
+    """Let a key be used again at once if what is done with its reservation fails."""
+    try:
+        yield
+    except BaseException:
+        try:
+            with sessions.begin() as session:
+                session.execute(delete(IdempotencyKey).where(*_mine(reservation)))
+        except OperationalError as error:
+            log.warning("an idempotency key could not be given back; it will be free soon", error=str(error.orig))
+        raise
+
+
+def forget(sessions: sessionmaker[Session]) -> None:
+    """Delete the keys whose time is over."""
+    with sessions.begin() as session:
+        session.execute(delete(IdempotencyKey).where(IdempotencyKey.expires_at < now()))
+
+
+def _mine(reservation: Reservation) -> tuple[Any, ...]:
+    return (
+        IdempotencyKey.tenant_id == reservation.tenant,
+        IdempotencyKey.key == reservation.key,
+        IdempotencyKey.token == reservation.token,
+        IdempotencyKey.job_id.is_(None),
+    )
+
+
+def _in_use() -> MeshmarkError:
+    return MeshmarkError(
+        ErrorCode.IDEMPOTENCY_KEY_IN_USE,
+        "A request with this Idempotency-Key is being answered at this moment.",
+        "Send the request again after the time in Retry-After; it then gets the answer of the first one.",
+    )

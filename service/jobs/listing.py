@@ -1,0 +1,87 @@
+"""Pages of a tenant's jobs, newest first."""
+
+import re
+from base64 import urlsafe_b64decode, urlsafe_b64encode
+from datetime import UTC, datetime
+from typing import NamedTuple
+
+from sqlalchemy import literal, select, tuple_
+from sqlalchemy.orm import Session, sessionmaker
+
+from core.errors import ErrorCode, MeshmarkError
+from service.jobs.models import Job, JobState, MetadataEntry, UtcDateTime
+
+POSITION = re.compile(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{6}) ([\x21-\x7e]{1,36})")
+
+
+class Position(NamedTuple):
+    """Where a job stands in the list."""
+
+    created_at: datetime
+    id: str
+
+
+class Filters(NamedTuple):
+    """What the jobs of a list have in common; None: whatever it is."""
+
+    state: JobState | None = None
+    created_after: datetime | None = None
+    created_before: datetime | None = None
+    metadata: tuple[str, str] | None = None
+
+
+class Page(NamedTuple):
+    """Some jobs, and the cursor of those that follow; None: there are no more."""
+
+    jobs: list[Job]
+    cursor: str | None
+
+
+def list_jobs(
+    sessions: sessionmaker[Session], tenant: str, filters: Filters, limit: int, cursor: str | None = None
+) -> Page:
+    """The tenant's newest jobs, or those after a cursor.
+
+    A page begins where the one before ended, not at a number, so that jobs that come meanwhile shift nothing.
+
+    Raises:
+        MeshmarkError: ``invalid_request``, the cursor is not one.
+    """
+    jobs = select(Job).where(Job.tenant_id == tenant).order_by(Job.created_at.desc(), Job.id.desc()).limit(limit + 1)
+    if filters.state:
+        jobs = jobs.where(Job.state == filters.state)
+    if filters.created_after:
+        jobs = jobs.where(Job.created_at > filters.created_after)
+    if filters.created_before:
+        jobs = jobs.where(Job.created_at < filters.created_before)
+    if filters.metadata:
+        key, value = filters.metadata
+        jobs = jobs.where(Job.metadata_entries.any((MetadataEntry.key == key) & (MetadataEntry.value == value)))
+    if cursor:
+        last = _position(cursor)
+        jobs = jobs.where(
+            tuple_(Job.created_at, Job.id) < tuple_(literal(last.created_at, UtcDateTime), literal(last.id))
+        )
+    with sessions() as session:
+        found = list(session.scalars(jobs))
+    return Page(found[:limit], _cursor(found[limit - 1]) if len(found) > limit else None)
+
+
+def _cursor(job: Job) -> str:
+    moment = job.created_at.astimezone(UTC).replace(tzinfo=None).isoformat(timespec="microseconds")
+    return urlsafe_b64encode(f"{moment} {job.id}".encode()).decode().rstrip("=")
+
+
+def _position(cursor: str) -> Position:
+    try:
+        text = urlsafe_b64decode(cursor + "=" * (-len(cursor) % 4)).decode("ascii")
+        match = POSITION.fullmatch(text)
+        if match is None:
+            raise ValueError(text)
+        return Position(datetime.fromisoformat(match[1]).replace(tzinfo=UTC), match[2])
+    except ValueError:  # binascii's and Unicode's errors are such, too
+        raise MeshmarkError(
+            ErrorCode.INVALID_REQUEST,
+            "The cursor is not one that a list of jobs gave.",
+            "Follow the link `next` of a list as it is, or leave out the cursor to begin anew.",
+        ) from None

@@ -1,0 +1,87 @@
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from core.errors import ErrorCode, MeshmarkError
+from service.jobs.ledger import Ledger, Submission
+from service.jobs.limits import check_active, spend
+from service.jobs.tenants import Scope, create_key
+
+
+@pytest.fixture
+def ledger(database_url: str) -> Iterator[Ledger]:
+    ledger = Ledger(database_url)
+    yield ledger
+    ledger.close()
+
+
+def new_key(ledger: Ledger) -> str:
+    return create_key(ledger.sessions, "acme", "a key", Scope).row.id
+
+
+def submit(ledger: Ledger, tenant: str, most: int) -> str | None:
+    """The id of a new job of a tenant, if one more is allowed."""
+    submission = Submission(tenant, condition=lambda session, _: check_active(session, tenant, most))
+    try:
+        return ledger.create("asset.glb", {}, {}, lambda _: True, submission).id
+    except MeshmarkError as error:
+        if error.code != ErrorCode.TOO_MANY_JOBS:
+            raise
+        return None
+
+
+def test_a_minutes_requests_may_come_at_once_and_then_one_by_one(ledger: Ledger) -> None:
+    key = new_key(ledger)
+    began = time.monotonic()
+    waits = [spend(ledger.sessions, key, 300) for _ in range(301)]
+    assert waits[:300] == [0.0] * 300
+    refilled = (time.monotonic() - began) * 5
+    if refilled < 1:
+        assert 0 < waits[300] <= 0.2
+    while spend(ledger.sessions, key, 300) == 0:
+        pass
+    wait = spend(ledger.sessions, key, 300)
+    assert 0 <= wait <= 0.2
+    time.sleep(0.21)
+    assert spend(ledger.sessions, key, 300) == 0
+
+
+def test_of_many_processes_that_share_a_key_all_together_get_its_requests(ledger: Ledger, database_url: str) -> None:
+    key, ledgers = new_key(ledger), [ledger, Ledger(database_url)]
+    with ThreadPoolExecutor(8) as pool:
+        waits = list(pool.map(lambda number: spend(ledgers[number % 2].sessions, key, 10), range(30)))
+    ledgers[1].close()
+    assert sum(wait == 0 for wait in waits) == 10
+    assert all(0 < wait <= 6 for wait in waits if wait)
+
+
+def test_each_key_has_a_bucket_of_its_own(ledger: Ledger) -> None:
+    first, second = new_key(ledger), new_key(ledger)
+    assert spend(ledger.sessions, first, 1) == 0
+    assert 59 < spend(ledger.sessions, first, 1) <= 60
+    assert spend(ledger.sessions, second, 1) == 0
+
+
+def test_a_tenant_has_so_many_jobs_at_a_time_and_others_their_own(ledger: Ledger) -> None:
+    new_key(ledger)
+    first, second = submit(ledger, "acme", 2), submit(ledger, "acme", 2)
+    assert first is not None
+    assert second is not None
+    assert submit(ledger, "acme", 2) is None
+    assert submit(ledger, "default", 2) is not None
+    ledger.claim(first, 60)
+    assert submit(ledger, "acme", 2) is None
+    ledger.cancel(first, "acme")
+    assert submit(ledger, "acme", 2) is not None
+
+
+def test_of_many_requests_for_the_last_places_no_more_get_one_than_there_are(ledger: Ledger, database_url: str) -> None:
+    new_key(ledger)
+    ledgers = [ledger, Ledger(database_url)]
+    with ThreadPoolExecutor(8) as pool:
+        jobs = list(pool.map(lambda number: submit(ledgers[number % 2], "acme", 5), range(24)))
+    ledgers[1].close()
+    assert sum(job is not None for job in jobs) == 5
+    assert len(ledger.waiting(-1)) == 5
