@@ -9,6 +9,7 @@ from core.parameters import Mode, Preset, Solver
 from core.placement.boxes import Boxes
 from core.placement.candidates import candidates
 from core.placement.filters import (
+    Footprint,
     above,
     covered,
     exposed,
@@ -128,7 +129,8 @@ def fit(
     left["open"] = int((~blocked).sum())
     kept = np.flatnonzero(visible.any(axis=1))
     left["seen"] = len(kept)
-    return _valued(site, boxes[kept], loss[kept], rough[kept], visible[kept], relief), left
+    met = Footprint(met.height[kept], met.cosine[kept], met.local[kept], met.face[kept])
+    return _valued(site, boxes[kept], loss[kept], rough[kept], visible[kept], met, relief), left
 
 
 def _candidates(site: Site, size: tuple[float, float, float], wanted: Float | None, rng: np.random.Generator) -> Boxes:
@@ -166,9 +168,10 @@ def _in_sight(site: Site, points: Float, normals: Float, directions: Float, rng:
     return np.unique(point[face < 0])
 
 
-def _valued(site: Site, boxes: Boxes, loss: Float, rough: Float, visible: Bool, relief: float) -> Placement:
-    """The ``boxes`` with what each shows and costs."""
-    met = footprint(boxes, site.index, site.normals, relief, SIGHT_GRID, margin=0.0)
+def _valued(
+    site: Site, boxes: Boxes, loss: Float, rough: Float, visible: Bool, met: Footprint, relief: float
+) -> Placement:
+    """The ``boxes`` with what each shows and costs; ``met`` is the surface under each."""
     bent, preferred = bend(boxes, met.height), np.zeros(len(boxes))
     if site.regions is not None:
         preferred = site.regions.preference(above(boxes, met, 0.0), met.face)

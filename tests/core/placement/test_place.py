@@ -167,7 +167,7 @@ def test_the_two_sides_of_a_plate_get_no_more_marks_than_show_something_new() ->
     found = placed(cuboid(30, 30, 1))
     chosen = select(found, 16)
     front = found.boxes.axes[chosen, 2, 2] > 0.9
-    assert 1 <= front.sum() <= 4
+    assert 1 <= front.sum() <= 3
 
 
 def test_where_places_were_refused_more_are_looked_for_on_the_sides_that_show_nothing_now() -> None:
