@@ -18,6 +18,8 @@ def test_the_closest_point_of_a_cube_is_the_clamped_one(points: list[tuple[float
     # A point that projects closer to an edge than the root of the machine's precision is put on the edge.
     assert np.allclose(nearest[outside], np.clip(query, -1, 1)[outside], atol=1e-7)
     assert np.allclose(distance, np.linalg.norm(query - nearest, axis=1), atol=1e-12)
+    clamped = np.linalg.norm(query - np.clip(query, -1, 1), axis=1)
+    assert np.allclose(distance[outside], clamped[outside], atol=1e-12)
     inside = ~outside
     assert np.allclose(distance[inside], 1 - np.abs(query).max(axis=1)[inside], atol=1e-12)
     assert np.allclose(np.einsum("ni,ni->n", CUBE.normals[face], nearest), 1.0)
