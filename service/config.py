@@ -3,17 +3,18 @@
 import os
 import sys
 from dataclasses import replace
-from ipaddress import ip_address
+from ipaddress import IPv4Network, IPv6Network, ip_address, ip_network
 from pathlib import Path
 from typing import Annotated, Self
 
 from pydantic import Field, SecretStr, ValidationError, field_validator, model_validator
-from pydantic_settings import BaseSettings, SettingsConfigDict
+from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import ArgumentError
 
 from core.asset.budgets import DEFAULT_BUDGETS, Budgets
 from core.lettering.fonts import MAX_FONT_BYTES
+from service.outbound.policy import PORTS, Policy
 
 MIB = 2**20
 PREFIX = "MESHMARK_"
@@ -106,6 +107,19 @@ class Settings(BaseSettings):
     retention_seconds: Annotated[
         float, Field(ge=0, description="Seconds after its end at which a job's files are deleted; 0: never.")
     ] = 0.0
+    outbound_networks: Annotated[
+        tuple[IPv4Network | IPv6Network, ...],
+        NoDecode,
+        Field(
+            description="Networks beside the public ones that users' addresses may lie in: `10.1.0.0/16,...`."
+        ),
+    ] = ()
+    outbound_ports: Annotated[
+        frozenset[int], NoDecode, Field(description="Ports that users' addresses may have: `80,443,...`.")
+    ] = PORTS
+    outbound_http: Annotated[
+        bool, Field(description="Let users give addresses that begin with `http://`, unencrypted.")
+    ] = False
     device: Annotated[
         str,
         Field(
@@ -114,6 +128,16 @@ class Settings(BaseSettings):
         ),
     ] = "auto"
     log_level: Annotated[str, Field(pattern="^(DEBUG|INFO|WARNING|ERROR)$", description="Least level logged.")] = "INFO"
+
+    @field_validator("outbound_networks", mode="before")
+    @classmethod
+    def _networks(cls, listed: object) -> object:
+        return tuple(map(ip_network, _split(listed))) if isinstance(listed, str) else listed
+
+    @field_validator("outbound_ports", mode="before")
+    @classmethod
+    def _ports(cls, listed: object) -> object:
+        return frozenset(_split(listed)) if isinstance(listed, str) else listed
 
     @field_validator("database_url")
     @classmethod
@@ -159,9 +183,19 @@ class Settings(BaseSettings):
         )
 
     @property
+    def outbound(self) -> Policy:
+        """Where requests to addresses that users name may go."""
+        schemes = {"https", "http"} if self.outbound_http else {"https"}
+        return Policy(self.outbound_networks, frozenset(schemes), self.outbound_ports)
+
+    @property
     def ledger_url(self) -> str:
         """The SQLAlchemy URL in effect."""
         return self.database_url or f"sqlite:///{self.data_dir.resolve() / 'ledger.sqlite3'}"
+
+
+def _split(listed: str) -> list[str]:
+    return [item.strip() for item in listed.split(",") if item.strip()]
 
 
 def _is_loopback(host: str) -> bool:

@@ -26,9 +26,16 @@ def show_settings(
         return f"file in {secrets}" if variable in filed else "default"
 
     variables = {f"{PREFIX}{name.upper()}": value for name, value in settings}
-    rows = [(variable, without_secrets(str(value)), origin(variable)) for variable, value in variables.items()]
+    rows = [(variable, without_secrets(as_variable(value)), origin(variable)) for variable, value in variables.items()]
     strangers = {name for name in given | filed if name.startswith(PREFIX)} - variables.keys() - NOT_OURS
     return rows + [(name, "(not a setting: ignored)", origin(name)) for name in sorted(strangers)]
+
+
+def as_variable(value: object) -> str:
+    """A setting's value as its variable says it."""
+    if isinstance(value, tuple | frozenset):
+        return ",".join(map(str, sorted(value) if isinstance(value, frozenset) else value))
+    return str(value)
 
 
 def without_secrets(value: str) -> str:

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from ipaddress import IPv4Network, IPv6Network
 
+PORTS = frozenset({80, 443})
+
 
 @dataclass(frozen=True)
 class Policy:
@@ -16,7 +18,7 @@ class Policy:
 
     allow: tuple[IPv4Network | IPv6Network, ...] = ()
     schemes: frozenset[str] = frozenset({"https"})
-    ports: frozenset[int] = frozenset({80, 443})
+    ports: frozenset[int] = PORTS
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 import os
 import subprocess
 import sys
+from ipaddress import ip_network
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,7 @@ from pydantic import ValidationError
 
 from core.asset.budgets import DEFAULT_BUDGETS
 from service.config import Settings, load_settings
+from service.outbound.policy import Policy
 
 
 def test_settings_come_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -29,6 +31,17 @@ def test_budgets_are_settings(monkeypatch: pytest.MonkeyPatch) -> None:
     assert [budgets.bytes, budgets.unpacked_bytes, budgets.faces, budgets.vertices, budgets.image_pixels] == [77] * 5
 
 
+def test_requests_to_users_addresses_reach_the_public_network_and_what_is_listed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert Settings().outbound == Policy()
+    monkeypatch.setenv("MESHMARK_OUTBOUND_NETWORKS", "10.1.0.0/16, fc00::/7")
+    monkeypatch.setenv("MESHMARK_OUTBOUND_PORTS", "443,8443")
+    monkeypatch.setenv("MESHMARK_OUTBOUND_HTTP", "true")
+    networks = (ip_network("10.1.0.0/16"), ip_network("fc00::/7"))
+    assert Settings().outbound == Policy(networks, frozenset({"https", "http"}), frozenset({443, 8443}))
+
+
 def test_every_setting_is_described() -> None:
     assert [name for name, field in Settings.model_fields.items() if not field.description] == []
 
@@ -45,6 +58,9 @@ def test_every_setting_is_described() -> None:
         ("broker_url", "amqp://localhost"),
         ("max_attempts", "0"),
         ("job_time_limit", "-1"),
+        ("outbound_networks", "10.0.0.1/8"),
+        ("outbound_networks", "internal"),
+        ("outbound_ports", "http"),
         ("device", "gpu"),
         ("log_level", "loud"),
     ],

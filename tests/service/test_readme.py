@@ -8,6 +8,7 @@ from core.parameters import Parameters
 from service.config import Settings
 from service.jobs.models import JobState
 from service.routes.watermarks import router
+from service.show_settings import as_variable
 from tests.service.conftest import Client
 
 README = (Path(__file__).parents[2] / "README.md").read_text()
@@ -22,8 +23,9 @@ def rows(heading: str) -> list[list[str]]:
 
 def test_the_table_of_settings_is_that_of_the_service() -> None:
     expected = [
-        [f"`MESHMARK_{name.upper()}`", f"`{field.default}`" if str(field.default) else "empty", field.description]
+        [f"`MESHMARK_{name.upper()}`", f"`{default}`" if (default := as_variable(field.default)) else "empty", text]
         for name, field in Settings.model_fields.items()
+        if (text := field.description)
     ]
     assert rows("Configuration") == expected
 
