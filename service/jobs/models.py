@@ -21,6 +21,23 @@ class JobState(StrEnum):
     EXPIRED = "expired"
 
 
+class EventType(StrEnum):
+    """What can happen to a job: it comes into a state, or its work into another stage."""
+
+    QUEUED = "watermark.queued"
+    RUNNING = "watermark.running"
+    STAGE = "watermark.stage"
+    SUCCEEDED = "watermark.succeeded"
+    FAILED = "watermark.failed"
+    CANCELED = "watermark.canceled"
+    EXPIRED = "watermark.expired"
+
+    @classmethod
+    def into(cls, state: JobState) -> "EventType":
+        """That a job came into a state."""
+        return cls(f"watermark.{state}")
+
+
 class ArtifactKind(StrEnum):
     """What a stored file is to its job."""
 
@@ -53,9 +70,9 @@ class UtcDateTime(TypeDecorator[datetime]):
         return value and value.replace(tzinfo=UTC)
 
 
-def _words(enumeration: type[StrEnum]) -> Enum:
+def _words(enumeration: type[StrEnum], length: int = 16) -> Enum:
     """A text column of an enumeration's values: a new value needs no migration, as a native type's would."""
-    return Enum(enumeration, native_enum=False, length=16, values_callable=lambda members: [*map(str, members)])
+    return Enum(enumeration, native_enum=False, length=length, values_callable=lambda members: [*map(str, members)])
 
 
 class Base(DeclarativeBase):
@@ -67,6 +84,7 @@ class Base(DeclarativeBase):
         list[str]: JSON,
         JobState: _words(JobState),
         ArtifactKind: _words(ArtifactKind),
+        EventType: _words(EventType, 32),
     }
 
 
@@ -125,6 +143,7 @@ class Job(Base):
     error_code: Mapped[str | None] = mapped_column(String(64))
     error_message: Mapped[str | None]
     error_remedy: Mapped[str | None]
+    event_count: Mapped[int] = mapped_column(default=0, server_default="0")  # the number of its latest event
     artifacts: Mapped[list["Artifact"]] = relationship(lazy="selectin", order_by="Artifact.kind")
     metadata_entries: Mapped[list["MetadataEntry"]] = relationship(lazy="selectin", order_by="MetadataEntry.key")
 
@@ -158,6 +177,18 @@ class MetadataEntry(Base):
     job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id", ondelete="CASCADE"), primary_key=True)
     key: Mapped[str] = mapped_column(String(40), primary_key=True)
     value: Mapped[str] = mapped_column(String(256))
+
+
+class JobEvent(Base):
+    """Something that happened to a job, numbered from 1 in the job's own order; see :mod:`service.jobs.events`."""
+
+    __tablename__ = "job_events"
+
+    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id", ondelete="CASCADE"), primary_key=True)
+    number: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    type: Mapped[EventType]
+    data: Mapped[dict[str, Any]]  # the job as it stood then
+    created_at: Mapped[datetime] = mapped_column(index=True)
 
 
 class IdempotencyKey(Base):
