@@ -52,6 +52,7 @@ class ErrorCode(StrEnum):
     MISSING_SCOPE = "missing_scope"
     RATE_LIMITED = "rate_limited"
     TOO_MANY_JOBS = "too_many_jobs"
+    TOO_MANY_STREAMS = "too_many_streams"
     IDEMPOTENCY_KEY_IN_USE = "idempotency_key_in_use"
     IDEMPOTENCY_KEY_REUSED = "idempotency_key_reused"
     INVALID_METADATA = "invalid_metadata"

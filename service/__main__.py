@@ -6,6 +6,7 @@
 import argparse
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -14,6 +15,7 @@ from collections.abc import Sequence
 import structlog
 import uvicorn
 import yaml
+from fastapi import FastAPI
 
 from service.app import create_app
 from service.config import Settings, load_settings
@@ -68,19 +70,31 @@ def _end(process: "subprocess.Popen[bytes]") -> None:
         process.wait()
 
 
+class Server(uvicorn.Server):
+    """uvicorn, except that it ends open event streams when it stops; by itself it would wait for them."""
+
+    def __init__(self, config: uvicorn.Config, app: FastAPI) -> None:
+        super().__init__(config)
+        self._app = app
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Stop."""
+        self._app.state.meshmark.streams.stop()
+        await super().shutdown(sockets)
+
+
 def serve(settings: Settings, worker: Sequence[str] | None) -> None:
     """Run the API, and beside it a worker started by a command, until SIGINT or SIGTERM."""
     configure_logs(settings.log_level)
-    config = uvicorn.Config(
-        create_app(settings), settings.host, settings.port, log_config=None, timeout_graceful_shutdown=5
-    )
+    app = create_app(settings)
+    config = uvicorn.Config(app, settings.host, settings.port, log_config=None, timeout_graceful_shutdown=5)
     supervisor = Supervisor(worker) if worker else None
     if supervisor:
         supervisor.start()
     for number in (signal.SIGINT, signal.SIGTERM):  # uvicorn raises the signal again once it has shut down
         signal.signal(number, lambda *_: sys.exit(0))
     try:
-        uvicorn.Server(config).run()
+        Server(config, app).run()
     finally:
         if supervisor:
             supervisor.stop()

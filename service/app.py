@@ -15,7 +15,7 @@ from service.jobs.ledger import Ledger
 from service.jobs.queue import create_queue
 from service.jobs.stores import open_store
 from service.problems import Problem, install_problem_handlers, problem_response, upload_too_large
-from service.routes import health, watermarks
+from service.routes import events, health, watermarks
 from service.state import AppState
 
 MAX_FIELD_BYTES = 2**16
@@ -93,6 +93,7 @@ def create_app(settings: Settings) -> FastAPI:
         form_limits={"max_files": 2, "max_fields": 2, "max_part_size": MAX_FIELD_BYTES},
     )
     app.include_router(watermarks.router, max_body_size=body_limit)
+    app.include_router(events.router)
     app.include_router(health.router)
     install_problem_handlers(app, body_limit)
     app.add_middleware(DeclaredSizeLimit, limit=body_limit)

@@ -58,6 +58,7 @@ STATUS: dict[ErrorCode, int] = {
     ErrorCode.MISSING_SCOPE: 403,
     ErrorCode.RATE_LIMITED: 429,
     ErrorCode.TOO_MANY_JOBS: 429,
+    ErrorCode.TOO_MANY_STREAMS: 429,
     ErrorCode.IDEMPOTENCY_KEY_IN_USE: 409,
     ErrorCode.IDEMPOTENCY_KEY_REUSED: 422,
     ErrorCode.INVALID_METADATA: 422,
@@ -111,6 +112,7 @@ HEADERS: dict[ErrorCode, dict[str, str]] = {
     ErrorCode.NOT_READY: {"Retry-After": "1"},
     ErrorCode.IDEMPOTENCY_KEY_IN_USE: {"Retry-After": "1"},
     ErrorCode.TOO_MANY_JOBS: {"Retry-After": "5"},
+    ErrorCode.TOO_MANY_STREAMS: {"Retry-After": "5"},
     ErrorCode.SERVICE_UNAVAILABLE: {"Retry-After": "5"},
     ErrorCode.UPLOAD_TOO_LARGE: {"Connection": "close"},  # nobody will read what is still being sent
 }

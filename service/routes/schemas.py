@@ -31,6 +31,7 @@ EXAMPLE: JsonDict = {
     "error": None,
     "links": {
         "self": "/v1/watermarks/6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11",
+        "events": "/v1/watermarks/6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11/events",
         "model": "/v1/watermarks/6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11/model",
         "report": None,
         "preview": None,
@@ -69,6 +70,7 @@ class LinksView(BaseModel):
     """Where the job's parts are; null until they exist, and once they are gone."""
 
     self: str
+    events: str
     model: str | None
     report: str | None
     preview: str | None
@@ -124,7 +126,7 @@ class JobView(BaseModel):
             parameters=Parameters.model_validate(job.parameters),
             metadata={entry.key: entry.value for entry in job.metadata_entries},
             error=error,
-            links=LinksView(self=url, **parts),
+            links=LinksView(self=url, events=f"{url}/events", **parts),
         )
 
 

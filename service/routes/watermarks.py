@@ -168,7 +168,7 @@ def create_watermark(
             reserved = idempotency.reserve(sessions, client.tenant, key, idempotency.fingerprint(content))
             if isinstance(reserved, str):
                 response.headers["Idempotent-Replayed"] = "true"
-                return _accepted(request, response, _job(state, client, reserved))
+                return _accepted(request, response, find_job(state, client, reserved))
             reservation = reserved
             stack.enter_context(idempotency.given_back_on_failure(sessions, reservation))
         condition = partial(_check_and_settle, settings.max_active_jobs, client.tenant, reservation)
@@ -207,13 +207,13 @@ def list_watermarks(
 @router.get("/{job_id}", responses=UNKNOWN)
 def read_watermark(request: Request, state: State, client: Admitted, job_id: str) -> JobView:
     """Where the job stands."""
-    return _view(request, _job(state, client, job_id))
+    return _view(request, find_job(state, client, job_id))
 
 
 @router.delete("/{job_id}", status_code=status.HTTP_204_NO_CONTENT, responses=UNKNOWN)
 def delete_watermark(state: State, client: Admitted, job_id: str) -> None:
     """Cancel the job if it has not ended, and delete the uploaded asset and everything made from it."""
-    _job(state, client, job_id)
+    find_job(state, client, job_id)
     state.ledger.cancel(job_id, client.tenant)
     contents.discard(state.ledger, state.artifacts, state.ledger.drop_artifacts(job_id))
 
@@ -270,7 +270,12 @@ def _announce(broker: Celery, job_id: str) -> None:
         log.error("the broker does not answer; a worker's sweeper will find the job", job=job_id, error=str(error))
 
 
-def _job(state: AppState, client: Client, job_id: str) -> Job:
+def find_job(state: AppState, client: Client, job_id: str) -> Job:
+    """The client's job of an id.
+
+    Raises:
+        MeshmarkError: ``not_found``; also where it is another tenant's.
+    """
     job = state.ledger.get(job_id, client.tenant) if job_id.isprintable() else None  # PostgreSQL takes no NUL
     if job is None:
         raise MeshmarkError(
@@ -296,7 +301,7 @@ def _plain_name(filename: str | None) -> str:
 
 
 def _deliver(request: Request, state: AppState, client: Client, job_id: str, kind: ArtifactKind) -> Response:
-    job = _job(state, client, job_id)
+    job = find_job(state, client, job_id)
     artifact = job.artifact(kind)
     if artifact is None:
         raise _not_there(job, kind)
@@ -305,7 +310,7 @@ def _deliver(request: Request, state: AppState, client: Client, job_id: str, kin
     try:
         return deliver(request, state.artifacts, artifact, headers)
     except FileNotFoundError:  # deleted since the look at the ledger
-        raise _not_there(_job(state, client, job_id), kind) from None
+        raise _not_there(find_job(state, client, job_id), kind) from None
 
 
 def _not_there(job: Job, kind: ArtifactKind) -> MeshmarkError:
