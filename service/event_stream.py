@@ -13,14 +13,14 @@ from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 from sqlalchemy.exc import OperationalError
 
 from core.errors import ErrorCode, MeshmarkError
-from service.jobs.models import EventType, JobEvent
+from service.jobs.events import ENDINGS
+from service.jobs.models import JobEvent
 
 STREAMS_PER_TENANT = 100  # open at a time at one API process
 POLL = 0.5  # seconds between two looks at the ledger
 PING = 15.0  # seconds of silence after which a comment shows that the line still holds
 LONGEST = 600.0  # seconds; a client that comes back then shows its key anew
 RETRY = 1000  # milliseconds that a client shall wait before it comes back
-FINAL = (EventType.SUCCEEDED, EventType.FAILED, EventType.CANCELED, EventType.EXPIRED)
 
 log = structlog.get_logger(__name__)
 
@@ -100,7 +100,7 @@ async def event_stream(
         for event in events:
             yield as_text(event)
             after = event.number
-        if events and events[-1].type in FINAL:
+        if events and events[-1].type in ENDINGS:
             return
         if events:
             silent_since = time.monotonic()

@@ -1,19 +1,22 @@
-"""The log of what happens to jobs, from which clients are told.
+"""The log of what happens to jobs, from which clients are told: by streams, and by webhooks.
 
 An event is written by the transaction that makes it happen (a transactional outbox), so that no crash can lose it or
 have it told of something that did not happen. That transaction holds the job's row, so a job's events are numbered in
-the order in which they become visible: whoever has read up to a number has missed nothing before it.
+the order in which they become visible: whoever has read up to a number has missed nothing before it. The same
+transaction addresses the event to the webhook endpoints that want it.
 """
 
+import uuid
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
 from sqlalchemy import delete, select, update
 from sqlalchemy.orm import Session, sessionmaker
 
-from service.jobs.models import EventType, Job, JobEvent, JobState
+from service.jobs.models import EventType, Job, JobEvent, JobState, WebhookDelivery, WebhookEndpoint
 
 KEPT = timedelta(days=30)
+ENDINGS = (EventType.SUCCEEDED, EventType.FAILED, EventType.CANCELED, EventType.EXPIRED)  # what webhooks tell of
 
 
 def record(session: Session, job_id: str, event: EventType, moment: datetime) -> None:
@@ -23,6 +26,28 @@ def record(session: Session, job_id: str, event: EventType, moment: datetime) ->
     job = session.get_one(Job, job_id, populate_existing=True)
     session.add(JobEvent(job_id=job_id, number=job.event_count, type=event, data=snapshot(job), created_at=moment))
     session.flush()
+    if event in ENDINGS:
+        _address(session, job, event, moment)
+
+
+def _address(session: Session, job: Job, event: EventType, moment: datetime) -> None:
+    """Note to whom a job's latest event is to be told."""
+    enabled = (WebhookEndpoint.tenant_id == job.tenant_id, WebhookEndpoint.disabled_reason.is_(None))
+    # The lock of a foreign key, before it is written: an endpoint that is being deleted must not fail the job.
+    endpoints = select(WebhookEndpoint).where(*enabled).with_for_update(read=True, key_share=True)
+    for endpoint in session.scalars(endpoints):
+        if event in endpoint.events and (endpoint.url or job.webhook):
+            session.add(
+                WebhookDelivery(
+                    id=str(uuid.uuid4()),
+                    endpoint_id=endpoint.id,
+                    job_id=job.id,
+                    event_number=job.event_count,
+                    url=None if endpoint.url else job.webhook,
+                    due_at=moment,
+                    created_at=moment,
+                )
+            )
 
 
 def snapshot(job: Job) -> dict[str, Any]:

@@ -57,6 +57,7 @@ class Submission:
 
     tenant: str = DEFAULT_TENANT
     metadata: Mapping[str, str] = field(default_factory=dict)
+    webhook: str | None = None
     condition: Callable[[Session, str], None] = lambda _session, _job_id: None
 
 
@@ -150,6 +151,7 @@ class Ledger:
             state=JobState.QUEUED,
             filename=filename,
             parameters=parameters,
+            webhook=submission.webhook,
             created_at=moment,
             enqueued_at=moment,
             artifacts=[Artifact(kind=kind, sha256=item.sha256, size=item.size) for kind, item in contents.items()],
