@@ -15,6 +15,7 @@ from typing import Any
 import structlog
 from celery import Celery
 from celery.signals import setup_logging, worker_ready, worker_shutting_down
+from kombu.exceptions import KombuError
 from sqlalchemy.exc import OperationalError
 
 from service.config import Settings, load_settings
@@ -64,8 +65,13 @@ class Sender:
 def sweep(sender: Sender, lost: bool) -> None:
     """Announce what is due: the first attempts, those to be repeated, and now and then those whose message was lost."""
     lost = lost and not queue.depth(sender.celery, queue.WEBHOOKS)
-    for delivery_id in deliveries.announce(sender.ledger.sessions, lost):
-        queue.send_webhook(sender.celery, delivery_id)
+    due = deliveries.announce(sender.ledger.sessions, lost)
+    try:
+        for delivery_id in due:
+            queue.send_webhook(sender.celery, delivery_id)
+    except (KombuError, OSError):  # the broker does not answer
+        deliveries.withdraw(sender.ledger.sessions, due)
+        raise
 
 
 def sweep_forever(sender: Sender) -> None:

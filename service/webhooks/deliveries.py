@@ -95,6 +95,13 @@ def announce(sessions: Sessions, lost: bool) -> list[str]:
         return list(session.scalars(found))
 
 
+def withdraw(sessions: Sessions, delivery_ids: list[str]) -> None:
+    """Let be announced again what could not be."""
+    announced = update(WebhookDelivery).where(WebhookDelivery.id.in_(delivery_ids)).values(announced_at=None)
+    with sessions.begin() as session:
+        session.execute(announced.execution_options(synchronize_session=False))
+
+
 def claim(sessions: Sessions, delivery_id: str) -> Claim | None:
     """Take a delivery that is due, or None where it is not (or no longer) there to be taken."""
     moment = now()

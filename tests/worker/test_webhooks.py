@@ -2,6 +2,7 @@
 
 import signal
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from datetime import timedelta
@@ -185,6 +186,29 @@ def ledger_of(service: Service) -> Iterator[Ledger]:
         yield ledger
     finally:
         ledger.close()
+
+
+def test_what_ended_while_the_broker_was_away_is_told_as_soon_as_it_is_back_and_empty(tmp_path: Path) -> None:
+    with redis_server(tmp_path) as broker:
+        pass
+    service, port = Hooked(tmp_path, broker_url=broker), int(broker.rsplit(":", 1)[1].removesuffix("/0"))
+    with ExitStack() as stack:
+        first = stack.enter_context(ExitStack())
+        first.enter_context(redis_server(tmp_path, port))
+        stack.enter_context(service.running(API_COMMAND, SENDER))
+        receiver = service.receiver()
+        endpoint = service.hook(receiver)
+        stack.enter_context(receiver.running())
+        service.end_a_job()
+        wait_until(lambda: service.states(endpoint) == {"delivered"})
+        first.close()
+        for _ in range(3):
+            service.end_a_job()
+        time.sleep(2)
+        assert len(receiver.ids) == 1
+        stack.enter_context(redis_server(tmp_path, port))
+        wait_until(lambda: service.states(endpoint) == {"delivered"})
+        assert len(set(receiver.ids)) == 4
 
 
 def test_kill_9_in_the_middle_of_an_attempt_loses_nothing(tmp_path: Path) -> None:

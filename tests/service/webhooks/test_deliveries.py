@@ -92,6 +92,14 @@ def test_what_is_due_is_announced_once(ledger: Ledger) -> None:
     assert len(found) == len(set(found)) == 5
 
 
+def test_what_could_not_be_announced_is_announced_by_the_next(ledger: Ledger) -> None:
+    endpoint(ledger)
+    ended_job(ledger)
+    found = announce(ledger.sessions, lost=False)
+    deliveries.withdraw(ledger.sessions, found)
+    assert announce(ledger.sessions, lost=False) == found
+
+
 def test_of_many_processes_one_makes_the_attempt(ledger: Ledger) -> None:
     hook = endpoint(ledger)
     ended_job(ledger)
