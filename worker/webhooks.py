@@ -8,24 +8,26 @@ import random
 import sys
 import threading
 import time
+import warnings
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
 import structlog
 from celery import Celery
+from celery.exceptions import SecurityWarning
 from celery.signals import setup_logging, worker_ready, worker_shutting_down
 from kombu.exceptions import KombuError
 from sqlalchemy.exc import OperationalError
 
 from service.config import Settings, load_settings
-from service.jobs import queue
 from service.jobs.ledger import Ledger, now
+from service.jobs.queue import create_queue
 from service.logs import configure_logs
 from service.outbound.client import OutboundClient
-from service.webhooks import deliveries
+from service.webhooks import deliveries, queue
 from service.webhooks.deliver import TIMEOUTS, deliver
-from worker.__main__ import main
+from worker.child import die_with_parent
 
 CONCURRENCY = 32
 INTERVAL = 0.5  # seconds between two looks for what is due
@@ -64,11 +66,11 @@ class Sender:
 
 def sweep(sender: Sender, lost: bool) -> None:
     """Announce what is due: the first attempts, those to be repeated, and now and then those whose message was lost."""
-    lost = lost and not queue.depth(sender.celery, queue.WEBHOOKS)
+    lost = lost and queue.is_empty(sender.celery)
     due = deliveries.announce(sender.ledger.sessions, lost)
     try:
         for delivery_id in due:
-            queue.send_webhook(sender.celery, delivery_id)
+            queue.send(sender.celery, delivery_id)
     except (KombuError, OSError):  # the broker does not answer
         deliveries.withdraw(sender.ledger.sessions, due)
         raise
@@ -89,9 +91,10 @@ def sweep_forever(sender: Sender) -> None:
 
 def create_sender(settings: Settings) -> Celery:
     """A Celery app that sends webhooks."""
-    app = queue.create_queue(settings)
+    app = create_queue(settings)
     app.conf.update(
-        task_default_queue=queue.WEBHOOKS,
+        task_queues={queue.QUEUE: {"exchange": queue.QUEUE, "routing_key": queue.QUEUE}},
+        task_default_queue=queue.QUEUE,
         worker_pool="threads",
         worker_concurrency=CONCURRENCY,
         worker_prefetch_multiplier=1,
@@ -116,12 +119,22 @@ def create_sender(settings: Settings) -> Celery:
     def stop(**_: Any) -> None:
         sender().stopping.set()
 
-    app.task(send, name=queue.DELIVER)
+    app.task(send, name=queue.TASK)
     setup_logging.connect(lambda **_: configure_logs(settings.log_level), weak=False)
     worker_ready.connect(start, weak=False)
     worker_shutting_down.connect(stop, weak=False)
     return app
 
 
+def main(parent: int | None) -> None:
+    """Send webhooks until a signal ends it or its parent, where one is given, is gone."""
+    if parent is not None:
+        die_with_parent(parent)
+    # Harmless here, as in worker.__main__.
+    warnings.filterwarnings("ignore", "You're running the worker with superuser privileges", SecurityWarning)
+    options = ["--without-gossip", "--without-mingle", "--without-heartbeat"]
+    create_sender(load_settings()).worker_main(["--quiet", "worker", *options])
+
+
 if __name__ == "__main__":
-    main(create_sender(load_settings()), int(sys.argv[1]) if sys.argv[1:] else None)
+    main(int(sys.argv[1]) if sys.argv[1:] else None)

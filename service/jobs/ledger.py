@@ -77,7 +77,11 @@ def _connect(url: str) -> Engine:
     if make_url(url).get_backend_name() != "sqlite":
         # The locks below are reasoned for this level, whatever the server's own default is.
         return create_engine(
-            url, pool_pre_ping=True, isolation_level="READ COMMITTED", connect_args=PATIENCE, hide_parameters=True
+            url,
+            pool_pre_ping=True,
+            isolation_level="READ COMMITTED",
+            connect_args=PATIENCE,
+            hide_parameters=True,  # in error messages: they may be secrets, or addresses that hold a signature
         )
     if database := make_url(url).database:
         Path(database).parent.mkdir(parents=True, exist_ok=True)
@@ -163,7 +167,7 @@ class Ledger:
             _lock_content(session, contents.values(), stored)
             session.add(job)
             session.flush()
-            record(session, job.id, EventType.QUEUED, moment)
+            record(session, job.id, EventType.into(job.state), moment)
             submission.condition(session, job.id)
         return job
 

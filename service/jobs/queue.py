@@ -18,8 +18,6 @@ from service.config import Settings
 LONGEST_WAIT = 0.2  # seconds
 QUEUE = "meshmark"
 TASK = "meshmark.watermark"
-WEBHOOKS = "webhooks"  # a queue of their own: no slow endpoint holds up the watermarking
-DELIVER = "meshmark.deliver"
 
 
 class AtomicChannel(filesystem.Channel):
@@ -88,16 +86,7 @@ def send(queue: Celery, job_id: str) -> None:
     queue.send_task(TASK, args=[job_id], queue=QUEUE)
 
 
-def send_webhook(queue: Celery, delivery_id: str) -> None:
-    """Announce a webhook that is due.
-
-    Raises:
-        kombu.exceptions.OperationalError: the broker cannot be reached.
-    """
-    queue.send_task(DELIVER, args=[delivery_id], queue=WEBHOOKS)
-
-
-def depth(queue: Celery, name: str = QUEUE) -> int:
+def depth(queue: Celery) -> int:
     """How many messages wait in the broker."""
     with queue.connection_for_write() as connection, connection.channel() as channel:
-        return int(channel.queue_declare(name, durable=True, auto_delete=False).message_count)
+        return int(channel.queue_declare(QUEUE, durable=True, auto_delete=False).message_count)

@@ -66,12 +66,15 @@ class Hooked(Service):
         return {delivery["state"] for delivery in self.log(endpoint)}
 
 
-@pytest.fixture(scope="module", params=["files", "redis"])
+@pytest.fixture(scope="module", params=["files", "servers"])
 def shared(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Hooked]:
     folder = tmp_path_factory.mktemp("webhooks")
     with ExitStack() as stack:
-        broker = stack.enter_context(redis_server(folder)) if request.param == "redis" else "filesystem://"
-        service = Hooked(folder, broker_url=broker)
+        servers = {}
+        if request.param == "servers":
+            servers["broker_url"] = stack.enter_context(redis_server(folder))
+            servers["database_url"] = request.getfixturevalue("postgres").new_database()
+        service = Hooked(folder, **servers)
         with service.running(API_COMMAND, SENDER):
             yield service
 
