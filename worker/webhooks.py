@@ -26,7 +26,7 @@ from service.jobs.queue import create_queue
 from service.logs import configure_logs
 from service.outbound.client import OutboundClient
 from service.webhooks import deliveries, queue
-from service.webhooks.deliver import TIMEOUTS, deliver
+from service.webhooks.deliver import TIMEOUTS, Outcome, deliver, not_made
 from worker.child import die_with_parent
 
 CONCURRENCY = 32
@@ -55,13 +55,19 @@ class Sender:
             if claim is None:
                 return
             with structlog.contextvars.bound_contextvars(delivery=delivery_id, attempt=claim.attempt):
-                outcome = deliver(
-                    self.client, claim.url, claim.secrets, claim.message, claim.attempt, now(), random.random()
-                )
+                outcome = self._attempt(claim)
                 if deliveries.settle(self.ledger.sessions, claim, outcome):
-                    log.info("webhook sent", result=outcome.result.value, status=outcome.status, error=outcome.error)
+                    log.info("webhook tried", result=outcome.result.value, status=outcome.status, error=outcome.error)
         except OperationalError as error:  # it is found to be due again
             log.warning("the job ledger does not answer", delivery=delivery_id, error=str(error.orig))
+
+    def _attempt(self, claim: deliveries.Claim) -> Outcome:
+        draw = random.random()
+        try:
+            return deliver(self.client, claim.url, claim.secrets, claim.message, claim.attempt, now(), draw)
+        except Exception:
+            log.exception("the sender failed")
+            return not_made(claim.attempt, now(), draw)
 
 
 def sweep(sender: Sender, lost: bool) -> None:

@@ -13,12 +13,18 @@ import psutil
 import pytest
 from sqlalchemy import update
 
+from service.config import Settings
+from service.jobs.events import ENDINGS
 from service.jobs.ledger import Ledger, now
-from service.jobs.models import WebhookDelivery
-from service.webhooks.deliveries import LEASE
+from service.jobs.models import WebhookDelivery, WebhookEndpoint
+from service.jobs.queue import create_queue
+from service.webhooks import queue
+from service.webhooks.deliveries import LEASE, list_deliveries
+from service.webhooks.endpoints import create_endpoint
 from tests.service.harness import API_COMMAND, Service, free_port, redis_server, running
 from tests.service.webhooks.receiver import Receiver
 from tests.worker.waiting import gone, wait_until
+from worker.webhooks import Sender, sweep
 
 SENDER = [sys.executable, "-m", "worker.webhooks"]
 EVERYTHING = (
@@ -188,6 +194,30 @@ def ledger_of(service: Service) -> Iterator[Ledger]:
     try:
         yield ledger
     finally:
+        ledger.close()
+
+
+def test_a_fault_of_ours_is_an_attempt_that_failed_and_not_one_made_for_ever(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path)
+    with create_queue(settings) as broker:
+        sender = Sender(settings, broker)
+        ledger, sessions = sender.ledger, sender.ledger.sessions
+        hook = create_endpoint(sessions, "default", "https://shop.example/", ENDINGS, None)
+        with sessions.begin() as session:
+            session.execute(update(WebhookEndpoint).values(secret="none"))
+        ledger.cancel(ledger.create("asset.glb", {}, {}, lambda _: True).id)
+        sweep(sender, lost=False)
+        assert not queue.is_empty(broker)
+        for attempt in range(1, 11):
+            [delivery] = list_deliveries(sessions, "default", hook.id, None, 10, None).deliveries
+            assert (delivery.state, delivery.attempts) == ("pending", attempt - 1)
+            with sessions.begin() as session:
+                session.execute(update(WebhookDelivery).values(due_at=now()))
+            sender.send(delivery.id)
+        [delivery] = list_deliveries(sessions, "default", hook.id, None, 10, None).deliveries
+        assert (delivery.state, delivery.due_at, len(delivery.log)) == ("exhausted", None, 10)
+        assert "could not make" in (delivery.log[0].error or "")
+        sender.send("no such delivery")
         ledger.close()
 
 
