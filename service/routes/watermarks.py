@@ -27,6 +27,7 @@ from service.metadata import parse_metadata, parse_pair
 from service.problems import problem_responses
 from service.routes.schemas import JobPage, JobView, Moment
 from service.state import AppState, State
+from service.webhooks.endpoints import check_job_webhook
 
 router = APIRouter(prefix="/v1/watermarks", tags=["watermarks"], route_class=GuardedRoute)
 log = structlog.get_logger(__name__)
@@ -64,6 +65,8 @@ REFUSALS = problem_responses(
     ErrorCode.MISSING_GLYPHS,
     ErrorCode.INVALID_FONT,
     ErrorCode.INVALID_METADATA,
+    ErrorCode.ADDRESS_REFUSED,
+    ErrorCode.NO_WEBHOOK_SECRET,
     ErrorCode.IDEMPOTENCY_KEY_IN_USE,
     ErrorCode.IDEMPOTENCY_KEY_REUSED,
     ErrorCode.TOO_MANY_JOBS,
@@ -120,6 +123,15 @@ MetadataField = Annotated[
         },
     ),
 ]
+WebhookField = Annotated[
+    str | None,
+    Form(
+        description="Where to send a webhook when the job ends. It is signed with the secret of your webhook endpoint "
+        "that has no `url`, which must exist.",
+        max_length=2048,
+        examples=["https://shop.example/hooks/4711"],
+    ),
+]
 IdempotencyKeyHeader = Annotated[
     str | None,
     Header(
@@ -142,12 +154,15 @@ def create_watermark(
     params: ParamsField,
     font: FontPart = None,
     metadata: MetadataField = "{}",
+    webhook: WebhookField = None,
     idempotency_key: IdempotencyKeyHeader = None,
 ) -> JobView:
     """Accept an asset for watermarking. What can be seen to be wrong at once is refused at once."""
     parameters, notes = parse_parameters(params), parse_metadata(metadata)
     key = None if idempotency_key is None else parse_idempotency_key(idempotency_key)
     settings, artifacts, sessions = state.settings, state.artifacts, state.ledger.sessions
+    if webhook is not None:
+        check_job_webhook(sessions, client.tenant, webhook, settings.outbound)
     with ExitStack() as stack:
         staged = {
             ArtifactKind.INPUT: stack.enter_context(
@@ -164,15 +179,16 @@ def create_watermark(
         reservation: idempotency.Reservation | None = None
         if key is not None:
             content: dict[str, Any] = {"parameters": wanted, "metadata": notes}
+            content |= {"webhook": webhook} if webhook else {}
             content |= {kind.value: item.sha256 for kind, item in staged.items()}
             reserved = idempotency.reserve(sessions, client.tenant, key, idempotency.fingerprint(content))
             if isinstance(reserved, str):
                 response.headers["Idempotent-Replayed"] = "true"
-                return _accepted(request, response, _job(state, client, reserved))
+                return _accepted(request, response, find_job(state, client, reserved))
             reservation = reserved
             stack.enter_context(idempotency.given_back_on_failure(sessions, reservation))
         condition = partial(_check_and_settle, settings.max_active_jobs, client.tenant, reservation)
-        submission = Submission(client.tenant, notes, condition)
+        submission = Submission(client.tenant, notes, webhook, condition)
         job = contents.create_job(state.ledger, artifacts, _plain_name(file.filename), wanted, staged, submission)
     background.add_task(_announce, state.queue, job.id)  # a broker that does not answer delays no client
     return _accepted(request, response, job)
@@ -207,13 +223,13 @@ def list_watermarks(
 @router.get("/{job_id}", responses=UNKNOWN)
 def read_watermark(request: Request, state: State, client: Admitted, job_id: str) -> JobView:
     """Where the job stands."""
-    return _view(request, _job(state, client, job_id))
+    return _view(request, find_job(state, client, job_id))
 
 
 @router.delete("/{job_id}", status_code=status.HTTP_204_NO_CONTENT, responses=UNKNOWN)
 def delete_watermark(state: State, client: Admitted, job_id: str) -> None:
     """Cancel the job if it has not ended, and delete the uploaded asset and everything made from it."""
-    _job(state, client, job_id)
+    find_job(state, client, job_id)
     state.ledger.cancel(job_id, client.tenant)
     contents.discard(state.ledger, state.artifacts, state.ledger.drop_artifacts(job_id))
 
@@ -270,7 +286,12 @@ def _announce(broker: Celery, job_id: str) -> None:
         log.error("the broker does not answer; a worker's sweeper will find the job", job=job_id, error=str(error))
 
 
-def _job(state: AppState, client: Client, job_id: str) -> Job:
+def find_job(state: AppState, client: Client, job_id: str) -> Job:
+    """The client's job of an id.
+
+    Raises:
+        MeshmarkError: ``not_found``; also where it is another tenant's.
+    """
     job = state.ledger.get(job_id, client.tenant) if job_id.isprintable() else None  # PostgreSQL takes no NUL
     if job is None:
         raise MeshmarkError(
@@ -296,7 +317,7 @@ def _plain_name(filename: str | None) -> str:
 
 
 def _deliver(request: Request, state: AppState, client: Client, job_id: str, kind: ArtifactKind) -> Response:
-    job = _job(state, client, job_id)
+    job = find_job(state, client, job_id)
     artifact = job.artifact(kind)
     if artifact is None:
         raise _not_there(job, kind)
@@ -305,7 +326,7 @@ def _deliver(request: Request, state: AppState, client: Client, job_id: str, kin
     try:
         return deliver(request, state.artifacts, artifact, headers)
     except FileNotFoundError:  # deleted since the look at the ledger
-        raise _not_there(_job(state, client, job_id), kind) from None
+        raise _not_there(find_job(state, client, job_id), kind) from None
 
 
 def _not_there(job: Job, kind: ArtifactKind) -> MeshmarkError:
