@@ -13,7 +13,6 @@ from tests.core.asset.builder import QUAD, QUAD_FACES, Builder
 from tests.core.asset.edits import centroid_split
 from tests.validator import error_counts
 
-SURFACE, CAP, WALL = Kind.SURFACE, Kind.CAP, Kind.WALL
 NORMALS = [[0, 0, 1]] * 4
 UV = [[0, 0], [1, 0], [1, 1], [0, 1]]
 
