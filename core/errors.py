@@ -44,6 +44,7 @@ class ErrorCode(StrEnum):
     # The service in front of it.
     UPLOAD_TOO_LARGE = "upload_too_large"
     MISSING_FILE = "missing_file"
+    SOURCE_URL_DISABLED = "source_url_disabled"
     ADDRESS_REFUSED = "address_refused"
     DOWNLOAD_FAILED = "download_failed"
     DOWNLOAD_TOO_LARGE = "download_too_large"

@@ -107,12 +107,13 @@ class Settings(BaseSettings):
     retention_seconds: Annotated[
         float, Field(ge=0, description="Seconds after its end at which a job's files are deleted; 0: never.")
     ] = 0.0
+    source_urls: Annotated[
+        bool, Field(description="Let users give the address of an asset, `source_url`, in place of the asset.")
+    ] = False
     outbound_networks: Annotated[
         tuple[IPv4Network | IPv6Network, ...],
         NoDecode,
-        Field(
-            description="Networks beside the public ones that users' addresses may lie in: `10.1.0.0/16,...`."
-        ),
+        Field(description="Networks beside the public ones that users' addresses may lie in: `10.1.0.0/16,...`."),
     ] = ()
     outbound_ports: Annotated[
         frozenset[int], NoDecode, Field(description="Ports that users' addresses may have: `80,443,...`.")

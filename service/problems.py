@@ -50,6 +50,7 @@ STATUS: dict[ErrorCode, int] = {
     ErrorCode.WORKER_LOST: 500,
     ErrorCode.UPLOAD_TOO_LARGE: 413,
     ErrorCode.MISSING_FILE: 422,
+    ErrorCode.SOURCE_URL_DISABLED: 422,
     ErrorCode.ADDRESS_REFUSED: 422,
     ErrorCode.DOWNLOAD_FAILED: 422,
     ErrorCode.DOWNLOAD_TOO_LARGE: 422,

@@ -72,10 +72,16 @@ def now() -> datetime:
 def _connect(url: str) -> Engine:
     if make_url(url).get_backend_name() != "sqlite":
         # The locks below are reasoned for this level, whatever the server's own default is.
-        return create_engine(url, pool_pre_ping=True, isolation_level="READ COMMITTED", connect_args=PATIENCE)
+        return create_engine(
+            url,
+            pool_pre_ping=True,
+            isolation_level="READ COMMITTED",
+            connect_args=PATIENCE,
+            hide_parameters=True,  # in error messages: they may be addresses that hold a signature
+        )
     if database := make_url(url).database:
         Path(database).parent.mkdir(parents=True, exist_ok=True)
-    engine = create_engine(url, connect_args={"timeout": BUSY})
+    engine = create_engine(url, connect_args={"timeout": BUSY}, hide_parameters=True)
 
     @event.listens_for(engine, "connect")
     def _tune(connection: Any, _record: Any) -> None:

@@ -160,6 +160,15 @@ class MetadataEntry(Base):
     value: Mapped[str] = mapped_column(String(256))
 
 
+class JobSource(Base):
+    """Where the asset of a job lies that a worker is to download; see :mod:`service.jobs.sources`."""
+
+    __tablename__ = "job_sources"
+
+    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id", ondelete="CASCADE"), primary_key=True)
+    url: Mapped[str] = mapped_column(String(2048))
+
+
 class IdempotencyKey(Base):
     """Which job a request with a key made, or that one is about to; see :mod:`service.jobs.idempotency`."""
 

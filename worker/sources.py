@@ -1,0 +1,63 @@
+"""Bring the asset of a job whose client did not send it.
+
+A worker does so itself, before it starts the engine and under the job's own lease: so a download is cancelled, tried
+again after a crash, counted and given up as any other part of a job, and needs no queue and no states of its own. The
+engine's process has no part in it. It is bounded: three tries of two minutes.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import structlog
+from sqlalchemy.orm import Session, sessionmaker
+
+from service.config import Settings
+from service.jobs import sources
+from service.jobs.artifacts import writing
+from service.outbound.client import OutboundClient
+from service.outbound.download import TransientDownloadError, download
+from service.outbound.policy import Timeouts
+
+TIMEOUTS = Timeouts(connect=5.0, silence=15.0, total=120.0)
+PAUSES = (1.0, 5.0)  # seconds before the second and the third try
+
+log = structlog.get_logger(__name__)
+
+
+class Sources:
+    """Where assets are brought from."""
+
+    def __init__(self, settings: Settings, sessions: sessionmaker[Session]) -> None:
+        self._limit = settings.max_upload_bytes
+        self._sessions = sessions
+        self._client = OutboundClient(settings.outbound, TIMEOUTS)
+
+    def bring(self, job_id: str, path: Path, check: Callable[[], None], pause: Callable[[float], object]) -> bool:
+        """Write a job's asset to a file; False where nothing is known of where it lies.
+
+        Args:
+            job_id: the job.
+            path: the file to write.
+            check: called often; what it raises ends the download.
+            pause: waits so many seconds.
+
+        Raises:
+            MeshmarkError: ``address_refused``, ``download_failed``, ``download_too_large``.
+            StoreUnavailableError: the file could not be written.
+        """
+        url = sources.url_of(self._sessions, job_id)
+        if url is None:
+            return False
+        for seconds in PAUSES:
+            try:
+                self._download(url, path, check)
+                return True
+            except TransientDownloadError as trouble:
+                log.info("the asset could not be downloaded; trying again", reason=trouble.message)
+            pause(seconds)
+        self._download(url, path, check)
+        return True
+
+    def _download(self, url: str, path: Path, check: Callable[[], None]) -> None:
+        with writing(), path.open("wb") as target:
+            download(self._client, url, target, self._limit, check)
