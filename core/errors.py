@@ -43,6 +43,10 @@ class ErrorCode(StrEnum):
     WORKER_LOST = "worker_lost"
     # The service in front of it.
     UPLOAD_TOO_LARGE = "upload_too_large"
+    UPLOAD_NOT_SENT = "upload_not_sent"
+    UPLOAD_MISMATCH = "upload_mismatch"
+    UPLOAD_EXPIRED = "upload_expired"
+    TOO_MANY_UPLOADS = "too_many_uploads"
     MISSING_FILE = "missing_file"
     SOURCE_URL_DISABLED = "source_url_disabled"
     ADDRESS_REFUSED = "address_refused"

@@ -37,7 +37,7 @@ class GuardedRoute(APIRoute):
 
     def __init__(self, path: str, endpoint: Callable[..., Any], **options: Any) -> None:
         scope = required_scope(options["methods"])
-        options["openapi_extra"] = {"security": [{}, {SCHEME: [scope]}]}
+        options["openapi_extra"] = {**(options.get("openapi_extra") or {}), "security": [{}, {SCHEME: [scope]}]}
         super().__init__(path, endpoint, **options)
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:

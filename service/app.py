@@ -15,11 +15,11 @@ from service.jobs.ledger import Ledger
 from service.jobs.queue import create_queue
 from service.jobs.stores import open_store
 from service.problems import Problem, install_problem_handlers, problem_response, upload_too_large
-from service.routes import health, watermarks
+from service.routes import health, uploads, watermarks
 from service.state import AppState
 
 MAX_FIELD_BYTES = 2**16
-FORM_FIELDS = 3
+FORM_FIELDS = 4
 # Of a request that is neither asset nor font: fields, part headers, boundaries.
 FORM_OVERHEAD = (FORM_FIELDS + 1) * MAX_FIELD_BYTES
 
@@ -95,6 +95,7 @@ def create_app(settings: Settings) -> FastAPI:
         form_limits={"max_files": 2, "max_fields": FORM_FIELDS, "max_part_size": MAX_FIELD_BYTES},
     )
     app.include_router(watermarks.router, max_body_size=body_limit)
+    app.include_router(uploads.router, max_body_size=body_limit)
     app.include_router(health.router)
     install_problem_handlers(app, body_limit)
     app.add_middleware(DeclaredSizeLimit, limit=body_limit)

@@ -38,7 +38,11 @@ class Settings(BaseSettings):
         int, Field(ge=0, description="Requests a minute each API key may make, at once or evenly; 0: any number.")
     ] = 6000
     max_active_jobs: Annotated[
-        int, Field(ge=0, description="Jobs of a tenant that may wait and run at a time; 0: any number.")
+        int,
+        Field(
+            ge=0,
+            description="Jobs of a tenant that may wait and run at a time, and uploads it may have; 0: any number.",
+        ),
     ] = 10_000
     port: Annotated[int, Field(ge=0, le=65535, description="Port the API listens on; 0 takes any free one.")] = 8080
     data_dir: Annotated[

@@ -5,7 +5,7 @@ from http import HTTPStatus
 from typing import Annotated, Any
 
 import structlog
-from fastapi import FastAPI, Request
+from fastapi import FastAPI, Request, params
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
@@ -18,6 +18,7 @@ from core.errors import ErrorCode, MeshmarkError
 MEDIA_TYPE = "application/problem+json"
 FORMS = ("multipart/form-data", "application/x-www-form-urlencoded")
 HOW_TO_SEND = "Send multipart/form-data with the asset as the file part `file` and JSON in the field `params`."
+HOW_TO_SEND_JSON = "Send what /docs describes, as application/json."
 
 STATUS: dict[ErrorCode, int] = {
     ErrorCode.EMPTY_FILE: 422,
@@ -49,6 +50,10 @@ STATUS: dict[ErrorCode, int] = {
     ErrorCode.ENGINE_CRASHED: 500,
     ErrorCode.WORKER_LOST: 500,
     ErrorCode.UPLOAD_TOO_LARGE: 413,
+    ErrorCode.UPLOAD_NOT_SENT: 409,
+    ErrorCode.UPLOAD_MISMATCH: 422,
+    ErrorCode.UPLOAD_EXPIRED: 410,
+    ErrorCode.TOO_MANY_UPLOADS: 429,
     ErrorCode.MISSING_FILE: 422,
     ErrorCode.SOURCE_URL_DISABLED: 422,
     ErrorCode.ADDRESS_REFUSED: 422,
@@ -112,8 +117,10 @@ HEADERS: dict[ErrorCode, dict[str, str]] = {
     ErrorCode.NOT_READY: {"Retry-After": "1"},
     ErrorCode.IDEMPOTENCY_KEY_IN_USE: {"Retry-After": "1"},
     ErrorCode.TOO_MANY_JOBS: {"Retry-After": "5"},
+    ErrorCode.TOO_MANY_UPLOADS: {"Retry-After": "3600"},
     ErrorCode.SERVICE_UNAVAILABLE: {"Retry-After": "5"},
     ErrorCode.UPLOAD_TOO_LARGE: {"Connection": "close"},  # nobody will read what is still being sent
+    ErrorCode.UPLOAD_MISMATCH: {"Connection": "close"},
 }
 
 
@@ -198,6 +205,8 @@ def install_problem_handlers(app: FastAPI, body_limit: int) -> None:
                 )
             )
         sent_as = request.headers.get("Content-Type", "")
+        if not _takes_form(request):
+            return problem_response(_invalid_json(sent_as, error))
         if not sent_as.startswith(FORMS):
             return problem_response(
                 MeshmarkError(
@@ -239,6 +248,22 @@ def install_problem_handlers(app: FastAPI, body_limit: int) -> None:
                 "Try again; if it happens again, report the time of the request to the operator.",
             )
         )
+
+
+def _takes_form(request: Request) -> bool:
+    body = getattr(request.scope.get("route"), "body_field", None)
+    return body is not None and isinstance(body.field_info, params.Form)
+
+
+def _invalid_json(sent_as: str, error: RequestValidationError) -> MeshmarkError:
+    if sent_as.partition(";")[0].strip().lower() != "application/json":
+        return MeshmarkError(
+            ErrorCode.UNSUPPORTED_MEDIA_TYPE,
+            f"The body is {sent_as[:100] or 'of no declared type'}, not application/json.",
+            HOW_TO_SEND_JSON,
+        )
+    listed = "; ".join(f"{'.'.join(map(str, item['loc'][1:])) or 'body'}: {item['msg']}" for item in error.errors())
+    return MeshmarkError(ErrorCode.INVALID_REQUEST, f"The body is not as it should be: {listed}.", HOW_TO_SEND_JSON)
 
 
 def _methods_of(app: FastAPI, path: str) -> list[str]:

@@ -7,7 +7,7 @@ import time
 
 import structlog
 
-from service.jobs import contents, idempotency, queue, sources
+from service.jobs import contents, idempotency, queue, sources, uploads
 from service.jobs.artifacts import GRACE
 from service.jobs.ledger import WORKER_LOST
 from worker.tasks import Worker, scratch_name
@@ -33,6 +33,7 @@ def sweep(worker: Worker) -> None:
         log.info("job expired: its files are deleted", job=job_id)
     idempotency.forget(worker.ledger.sessions)
     sources.forget(worker.ledger.sessions)
+    uploads.remove_expired(worker.ledger.sessions, worker.artifacts)
     folders = list(worker.scratch.iterdir())  # before the leases: a folder is made after its claim
     held = {scratch_name(lease) for lease in worker.ledger.running()}
     for folder in folders:

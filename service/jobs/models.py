@@ -169,6 +169,21 @@ class JobSource(Base):
     url: Mapped[str] = mapped_column(String(2048))
 
 
+class Upload(Base):
+    """An asset that a client sends ahead; see :mod:`service.jobs.uploads`."""
+
+    __tablename__ = "uploads"
+    __table_args__ = (Index("ix_uploads_tenant_id_expires_at", "tenant_id", "expires_at"),)
+
+    id: Mapped[str] = mapped_column(String(36), primary_key=True)
+    tenant_id: Mapped[str] = mapped_column(ForeignKey("tenants.id"))
+    filename: Mapped[str] = mapped_column(String(255))
+    size: Mapped[int] = mapped_column(BigInteger().with_variant(Integer, "sqlite"))
+    sha256: Mapped[str | None] = mapped_column(String(64))  # as the client declares it
+    created_at: Mapped[datetime]
+    expires_at: Mapped[datetime] = mapped_column(index=True)
+
+
 class IdempotencyKey(Base):
     """Which job a request with a key made, or that one is about to; see :mod:`service.jobs.idempotency`."""
 

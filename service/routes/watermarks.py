@@ -16,9 +16,9 @@ from service.jobs import contents
 from service.jobs.listing import Filters, list_jobs
 from service.jobs.models import ArtifactKind, Job, JobState
 from service.metadata import parse_metadata, parse_pair
+from service.orders import order_from_upload, order_from_url
 from service.problems import HOW_TO_SEND, problem_responses
 from service.routes.schemas import JobPage, JobView, Moment
-from service.source_url import order_from_url
 from service.state import AppState, State
 from service.submission import Order, announce, plain_name, submit
 
@@ -51,6 +51,10 @@ REFUSALS = problem_responses(
     ErrorCode.UNKNOWN_FORMAT,
     ErrorCode.UNSUPPORTED_FORMAT,
     ErrorCode.MISSING_FILE,
+    ErrorCode.NOT_FOUND,
+    ErrorCode.UPLOAD_NOT_SENT,
+    ErrorCode.UPLOAD_MISMATCH,
+    ErrorCode.UPLOAD_EXPIRED,
     ErrorCode.SOURCE_URL_DISABLED,
     ErrorCode.ADDRESS_REFUSED,
     ErrorCode.EMPTY_FILE,
@@ -101,6 +105,9 @@ SourceUrlField = Annotated[
     ),
 ]
 FontPart = Annotated[UploadFile | None, File(description="A TrueType or OpenType font for the text.")]
+UploadIdField = Annotated[
+    str | None, Form(description="In place of `file`: the id of an upload, see POST /v1/uploads.")
+]
 ParamsField = Annotated[
     str,
     Form(
@@ -144,6 +151,7 @@ def create_watermark(
     params: ParamsField,
     file: AssetPart = None,
     source_url: SourceUrlField = None,
+    upload_id: UploadIdField = None,
     font: FontPart = None,
     metadata: MetadataField = "{}",
     idempotency_key: IdempotencyKeyHeader = None,
@@ -151,9 +159,11 @@ def create_watermark(
     """Accept an asset for watermarking. What can be seen to be wrong at once is refused at once."""
     parameters, notes = parse_parameters(params), parse_metadata(metadata)
     settings, stage = state.settings, state.artifacts.stage
-    _only_one_of(file=file, source_url=source_url)
+    _only_one_of(file=file, source_url=source_url, upload_id=upload_id)
     if source_url is not None:
-        order = order_from_url(settings, client.tenant, source_url, parameters, notes)
+        order = order_from_url(state, client.tenant, source_url, parameters, notes)
+    elif upload_id is not None:
+        order = order_from_upload(state, client.tenant, upload_id, parameters, notes)
     else:
         assert file is not None
         asset = stage(file.file, limit=settings.max_upload_bytes, name="file")

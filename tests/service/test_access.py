@@ -39,11 +39,22 @@ def bearer(client: Client, tenant: str = "acme", *scopes: Scope) -> dict[str, st
     return {"Authorization": f"Bearer {key.text}"}
 
 
-def call(client: Client, method: str, path: str, job_id: str, headers: dict[str, str]) -> Response:
-    body: dict[str, Any] = {}
-    if method == "POST":
-        body = {"files": {"file": ("asset.obj", asset())}, "data": {"params": '{"text": "HI"}'}}
-    return client.http.request(method, path.replace("{job_id}", job_id), headers=headers, **body)
+BODIES: dict[tuple[str, str], dict[str, Any]] = {
+    ("POST", "/v1/watermarks"): {"files": {"file": ("asset.obj", asset())}, "data": {"params": '{"text": "HI"}'}},
+    ("POST", "/v1/uploads"): {"json": {"size": len(asset())}},
+    ("PUT", "/v1/uploads/{upload_id}"): {"content": asset()},
+}
+
+
+def call(
+    client: Client, method: str, path: str, job_id: str, headers: dict[str, str], upload_id: str = "none"
+) -> Response:
+    address = path.replace("{job_id}", job_id).replace("{upload_id}", upload_id)
+    return client.http.request(method, address, headers=headers, **BODIES.get((method, path), {}))
+
+
+def new_upload(client: Client, headers: dict[str, str]) -> str:
+    return str(call(client, "POST", "/v1/uploads", "", headers).json()["id"])
 
 
 def finished_job(client: Client, headers: dict[str, str]) -> str:
@@ -69,6 +80,21 @@ def test_another_tenants_job_is_not_there_on_any_route(client: Client) -> None:
     job = client.http.get(f"/v1/watermarks/{job_id}", headers=ours).json()
     assert job["state"] == "succeeded"
     assert client.http.get(job["links"]["model"], headers=ours).content == b"glTF of HI"
+
+
+def test_another_tenants_upload_is_not_there(client: Client) -> None:
+    ours, theirs = bearer(client, "acme"), bearer(client, "beta")
+    upload_id = new_upload(client, ours)
+    met = 0
+    for method, path, _ in OPERATIONS:
+        if "{upload_id}" in path:
+            met += 1
+            assert call(client, method, path, "", theirs, upload_id).json()["code"] == "not_found", (method, path)
+    assert met == 1
+    assert call(client, "PUT", "/v1/uploads/{upload_id}", "", ours, upload_id).status_code == 204
+    for headers, status in ((theirs, 404), (ours, 202)):
+        data = {"params": '{"text": "HI"}', "upload_id": upload_id}
+        assert client.http.post("/v1/watermarks", headers=headers, data=data).status_code == status
 
 
 def test_without_a_key_every_route_but_the_open_ones_is_closed(client: Client) -> None:
@@ -97,13 +123,13 @@ def test_without_a_key_every_route_but_the_open_ones_is_closed(client: Client) -
 
 
 def test_a_key_does_what_its_scopes_say_and_nothing_else(client: Client) -> None:
-    job_id = finished_job(client, bearer(client))
+    job_id, upload_id = finished_job(client, bearer(client)), new_upload(client, bearer(client))
     for scope, other in ((Scope.READ, Scope.WRITE), (Scope.WRITE, Scope.READ)):
         headers = bearer(client, "acme", scope)
         for method, path, operation in OPERATIONS:
             if path in OPEN or method == "DELETE":
                 continue
-            response = call(client, method, path, job_id, headers)
+            response = call(client, method, path, job_id, headers, upload_id)
             needed = operation["security"][1]["api_key"]
             if needed == [scope]:
                 assert response.status_code < 300, (method, path, response.text)

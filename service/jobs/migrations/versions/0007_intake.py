@@ -1,4 +1,4 @@
-"""More ways in: assets that a worker is to download."""
+"""More ways in: assets that a worker is to download, and such as are sent ahead."""
 
 import sqlalchemy as sa
 from alembic import op
@@ -8,9 +8,21 @@ down_revision = "0005"
 
 
 def upgrade() -> None:
-    """Create the table."""
+    """Create the tables."""
     op.create_table(
         "job_sources",
         sa.Column("job_id", sa.String(36), sa.ForeignKey("jobs.id", ondelete="CASCADE"), primary_key=True),
         sa.Column("url", sa.String(2048), nullable=False),
     )
+    op.create_table(
+        "uploads",
+        sa.Column("id", sa.String(36), primary_key=True),
+        sa.Column("tenant_id", sa.String(63), sa.ForeignKey("tenants.id"), nullable=False),
+        sa.Column("filename", sa.String(255), nullable=False),
+        sa.Column("size", sa.BigInteger().with_variant(sa.Integer, "sqlite"), nullable=False),
+        sa.Column("sha256", sa.String(64)),
+        sa.Column("created_at", sa.DateTime, nullable=False),
+        sa.Column("expires_at", sa.DateTime, nullable=False),
+    )
+    op.create_index("ix_uploads_expires_at", "uploads", ["expires_at"])
+    op.create_index("ix_uploads_tenant_id_expires_at", "uploads", ["tenant_id", "expires_at"])
