@@ -1,5 +1,6 @@
 """The HTTP application."""
 
+import re
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
@@ -15,10 +16,12 @@ from service.jobs.ledger import Ledger
 from service.jobs.queue import create_queue
 from service.jobs.stores import open_store
 from service.problems import Problem, install_problem_handlers, problem_response, upload_too_large
-from service.routes import health, uploads, watermarks
+from service.routes import batch, health, uploads, watermarks
 from service.state import AppState
 
 MAX_FIELD_BYTES = 2**16
+JSON_BYTES = 2**21  # of every request that carries no asset
+WITH_ASSET = re.compile("/v1/watermarks|/v1/uploads/[^/]+")
 FORM_FIELDS = 4
 # Of a request that is neither asset nor font: fields, part headers, boundaries.
 FORM_OVERHEAD = (FORM_FIELDS + 1) * MAX_FIELD_BYTES
@@ -37,9 +40,10 @@ class DeclaredSizeLimit:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer, or pass the request on."""
+        limit = self.limit if WITH_ASSET.fullmatch(scope.get("path", "")) else JSON_BYTES
         declared = dict(scope.get("headers", ())).get(b"content-length", b"0")
-        if declared.isdigit() and int(declared) > self.limit:
-            return await problem_response(upload_too_large(self.limit))(scope, receive, send)
+        if declared.isdigit() and int(declared) > limit:
+            return await problem_response(upload_too_large(limit))(scope, receive, send)
         return await self.app(scope, receive, send)
 
 
@@ -95,7 +99,9 @@ def create_app(settings: Settings) -> FastAPI:
         form_limits={"max_files": 2, "max_fields": FORM_FIELDS, "max_part_size": MAX_FIELD_BYTES},
     )
     app.include_router(watermarks.router, max_body_size=body_limit)
-    app.include_router(uploads.router, max_body_size=body_limit)
+    app.include_router(batch.router, max_body_size=JSON_BYTES)
+    app.include_router(uploads.router, max_body_size=JSON_BYTES)
+    app.include_router(uploads.sending, max_body_size=body_limit)
     app.include_router(health.router)
     install_problem_handlers(app, body_limit)
     app.add_middleware(DeclaredSizeLimit, limit=body_limit)

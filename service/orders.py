@@ -1,7 +1,10 @@
-"""What may stand in place of the asset itself: its address, or an upload that was sent ahead."""
+"""What may bring the asset of a job: a file, an address, or an upload that was sent ahead."""
 
 from functools import partial
+from typing import Any
 from urllib.parse import unquote, urlsplit
+
+from fastapi import UploadFile
 
 from core.errors import ErrorCode, MeshmarkError
 from core.parameters import Parameters
@@ -11,38 +14,64 @@ from service.state import AppState
 from service.submission import Order, plain_name
 
 
-def order_from_url(state: AppState, tenant: str, url: str, parameters: Parameters, metadata: dict[str, str]) -> Order:
-    """The order of a job whose asset a worker downloads; what the address tells without being asked is checked here.
+def order_from(
+    state: AppState,
+    tenant: str,
+    parameters: Parameters,
+    metadata: dict[str, str],
+    *,
+    file: UploadFile | None = None,
+    source_url: str | None = None,
+    upload_id: str | None = None,
+    **more: Any,
+) -> Order:
+    """The order of a job whose asset is given in one of three ways.
+
+    An address is not asked here: only what it tells by itself is looked at.
 
     Raises:
-        MeshmarkError: ``source_url_disabled``, ``address_refused``.
+        MeshmarkError: ``missing_file``, ``invalid_request``, none or more than one of them is given;
+            ``source_url_disabled``, ``address_refused``; ``not_found``, ``upload_expired``. When the asset is staged,
+            ``upload_too_large``, ``upload_not_sent``, ``upload_mismatch``.
     """
+    _check_one(file=file, source_url=source_url, upload_id=upload_id)
+    if file is not None:
+        asset = state.artifacts.stage(file.file, limit=state.settings.max_upload_bytes, name="file")
+        return Order(tenant, plain_name(file.filename), parameters, metadata, asset, **more)
+    if upload_id is not None:
+        upload = uploads.find(state.ledger.sessions, tenant, upload_id)
+        return Order(tenant, upload.filename, parameters, metadata, uploads.stage(state.artifacts, upload), **more)
+    assert source_url is not None
     if not state.settings.source_urls:
         raise MeshmarkError(
             ErrorCode.SOURCE_URL_DISABLED,
             "This service does not fetch assets from addresses.",
             "Send the asset itself, or ask the operator to set MESHMARK_SOURCE_URLS.",
         )
-    check_address(url, state.settings.outbound)
+    check_address(source_url, state.settings.outbound)
     return Order(
         tenant,
-        plain_name(unquote(urlsplit(url).path)),
+        plain_name(unquote(urlsplit(source_url).path)),
         parameters,
         metadata,
         asset=None,
-        origin={"source_url": url},
-        record=partial(sources.record, url=url),
+        origin={"source_url": source_url},
+        record=partial(sources.record, url=source_url),
+        **more,
     )
 
 
-def order_from_upload(
-    state: AppState, tenant: str, upload_id: str, parameters: Parameters, metadata: dict[str, str]
-) -> Order:
-    """The order of a job whose asset was sent ahead.
-
-    Raises:
-        MeshmarkError: ``not_found``, ``upload_expired``; when the asset is staged, ``upload_not_sent`` and
-            ``upload_mismatch``.
-    """
-    upload = uploads.find(state.ledger.sessions, tenant, upload_id)
-    return Order(tenant, upload.filename, parameters, metadata, uploads.stage(state.artifacts, upload))
+def _check_one(**ways: object) -> None:
+    given = [name for name, value in ways.items() if value is not None]
+    if not given:
+        raise MeshmarkError(
+            ErrorCode.MISSING_FILE,
+            "The request has no asset.",
+            "Send it as the file part `file`, or give an `upload_id` or a `source_url`.",
+        )
+    if len(given) > 1:
+        raise MeshmarkError(
+            ErrorCode.INVALID_REQUEST,
+            f"The request has more than one asset: {' and '.join(given)}.",
+            "Send one of them only.",
+        )

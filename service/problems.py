@@ -11,6 +11,7 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy.exc import OperationalError
 from starlette.exceptions import HTTPException
+from starlette.middleware.body_limit import MAX_BODY_SIZE_SCOPE_KEY
 from starlette.routing import compile_path
 
 from core.errors import ErrorCode, MeshmarkError
@@ -137,9 +138,9 @@ class ProblemError(MeshmarkError):
         self.headers = headers
 
 
-def problem_response(error: MeshmarkError, headers: Mapping[str, str] | None = None) -> JSONResponse:
-    """The response that tells a client about an error."""
-    problem = Problem(
+def problem_of(error: MeshmarkError) -> Problem:
+    """An error as clients see it."""
+    return Problem(
         type=f"urn:meshmark:problem:{error.code}",
         title=title(error.code),
         status=STATUS[error.code],
@@ -147,6 +148,11 @@ def problem_response(error: MeshmarkError, headers: Mapping[str, str] | None = N
         code=error.code,
         remedy=error.remedy,
     )
+
+
+def problem_response(error: MeshmarkError, headers: Mapping[str, str] | None = None) -> JSONResponse:
+    """The response that tells a client about an error."""
+    problem = problem_of(error)
     headers = {**HEADERS.get(error.code, {}), **(headers or {})}
     return JSONResponse(problem.model_dump(mode="json"), problem.status, headers, MEDIA_TYPE)
 
@@ -291,7 +297,7 @@ def _from_status(request: Request, error: HTTPException, body_limit: int) -> Mes
                 "See the Allow header for what is.",
             )
         case HTTPStatus.REQUEST_ENTITY_TOO_LARGE:
-            return upload_too_large(body_limit)
+            return upload_too_large(request.scope.get(MAX_BODY_SIZE_SCOPE_KEY, body_limit))
     return MeshmarkError(
         ErrorCode.INVALID_REQUEST,
         f"The request could not be read: {error.detail.rstrip('.')}.",

@@ -3,6 +3,7 @@
 from datetime import UTC, datetime
 from typing import Annotated, Self
 
+from fastapi import Request
 from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict, Field
 from pydantic.config import JsonDict
 
@@ -137,3 +138,8 @@ class JobPage(BaseModel):
 
     items: list[JobView]
     next: Annotated[str | None, Field(description="Where the list goes on; null: this is its end.")]
+
+
+def view(request: Request, job: Job) -> JobView:
+    """A job as clients see it."""
+    return JobView.of(job, request.app.url_path_for("read_watermark", job_id=job.id))

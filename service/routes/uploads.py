@@ -20,6 +20,7 @@ from service.state import State
 from service.submission import plain_name
 
 router = APIRouter(prefix="/v1/uploads", tags=["uploads"], route_class=GuardedRoute)
+sending = APIRouter(prefix="/v1/uploads", tags=["uploads"], route_class=GuardedRoute)  # of whole assets
 
 BEGINNING = problem_responses(
     *access.REFUSALS,
@@ -94,7 +95,7 @@ def create_upload(request: Request, state: State, client: Admitted, new: NewUplo
     return UploadView.of(upload, link, request.app.url_path_for("send_upload", upload_id=upload.id))
 
 
-@router.put("/{upload_id}", status_code=status.HTTP_204_NO_CONTENT, responses=SENDING, openapi_extra=BODY)
+@sending.put("/{upload_id}", status_code=status.HTTP_204_NO_CONTENT, responses=SENDING, openapi_extra=BODY)
 async def send_upload(request: Request, state: State, client: Admitted, upload_id: str) -> None:
     """Send the asset of an upload, as the body of the request; again, where it broke off."""
     upload = await run_in_threadpool(uploads.find, state.ledger.sessions, client.tenant, upload_id)

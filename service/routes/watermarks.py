@@ -1,6 +1,5 @@
 """The watermark jobs: send an asset, follow its job, fetch what came of it, delete it."""
 
-from dataclasses import replace
 from pathlib import PurePath
 from typing import Annotated, Any
 
@@ -16,11 +15,11 @@ from service.jobs import contents
 from service.jobs.listing import Filters, list_jobs
 from service.jobs.models import ArtifactKind, Job, JobState
 from service.metadata import parse_metadata, parse_pair
-from service.orders import order_from_upload, order_from_url
-from service.problems import HOW_TO_SEND, problem_responses
-from service.routes.schemas import JobPage, JobView, Moment
+from service.orders import order_from
+from service.problems import problem_responses
+from service.routes.schemas import JobPage, JobView, Moment, view
 from service.state import AppState, State
-from service.submission import Order, announce, plain_name, submit
+from service.submission import announce, submit
 
 router = APIRouter(prefix="/v1/watermarks", tags=["watermarks"], route_class=GuardedRoute)
 
@@ -158,19 +157,16 @@ def create_watermark(
 ) -> JobView:
     """Accept an asset for watermarking. What can be seen to be wrong at once is refused at once."""
     parameters, notes = parse_parameters(params), parse_metadata(metadata)
-    settings, stage = state.settings, state.artifacts.stage
-    _only_one_of(file=file, source_url=source_url, upload_id=upload_id)
-    if source_url is not None:
-        order = order_from_url(state, client.tenant, source_url, parameters, notes)
-    elif upload_id is not None:
-        order = order_from_upload(state, client.tenant, upload_id, parameters, notes)
-    else:
-        assert file is not None
-        asset = stage(file.file, limit=settings.max_upload_bytes, name="file")
-        order = Order(client.tenant, plain_name(file.filename), parameters, notes, asset)
-    order = replace(
-        order,
-        font=None if font is None else stage(font.file, limit=settings.max_font_bytes, name="font"),
+    font_part = font and state.artifacts.stage(font.file, limit=state.settings.max_font_bytes, name="font")
+    order = order_from(
+        state,
+        client.tenant,
+        parameters,
+        notes,
+        file=file,
+        source_url=source_url,
+        upload_id=upload_id,
+        font=font_part,
         key=None if idempotency_key is None else parse_idempotency_key(idempotency_key),
     )
     job, replayed = submit(state, order)
@@ -178,9 +174,9 @@ def create_watermark(
         response.headers["Idempotent-Replayed"] = "true"
     else:
         background.add_task(announce, state.queue, job.id)  # a broker that does not answer delays no client
-    view = _view(request, job)
-    response.headers["Location"] = view.links.self
-    return view
+    accepted = view(request, job)
+    response.headers["Location"] = accepted.links.self
+    return accepted
 
 
 @router.get("", responses=LISTING)
@@ -204,7 +200,7 @@ def list_watermarks(
     page = list_jobs(state.ledger.sessions, client.tenant, filters, limit, cursor)
     following = request.url.include_query_params(cursor=page.cursor)
     return JobPage(
-        items=[_view(request, job) for job in page.jobs],
+        items=[view(request, job) for job in page.jobs],
         next=f"{following.path}?{following.query}" if page.cursor else None,
     )
 
@@ -212,7 +208,7 @@ def list_watermarks(
 @router.get("/{job_id}", responses=UNKNOWN)
 def read_watermark(request: Request, state: State, client: Admitted, job_id: str) -> JobView:
     """Where the job stands."""
-    return _view(request, _job(state, client, job_id))
+    return view(request, _job(state, client, job_id))
 
 
 @router.delete("/{job_id}", status_code=status.HTTP_204_NO_CONTENT, responses=UNKNOWN)
@@ -258,20 +254,6 @@ def read_preview(request: Request, state: State, client: Admitted, job_id: str) 
     return _deliver(request, state, client, job_id, ArtifactKind.PREVIEW)
 
 
-def _only_one_of(**sources: object) -> None:
-    given = [name for name, value in sources.items() if value is not None]
-    if not given:
-        raise MeshmarkError(
-            ErrorCode.MISSING_FILE, "The request has no asset: the part `file` is missing.", HOW_TO_SEND
-        )
-    if len(given) > 1:
-        raise MeshmarkError(
-            ErrorCode.INVALID_REQUEST,
-            f"The request has more than one asset: {' and '.join(given)}.",
-            "Send one of them only.",
-        )
-
-
 def _job(state: AppState, client: Client, job_id: str) -> Job:
     job = state.ledger.get(job_id, client.tenant) if job_id.isprintable() else None  # PostgreSQL takes no NUL
     if job is None:
@@ -279,10 +261,6 @@ def _job(state: AppState, client: Client, job_id: str) -> Job:
             ErrorCode.NOT_FOUND, f"There is no job {job_id[:64]!r}.", "Use the id or the Location that POST gave."
         )
     return job
-
-
-def _view(request: Request, job: Job) -> JobView:
-    return JobView.of(job, request.app.url_path_for("read_watermark", job_id=job.id))
 
 
 def _deliver(request: Request, state: AppState, client: Client, job_id: str, kind: ArtifactKind) -> Response:

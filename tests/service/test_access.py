@@ -41,6 +41,7 @@ def bearer(client: Client, tenant: str = "acme", *scopes: Scope) -> dict[str, st
 
 BODIES: dict[tuple[str, str], dict[str, Any]] = {
     ("POST", "/v1/watermarks"): {"files": {"file": ("asset.obj", asset())}, "data": {"params": '{"text": "HI"}'}},
+    ("POST", "/v1/watermarks/batch"): {"json": {"items": [{"upload_id": "none", "parameters": {"text": "HI"}}]}},
     ("POST", "/v1/uploads"): {"json": {"size": len(asset())}},
     ("PUT", "/v1/uploads/{upload_id}"): {"content": asset()},
 }
@@ -95,6 +96,9 @@ def test_another_tenants_upload_is_not_there(client: Client) -> None:
     for headers, status in ((theirs, 404), (ours, 202)):
         data = {"params": '{"text": "HI"}', "upload_id": upload_id}
         assert client.http.post("/v1/watermarks", headers=headers, data=data).status_code == status
+        batch = {"items": [{"upload_id": upload_id, "parameters": {"text": "HI"}}]}
+        results = client.http.post("/v1/watermarks/batch", headers=headers, json=batch).json()["items"]
+        assert [result["status"] for result in results] == [status]
 
 
 def test_without_a_key_every_route_but_the_open_ones_is_closed(client: Client) -> None:
