@@ -111,6 +111,9 @@ class Settings(BaseSettings):
     retention_seconds: Annotated[
         float, Field(ge=0, description="Seconds after its end at which a job's files are deleted; 0: never.")
     ] = 0.0
+    cache: Annotated[
+        bool, Field(description="Answer an asset sent again with the same parameters with the results there are.")
+    ] = True
     source_urls: Annotated[
         bool, Field(description="Let users give the address of an asset, `source_url`, in place of the asset.")
     ] = False

@@ -18,7 +18,7 @@ from service.jobs import contents, idempotency, queue
 from service.jobs.artifacts import Staged
 from service.jobs.ledger import Submission
 from service.jobs.limits import check_active
-from service.jobs.models import ArtifactKind, Job
+from service.jobs.models import ArtifactKind, Job, JobState
 from service.state import AppState
 
 log = structlog.get_logger(__name__)
@@ -42,6 +42,7 @@ class Order:
         record: called in the transaction that records the job, with its id: what else is recorded with it.
         font: stages the font, if there is one.
         key: the client's idempotency key.
+        cache: whether results that exist already will do.
     """
 
     tenant: str
@@ -53,6 +54,7 @@ class Order:
     record: Callable[[Session, str], None] = _nothing
     font: AbstractContextManager[Staged] | None = None
     key: str | None = None
+    cache: bool = True
 
 
 class Accepted(NamedTuple):
@@ -95,16 +97,19 @@ def submit(state: AppState, order: Order) -> Accepted:
             if reservation is not None:
                 idempotency.settle(session, reservation, job_id)
 
-        submission = Submission(order.tenant, order.metadata, condition)
+        cache = order.cache and state.settings.cache
+        submission = Submission(order.tenant, order.metadata, cache, condition)
         return Accepted(contents.create_job(state.ledger, state.artifacts, order.filename, wanted, staged, submission))
 
 
-def announce(broker: Celery, job_id: str) -> None:
-    """Tell the workers about a job. A broker that does not answer delays it, and loses nothing."""
+def announce(broker: Celery, job: Job) -> None:
+    """Tell the workers about a new job. A broker that does not answer delays it, and loses nothing."""
+    if job.state != JobState.QUEUED:
+        return
     try:
-        queue.send(broker, job_id)
+        queue.send(broker, job.id)
     except (KombuError, OSError) as error:
-        log.error("the broker does not answer; a worker's sweeper will find the job", job=job_id, error=str(error))
+        log.error("the broker does not answer; a worker's sweeper will find the job", job=job.id, error=str(error))
 
 
 def plain_name(filename: str | None) -> str:

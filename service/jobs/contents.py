@@ -23,7 +23,6 @@ counted as failed).
 from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import suppress
 from datetime import timedelta
-from functools import partial
 from itertools import islice
 from typing import Any, TypeVar
 
@@ -31,6 +30,7 @@ import structlog
 
 from core.errors import MeshmarkError
 from service.jobs.artifacts import GRACE, ArtifactStore, Staged, StoreUnavailableError
+from service.jobs.cache import find_results, result_key
 from service.jobs.ledger import BY_DEFAULT, Content, Ledger, MissingContentError, Submission, now
 from service.jobs.models import ArtifactKind, Job, Lease
 
@@ -56,8 +56,15 @@ def create_job(
         MeshmarkError: what the submission's condition raises; then nothing is recorded and nothing kept.
     """
     contents = {kind: Content(item.sha256, item.size) for kind, item in staged.items()}
+    key = result_key(parameters, contents)
+    # Results may be on their way out, with the job that has them. They are looked for once; then the work is done anew.
+    looks = iter([lambda: find_results(ledger.sessions, submission.tenant, key)] if submission.cache else [])
+
+    def record() -> Job:
+        look = next(looks, None)
+        return ledger.create(filename, parameters, contents, store.has, submission, key, look and look())
+
     try:
-        record = partial(ledger.create, filename, parameters, contents, store.has, submission)
         return _keep(store, staged.values(), record)
     except StoreUnavailableError:
         raise

@@ -43,6 +43,7 @@ class BatchItem(BaseModel):
     idempotency_key: Annotated[
         str | None, Field(description="As the header Idempotency-Key of POST /v1/watermarks.")
     ] = None
+    cache: Annotated[bool, Field(description="Whether results will do that exist already.")] = True
 
 
 class Batch(BaseModel):
@@ -105,7 +106,7 @@ def create_watermarks(
             results.append(_refused(error))
         else:
             if not replayed:
-                background.add_task(announce, state.queue, job.id)
+                background.add_task(announce, state.queue, job)
             results.append(BatchResult(status=status.HTTP_202_ACCEPTED, replayed=replayed, job=view(request, job)))
     return BatchResults(items=results)
 
@@ -119,6 +120,7 @@ def _submit(state: AppState, client: Client, item: BatchItem) -> Accepted:
         source_url=item.source_url,
         upload_id=item.upload_id,
         key=None if item.idempotency_key is None else parse_idempotency_key(item.idempotency_key),
+        cache=item.cache,
     )
     return submit(state, order)
 

@@ -139,6 +139,14 @@ IdempotencyKeyHeader = Annotated[
     ),
 ]
 
+CacheQuery = Annotated[
+    bool,
+    Query(
+        description="Whether results will do that exist already: where you had the same asset watermarked with the "
+        "same parameters and font, and still have the results, the new job has succeeded at once."
+    ),
+]
+
 
 @router.post("", status_code=status.HTTP_202_ACCEPTED, responses=ACCEPTED | REFUSALS)
 def create_watermark(
@@ -154,6 +162,7 @@ def create_watermark(
     font: FontPart = None,
     metadata: MetadataField = "{}",
     idempotency_key: IdempotencyKeyHeader = None,
+    cache: CacheQuery = True,
 ) -> JobView:
     """Accept an asset for watermarking. What can be seen to be wrong at once is refused at once."""
     parameters, notes = parse_parameters(params), parse_metadata(metadata)
@@ -168,12 +177,13 @@ def create_watermark(
         upload_id=upload_id,
         font=font_part,
         key=None if idempotency_key is None else parse_idempotency_key(idempotency_key),
+        cache=cache,
     )
     job, replayed = submit(state, order)
     if replayed:
         response.headers["Idempotent-Replayed"] = "true"
     else:
-        background.add_task(announce, state.queue, job.id)  # a broker that does not answer delays no client
+        background.add_task(announce, state.queue, job)  # a broker that does not answer delays no client
     accepted = view(request, job)
     response.headers["Location"] = accepted.links.self
     return accepted

@@ -1,4 +1,4 @@
-"""More ways in: assets that a worker is to download, and such as are sent ahead."""
+"""More ways in: assets that a worker is to download, such as are sent ahead, and results that exist already."""
 
 import sqlalchemy as sa
 from alembic import op
@@ -8,7 +8,7 @@ down_revision = "0005"
 
 
 def upgrade() -> None:
-    """Create the tables."""
+    """Create the tables and columns."""
     op.create_table(
         "job_sources",
         sa.Column("job_id", sa.String(36), sa.ForeignKey("jobs.id", ondelete="CASCADE"), primary_key=True),
@@ -26,3 +26,6 @@ def upgrade() -> None:
     )
     op.create_index("ix_uploads_expires_at", "uploads", ["expires_at"])
     op.create_index("ix_uploads_tenant_id_expires_at", "uploads", ["tenant_id", "expires_at"])
+    op.add_column("jobs", sa.Column("result_key", sa.String(64)))
+    op.add_column("jobs", sa.Column("cached", sa.Boolean, nullable=False, server_default=sa.false()))
+    op.create_index("ix_jobs_tenant_id_result_key", "jobs", ["tenant_id", "result_key"])
