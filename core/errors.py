@@ -54,6 +54,7 @@ class ErrorCode(StrEnum):
     DOWNLOAD_TOO_LARGE = "download_too_large"
     INVALID_SECRET = "invalid_secret"
     INVALID_API_KEY = "invalid_api_key"
+    INVALID_HOOK_TOKEN = "invalid_hook_token"
     MISSING_SCOPE = "missing_scope"
     RATE_LIMITED = "rate_limited"
     TOO_MANY_JOBS = "too_many_jobs"

@@ -16,7 +16,7 @@ from service.jobs.ledger import Ledger
 from service.jobs.queue import create_queue
 from service.jobs.stores import open_store
 from service.problems import Problem, install_problem_handlers, problem_response, upload_too_large
-from service.routes import batch, health, uploads, watermarks
+from service.routes import batch, health, hooks, uploads, watermarks
 from service.state import AppState
 
 MAX_FIELD_BYTES = 2**16
@@ -102,6 +102,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.include_router(batch.router, max_body_size=JSON_BYTES)
     app.include_router(uploads.router, max_body_size=JSON_BYTES)
     app.include_router(uploads.sending, max_body_size=body_limit)
+    app.include_router(hooks.router, max_body_size=JSON_BYTES)
     app.include_router(health.router)
     install_problem_handlers(app, body_limit)
     app.add_middleware(DeclaredSizeLimit, limit=body_limit)

@@ -2,7 +2,9 @@
 
 import os
 import sys
+from collections.abc import Mapping
 from dataclasses import replace
+from functools import cached_property
 from ipaddress import IPv4Network, IPv6Network, ip_address, ip_network
 from pathlib import Path
 from typing import Annotated, Self
@@ -14,6 +16,7 @@ from sqlalchemy.exc import ArgumentError
 
 from core.asset.budgets import DEFAULT_BUDGETS, Budgets
 from core.lettering.fonts import MAX_FONT_BYTES
+from service.hooks.config import HookSource, load_hooks
 from service.outbound.policy import PORTS, Policy
 
 MIB = 2**20
@@ -128,6 +131,9 @@ class Settings(BaseSettings):
     outbound_http: Annotated[
         bool, Field(description="Let users give addresses that begin with `http://`, unencrypted.")
     ] = False
+    hooks_file: Annotated[
+        Path | None, Field(description="TOML file of the buckets to watch, for API and workers; empty: none.")
+    ] = None
     device: Annotated[
         str,
         Field(
@@ -146,6 +152,13 @@ class Settings(BaseSettings):
     @classmethod
     def _ports(cls, listed: object) -> object:
         return frozenset(_split(listed)) if isinstance(listed, str) else listed
+
+    @field_validator("hooks_file")
+    @classmethod
+    def _can_be_watched(cls, path: Path | None) -> Path | None:
+        if path:
+            load_hooks(path)
+        return path
 
     @field_validator("database_url")
     @classmethod
@@ -195,6 +208,11 @@ class Settings(BaseSettings):
         """Where requests to addresses that users name may go."""
         schemes = {"https", "http"} if self.outbound_http else {"https"}
         return Policy(self.outbound_networks, frozenset(schemes), self.outbound_ports)
+
+    @cached_property
+    def hooks(self) -> Mapping[str, HookSource]:
+        """The buckets to watch, by the names of their hooks."""
+        return load_hooks(self.hooks_file) if self.hooks_file else {}
 
     @property
     def ledger_url(self) -> str:

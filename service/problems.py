@@ -62,6 +62,7 @@ STATUS: dict[ErrorCode, int] = {
     ErrorCode.DOWNLOAD_TOO_LARGE: 422,
     ErrorCode.INVALID_SECRET: 422,
     ErrorCode.INVALID_API_KEY: 401,
+    ErrorCode.INVALID_HOOK_TOKEN: 401,
     ErrorCode.MISSING_SCOPE: 403,
     ErrorCode.RATE_LIMITED: 429,
     ErrorCode.TOO_MANY_JOBS: 429,

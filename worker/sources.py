@@ -7,16 +7,19 @@ engine's process has no part in it. It is bounded: three tries of two minutes.
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import BinaryIO
 
 import structlog
 from sqlalchemy.orm import Session, sessionmaker
 
+from core.errors import ErrorCode, MeshmarkError
 from service.config import Settings
-from service.jobs import sources
+from service.jobs import dropped, sources
 from service.jobs.artifacts import writing
 from service.outbound.client import OutboundClient
 from service.outbound.download import TransientDownloadError, download
 from service.outbound.policy import Timeouts
+from worker.hook_bucket import read_object
 
 TIMEOUTS = Timeouts(connect=5.0, silence=15.0, total=120.0)
 PAUSES = (1.0, 5.0)  # seconds before the second and the third try
@@ -25,10 +28,11 @@ log = structlog.get_logger(__name__)
 
 
 class Sources:
-    """Where assets are brought from."""
+    """Where assets are brought from: addresses, and the buckets of upload hooks."""
 
     def __init__(self, settings: Settings, sessions: sessionmaker[Session]) -> None:
         self._limit = settings.max_upload_bytes
+        self._hooks = settings.hooks
         self._sessions = sessions
         self._client = OutboundClient(settings.outbound, TIMEOUTS)
 
@@ -45,19 +49,35 @@ class Sources:
             MeshmarkError: ``address_refused``, ``download_failed``, ``download_too_large``.
             StoreUnavailableError: the file could not be written.
         """
-        url = sources.url_of(self._sessions, job_id)
-        if url is None:
+        fetch = self._way_to(job_id, check)
+        if fetch is None:
             return False
         for seconds in PAUSES:
             try:
-                self._download(url, path, check)
+                _write(path, fetch)
                 return True
             except TransientDownloadError as trouble:
-                log.info("the asset could not be downloaded; trying again", reason=trouble.message)
+                log.info("the asset could not be fetched; trying again", reason=trouble.message)
             pause(seconds)
-        self._download(url, path, check)
+        _write(path, fetch)
         return True
 
-    def _download(self, url: str, path: Path, check: Callable[[], None]) -> None:
-        with writing(), path.open("wb") as target:
-            download(self._client, url, target, self._limit, check)
+    def _way_to(self, job_id: str, check: Callable[[], None]) -> Callable[[BinaryIO], object] | None:
+        """What writes a job's asset to an open file."""
+        if url := sources.url_of(self._sessions, job_id):
+            return lambda target: download(self._client, url, target, self._limit, check)
+        if item := dropped.object_of(self._sessions, job_id):
+            hook = self._hooks.get(item.source)
+            if hook is None:
+                raise MeshmarkError(
+                    ErrorCode.DOWNLOAD_FAILED,
+                    f"The hook {item.source!r} that told of this object is not configured any more.",
+                    "Configure it again, for API and workers, and drop the object again.",
+                )
+            return lambda target: read_object(hook, item.key, target, self._limit, check)
+        return None
+
+
+def _write(path: Path, fetch: Callable[[BinaryIO], object]) -> None:
+    with writing(), path.open("wb") as target:
+        fetch(target)

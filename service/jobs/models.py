@@ -199,6 +199,25 @@ class Upload(Base):
     expires_at: Mapped[datetime] = mapped_column(index=True)
 
 
+class DroppedObject(Base):
+    """A version of an object in a watched bucket, and its job; see :mod:`service.jobs.dropped`."""
+
+    __tablename__ = "dropped_objects"
+    __table_args__ = (
+        Index("ix_dropped_objects_output_due_at", "output", "due_at"),
+        Index("ix_dropped_objects_source_key", "source", "key"),
+    )
+
+    id: Mapped[str] = mapped_column(String(64), primary_key=True)
+    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id", ondelete="CASCADE"), unique=True)
+    source: Mapped[str] = mapped_column(String(63))
+    key: Mapped[str] = mapped_column(String(1024))
+    output: Mapped[str] = mapped_column(String(16))
+    tries: Mapped[int] = mapped_column(default=0)
+    due_at: Mapped[datetime]
+    created_at: Mapped[datetime]
+
+
 class IdempotencyKey(Base):
     """Which job a request with a key made, or that one is about to; see :mod:`service.jobs.idempotency`."""
 
