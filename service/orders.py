@@ -66,7 +66,7 @@ def _check_one(**ways: object) -> None:
     if not given:
         raise MeshmarkError(
             ErrorCode.MISSING_FILE,
-            "The request has no asset.",
+            "The request has no asset: no file, no `upload_id` and no `source_url`.",
             "Send it as the file part `file`, or give an `upload_id` or a `source_url`.",
         )
     if len(given) > 1:

@@ -7,14 +7,14 @@ from typing import Any, BinaryIO
 
 import obstore
 import structlog
-from obstore.exceptions import BaseError
+from obstore.exceptions import BaseError, PermissionDeniedError, UnauthenticatedError
 from obstore.store import S3Store
 
 from core.errors import ErrorCode, MeshmarkError
 from service.hooks.config import HookSource
-from service.jobs.artifacts import CHUNK
-from service.outbound.download import TransientDownloadError
+from service.jobs.artifacts import CHUNK, StoreUnavailableError
 
+REFUSALS = (PermissionDeniedError, UnauthenticatedError)
 RETRIES: Any = {"max_retries": 2, "retry_timeout": timedelta(seconds=10)}
 
 log = structlog.get_logger(__name__)
@@ -44,8 +44,8 @@ def read_object(hook: HookSource, key: str, target: BinaryIO, limit: int, check:
     """Copy an object to an open file; `check` is called before each part is written.
 
     Raises:
-        MeshmarkError: ``download_failed``, it is not there; ``download_too_large``.
-        TransientDownloadError: ``download_failed``, the bucket does not answer.
+        MeshmarkError: ``download_failed``, it is not there, or may not be read; ``download_too_large``.
+        StoreUnavailableError: the bucket does not answer.
     """
     size = 0
     for chunk in _content(open_bucket(hook), key):
@@ -64,7 +64,8 @@ def write_object(hook: HookSource, key: str, content: Iterator[bytes], media_typ
     """Write an object; it appears when it is whole.
 
     Raises:
-        TransientDownloadError: ``download_failed``, the bucket does not take it.
+        MeshmarkError: it may not be written.
+        StoreUnavailableError: the bucket does not answer.
         Exception: what reading the content raises.
     """
     failures: list[Exception] = []
@@ -79,7 +80,7 @@ def write_object(hook: HookSource, key: str, content: Iterator[bytes], media_typ
     try:
         with _asking():
             obstore.put(open_bucket(hook), key, passed_on(), attributes={"Content-Type": media_type})
-    except TransientDownloadError:
+    except StoreUnavailableError:
         if failures:  # it was not the bucket
             raise failures[0] from None
         raise
@@ -99,10 +100,13 @@ def _asking() -> Iterator[None]:
         raise MeshmarkError(
             ErrorCode.DOWNLOAD_FAILED, "The object is not in the bucket any more.", "Drop it again."
         ) from None
-    except (BaseError, OSError) as error:
-        log.warning("the bucket of a hook failed", error=str(error)[:500])
-        raise TransientDownloadError(
+    except REFUSALS as error:
+        log.error("the bucket of a hook does not let this service in", error=str(error)[:500])
+        raise MeshmarkError(
             ErrorCode.DOWNLOAD_FAILED,
-            "The bucket does not answer, or does not let this service in.",
-            "Drop the object again later; the operator can check the hook's endpoint and keys.",
-        ) from error
+            "The bucket does not let this service in.",
+            "Drop the object again once the operator has checked the keys of the hook.",
+        ) from None
+    except (BaseError, OSError) as error:
+        log.warning("the bucket of a hook does not answer", error=str(error)[:500])
+        raise StoreUnavailableError from error

@@ -8,12 +8,12 @@ import threading
 
 import structlog
 
+from core.errors import MeshmarkError
 from service.hooks.config import HookSource
 from service.jobs import dropped
 from service.jobs.artifacts import ArtifactStore, StoreUnavailableError
 from service.jobs.dropped import Output
 from service.jobs.models import ArtifactKind, DroppedObject, Job, JobState
-from service.outbound.download import TransientDownloadError
 from worker.hook_bucket import write_object
 from worker.tasks import Worker
 
@@ -30,7 +30,7 @@ def write_outputs(worker: Worker) -> None:
     for item in dropped.take_due(sessions):
         try:
             output = _write(worker, item)
-        except (TransientDownloadError, StoreUnavailableError) as error:
+        except MeshmarkError as error:
             log.warning(
                 "results could not be written to their bucket; trying again", job=item.job_id, reason=str(error)
             )

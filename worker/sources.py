@@ -2,7 +2,8 @@
 
 A worker does so itself, before it starts the engine and under the job's own lease: so a download is cancelled, tried
 again after a crash, counted and given up as any other part of a job, and needs no queue and no states of its own. The
-engine's process has no part in it. It is bounded: three tries of two minutes.
+engine's process has no part in it. It is bounded: three tries of two minutes. The bucket of a
+hook is waited for as the artifact store is.
 """
 
 from collections.abc import Callable
@@ -47,7 +48,7 @@ class Sources:
 
         Raises:
             MeshmarkError: ``address_refused``, ``download_failed``, ``download_too_large``.
-            StoreUnavailableError: the file could not be written.
+            StoreUnavailableError: the file could not be written, or the bucket of a hook does not answer.
         """
         fetch = self._way_to(job_id, check)
         if fetch is None:

@@ -145,7 +145,9 @@ class Worker:
         """Take an asset that the client did not send into the store, as if it had been sent."""
         path = folder / "source"
         heartbeat.at("fetching", 0.0)
-        if not self.sources.bring(job.id, path, lambda: self._check(heartbeat), heartbeat.lost.wait):
+        if not self._patiently(
+            heartbeat, lambda: self.sources.bring(job.id, path, lambda: self._check(heartbeat), heartbeat.lost.wait)
+        ):
             return None
         self._publish(job.lease, Published(ArtifactKind.INPUT, path), heartbeat)
         brought = self.ledger.get(job.id, job.tenant_id)

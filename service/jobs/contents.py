@@ -57,12 +57,13 @@ def create_job(
     """
     contents = {kind: Content(item.sha256, item.size) for kind, item in staged.items()}
     key = result_key(parameters, contents)
-    # Results may be on their way out, with the job that has them. They are looked for once; then the work is done anew.
-    looks = iter([lambda: find_results(ledger.sessions, submission.tenant, key)] if submission.cache else [])
+    may_reuse = submission.cache
 
     def record() -> Job:
-        look = next(looks, None)
-        return ledger.create(filename, parameters, contents, store.has, submission, key, look and look())
+        nonlocal may_reuse
+        results = find_results(ledger.sessions, submission.tenant, key) if may_reuse else {}
+        may_reuse = False  # what was found may be on its way out, with its job: then the work is done anew
+        return ledger.create(filename, parameters, contents, store.has, submission, key, results)
 
     try:
         return _keep(store, staged.values(), record)

@@ -281,7 +281,10 @@ def test_results_that_were_deleted_are_not_written(client: Client, watched: Watc
     assert outputs(client) == [Output.NONE]
 
 
-def test_a_bucket_that_fails_for_a_while_delays_reading_and_writing(s3: S3, tmp_path: Path) -> None:
+def test_a_bucket_that_fails_for_a_while_delays_reading_and_writing(
+    s3: S3, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("worker.tasks.PATIENCE", 0.1)
     with Flaky(s3.url).running() as flaky:
         bucket = s3.new_bucket()
         bucket.endpoint = flaky.url
@@ -302,7 +305,29 @@ def test_a_bucket_that_fails_for_a_while_delays_reading_and_writing(s3: S3, tmp_
             flaky.failing.set()
             watched.drop("incoming/b.obj", asset())
             [job_id] = accepted(client, watched.notification("incoming/b.obj"))
-            assert run(client, job_id)["error"]["code"] == "download_failed"
+            assert (run(client, job_id)["state"], run(client, job_id)["attempts"]) == ("queued", 0)
+            flaky.failing.clear()
+            assert run(client, job_id)["state"] == "succeeded"
+
+
+def test_results_are_kept_until_a_bucket_that_refuses_them_takes_them(
+    client: Client, watched: Watched, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The server answers 403 to whoever has no keys and wants what is not public, or to replace an object."""
+    watched.drop("incoming/a.obj", asset())
+    [job_id] = accepted(client, watched.notification("incoming/a.obj"))
+    assert run(client, job_id)["state"] == "succeeded"
+    for name in ("watermarked/a.obj.report.json", "watermarked/a.obj.watermarked.glb"):
+        watched.drop(name, b"not to be replaced without keys")
+    hook = client.worker.settings.hooks["shop"]
+    open_bucket = S3Store(hook.bucket, endpoint=hook.endpoint, skip_signature=True, client_options={"allow_http": True})
+    with monkeypatch.context() as without_keys:
+        without_keys.setattr("worker.hook_bucket.open_bucket", lambda _: open_bucket)
+        write_outputs(client.worker)
+    assert outputs(client) == ["pending"]
+    make_due(client)
+    write_outputs(client.worker)
+    assert outputs(client) == ["written"]
 
 
 def test_large_results_arrive_whole(client: Client) -> None:
