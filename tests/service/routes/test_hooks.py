@@ -94,7 +94,14 @@ def watched(s3: S3) -> Watched:
 
 
 @pytest.fixture
-def client(watched: Watched, database_url: str, tmp_path: Path) -> Iterator[Client]:
+def client(watched: Watched, tmp_path: Path) -> Iterator[Client]:
+    with client_with(Settings(data_dir=tmp_path, hooks_file=watched.hooks_file(tmp_path))) as client:
+        yield client
+
+
+@pytest.fixture
+def on_both(watched: Watched, database_url: str, tmp_path: Path) -> Iterator[Client]:
+    """A client of the service on each database."""
     hooks = watched.hooks_file(tmp_path)
     with client_with(Settings(data_dir=tmp_path, database_url=database_url, hooks_file=hooks)) as client:
         yield client
@@ -133,34 +140,34 @@ def make_due(client: Client) -> None:
         session.execute(update(DroppedObject).values(due_at=now() - timedelta(seconds=1)))
 
 
-def test_a_dropped_file_is_watermarked_and_written_back(client: Client, watched: Watched) -> None:
+def test_a_dropped_file_is_watermarked_and_written_back(on_both: Client, watched: Watched) -> None:
     key = "incoming/a shop/my chair+é.obj"
     watched.drop(key, asset())
-    [job_id] = accepted(client, watched.notification(key))
-    assert queue.depth(client.worker.celery) == 1
-    write_outputs(client.worker)
-    assert outputs(client) == ["pending"], "there is nothing to write yet"
-    job = run(client, job_id)
+    [job_id] = accepted(on_both, watched.notification(key))
+    assert queue.depth(on_both.worker.celery) == 1
+    write_outputs(on_both.worker)
+    assert outputs(on_both) == ["pending"], "there is nothing to write yet"
+    job = run(on_both, job_id)
     assert job["state"] == "succeeded"
     assert job["input"]["filename"] == "my chair+é.obj"
     assert job["metadata"] == {"hook": "shop", "key": key}
-    write_outputs(client.worker)
-    assert outputs(client) == ["written"]
+    write_outputs(on_both.worker)
+    assert outputs(on_both) == ["written"]
     assert watched.read("watermarked/a shop/my chair+é.obj.watermarked.glb") == b"glTF of HI"
     report = watched.read("watermarked/a shop/my chair+é.obj.report.json")
     assert report is not None
     assert json.loads(report)["text"] == "HI"
 
 
-def test_however_often_an_object_is_told_of_it_makes_one_job(client: Client, watched: Watched) -> None:
+def test_however_often_an_object_is_told_of_it_makes_one_job(on_both: Client, watched: Watched) -> None:
     watched.drop("incoming/a.obj", asset())
     told = watched.notification("incoming/a.obj", "incoming/a.obj")
     with ThreadPoolExecutor(4) as pool:
-        answers = list(pool.map(lambda _: accepted(client, told), range(6)))
+        answers = list(pool.map(lambda _: accepted(on_both, told), range(6)))
     assert len({job_id for answer in answers for job_id in answer}) == 1
-    run(client, answers[0][0])
-    assert accepted(client, told)[0] == answers[0][0]
-    assert len(client.http.get("/v1/watermarks").json()["items"]) == 1
+    run(on_both, answers[0][0])
+    assert accepted(on_both, told)[0] == answers[0][0]
+    assert len(on_both.http.get("/v1/watermarks").json()["items"]) == 1
 
 
 def test_new_content_under_the_same_key_is_another_job(client: Client, watched: Watched) -> None:
@@ -170,15 +177,15 @@ def test_new_content_under_the_same_key_is_another_job(client: Client, watched: 
     assert accepted(client, watched.notification("incoming/a.obj")) != first
 
 
-def test_results_of_an_older_version_do_not_replace_those_of_a_newer_one(client: Client, watched: Watched) -> None:
+def test_results_of_an_older_version_do_not_replace_those_of_a_newer_one(on_both: Client, watched: Watched) -> None:
     jobs = []
     for number in range(2):
         watched.drop("incoming/a.obj", asset(version=number))
-        jobs += accepted(client, watched.notification("incoming/a.obj"))
+        jobs += accepted(on_both, watched.notification("incoming/a.obj"))
     for job_id in reversed(jobs):
-        assert run(client, job_id)["state"] == "succeeded"
-        write_outputs(client.worker)
-    assert outputs(client) == ["superseded", "written"]
+        assert run(on_both, job_id)["state"] == "succeeded"
+        write_outputs(on_both.worker)
+    assert outputs(on_both) == ["superseded", "written"]
 
 
 def test_what_is_not_meant_is_ignored_and_it_is_said_why(client: Client, watched: Watched) -> None:
@@ -257,18 +264,18 @@ def test_jobs_are_those_of_the_hooks_tenant(watched: Watched, tmp_path: Path) ->
         assert (full.status_code, full.json()["code"]) == (429, "too_many_jobs")
 
 
-def test_a_worker_that_died_while_it_wrote_leaves_it_to_the_next(client: Client, watched: Watched) -> None:
+def test_a_worker_that_died_while_it_wrote_leaves_it_to_the_next(on_both: Client, watched: Watched) -> None:
     watched.drop("incoming/a.obj", asset())
-    [job_id] = accepted(client, watched.notification("incoming/a.obj"))
-    run(client, job_id)
-    sessions = client.worker.ledger.sessions
+    [job_id] = accepted(on_both, watched.notification("incoming/a.obj"))
+    run(on_both, job_id)
+    sessions = on_both.worker.ledger.sessions
     assert [item.job_id for item in dropped.take_due(sessions)] == [job_id]  # and then it dies
     assert dropped.take_due(sessions) == [], "nobody else is at it meanwhile"
-    write_outputs(client.worker)
-    assert outputs(client) == ["pending"]
-    make_due(client)
-    write_outputs(client.worker)
-    assert outputs(client) == ["written"]
+    write_outputs(on_both.worker)
+    assert outputs(on_both) == ["pending"]
+    make_due(on_both)
+    write_outputs(on_both.worker)
+    assert outputs(on_both) == ["written"]
     assert watched.read("watermarked/a.obj.watermarked.glb") == b"glTF of HI"
 
 
