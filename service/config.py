@@ -83,7 +83,7 @@ class Settings(BaseSettings):
     s3_secret_access_key: Annotated[SecretStr, Field(description="The access key's secret.")] = SecretStr("")
     s3_presign: Annotated[
         bool,
-        Field(description="Redirect downloads to the bucket by presigned links; clients must reach its endpoint."),
+        Field(description="Let clients download and upload by presigned links to the bucket, which they must reach."),
     ] = False
     max_upload_bytes: Annotated[int, Field(gt=0, description="Largest asset accepted, in bytes.")] = (
         DEFAULT_BUDGETS.bytes

@@ -166,7 +166,6 @@ def create_watermark(
 ) -> JobView:
     """Accept an asset for watermarking. What can be seen to be wrong at once is refused at once."""
     parameters, notes = parse_parameters(params), parse_metadata(metadata)
-    font_part = font and state.artifacts.stage(font.file, limit=state.settings.max_font_bytes, name="font")
     order = order_from(
         state,
         client.tenant,
@@ -175,7 +174,7 @@ def create_watermark(
         file=file,
         source_url=source_url,
         upload_id=upload_id,
-        font=font_part,
+        font=font and state.artifacts.stage(font.file, limit=state.settings.max_font_bytes, name="font"),
         key=None if idempotency_key is None else parse_idempotency_key(idempotency_key),
         cache=cache,
     )

@@ -170,6 +170,20 @@ def test_however_often_an_object_is_told_of_it_makes_one_job(on_both: Client, wa
     assert len(on_both.http.get("/v1/watermarks").json()["items"]) == 1
 
 
+def test_of_two_processes_that_hear_of_it_at_the_same_moment_one_makes_the_job(
+    on_both: Client, watched: Watched, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second one has looked before the first one was done, and found nothing."""
+    told = watched.notification("incoming/a.obj")
+    first = accepted(on_both, told)
+    looks = iter([None])
+    job_of = dropped.job_of
+    monkeypatch.setattr(dropped, "job_of", lambda *about: next(looks, job_of(*about)))
+    assert accepted(on_both, told) == first
+    assert next(looks, "looked") == "looked"
+    assert len(on_both.http.get("/v1/watermarks").json()["items"]) == 1
+
+
 def test_new_content_under_the_same_key_is_another_job(client: Client, watched: Watched) -> None:
     watched.drop("incoming/a.obj", asset())
     first = accepted(client, watched.notification("incoming/a.obj"))

@@ -20,7 +20,7 @@ from tests.service.conftest import Client, client_with
 from tests.service.harness import API_COMMAND, Service
 from tests.service.s3 import S3, bucket_settings
 from tests.worker.engines import asset
-from worker.sweeper import sweep
+from worker.sweeper import sweep_store
 
 
 @pytest.fixture(params=["folder", "bucket", "presigned"])
@@ -141,12 +141,12 @@ def test_an_upload_that_has_expired_is_refused_and_later_removed(client: Client)
     put(client, fresh, content)
     job = use(client, upload).headers["Location"]
     age(client, upload, timedelta())
-    sweep(client.worker)
+    sweep_store(client.worker, 0)
     refused(use(client, upload), 410, "upload_expired")
     assert b"".join(client.artifacts.read_upload(upload["id"])) == content, "whoever is reading it may go on"
     refused(client.http.put(f"/v1/uploads/{upload['id']}", content=content), 410, "upload_expired")
     age(client, upload, timedelta(seconds=GRACE + 1))
-    sweep(client.worker)
+    sweep_store(client.worker, 0)
     refused(use(client, upload), 404, "not_found")
     with pytest.raises(FileNotFoundError):
         b"".join(client.artifacts.read_upload(upload["id"]))
