@@ -1,7 +1,7 @@
 """What clients may note about a job: a few short strings by name, kept and given back as they are."""
 
 from itertools import groupby
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import Field, StringConstraints, TypeAdapter, ValidationError
 
@@ -14,14 +14,16 @@ Metadata = Annotated[dict[Key, Value], Field(max_length=16)]
 METADATA = TypeAdapter[dict[str, str]](Metadata)
 
 
-def parse_metadata(text: str) -> dict[str, str]:
-    """Metadata from a JSON object.
+def parse_metadata(data: str | dict[str, Any]) -> dict[str, str]:
+    """Metadata from a mapping or a JSON text.
 
     Raises:
         MeshmarkError: ``invalid_metadata``.
     """
     try:
-        return METADATA.validate_json(text, strict=True)
+        if isinstance(data, dict):
+            return METADATA.validate_python(data, strict=True)
+        return METADATA.validate_json(data, strict=True)
     except ValidationError as error:
         problems = "; ".join(
             f"{'.'.join(str(part) for part, _ in groupby(item['loc'])) or 'metadata'}: {item['msg']}"

@@ -9,6 +9,7 @@ from celery.signals import setup_logging, worker_ready, worker_shutting_down
 from service.config import Settings
 from service.jobs.queue import TASK, create_queue
 from service.logs import configure_logs
+from worker.hook_outputs import start_writer
 from worker.sweeper import start_sweeper
 from worker.tasks import Worker
 
@@ -43,6 +44,7 @@ def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
 
     def start(**_: Any) -> None:
         start_sweeper(worker())
+        start_writer(worker())
 
     def stop(**_: Any) -> None:
         worker().stopping.set()

@@ -7,7 +7,7 @@ import time
 
 import structlog
 
-from service.jobs import contents, events, idempotency, queue
+from service.jobs import contents, events, idempotency, queue, sources, uploads
 from service.jobs.artifacts import GRACE
 from service.jobs.ledger import WORKER_LOST, now
 from worker.tasks import Worker, scratch_name
@@ -33,6 +33,7 @@ def sweep(worker: Worker) -> None:
         log.info("job expired: its files are deleted", job=job_id)
     idempotency.forget(worker.ledger.sessions)
     events.forget(worker.ledger.sessions, now() - events.KEPT)
+    sources.forget(worker.ledger.sessions)
     folders = list(worker.scratch.iterdir())  # before the leases: a folder is made after its claim
     held = {scratch_name(lease) for lease in worker.ledger.running()}
     for folder in folders:
@@ -43,6 +44,7 @@ def sweep(worker: Worker) -> None:
 def sweep_store(worker: Worker, share: int) -> None:
     """Remove content that no job refers to from one of 256 shares of the store, and what killed processes left here."""
     worker.artifacts.clear_staging(GRACE)
+    uploads.remove_expired(worker.ledger.sessions, worker.artifacts)
     for sha256 in contents.discard_orphans(worker.ledger, worker.artifacts, f"{share % SHARES:02x}"):
         log.warning("content removed: no job refers to it", sha256=sha256)
 

@@ -26,6 +26,7 @@ from service.jobs.stores import open_store
 from worker.child import SUFFIXES
 from worker.heartbeat import Heartbeat
 from worker.runner import Limits, Progress, Published, Work, run_engine
+from worker.sources import Sources
 
 # Seconds: how long to go on trying where store or ledger do not answer, and the pauses between.
 PATIENCE = 60.0
@@ -55,6 +56,7 @@ class Worker:
     def __post_init__(self) -> None:
         self.ledger = Ledger(self.settings.ledger_url, self.settings.retention_seconds)
         self.artifacts = open_store(self.settings)
+        self.sources = Sources(self.settings, self.ledger.sessions)
         self.scratch = self.settings.data_dir.resolve() / "scratch"
         self.scratch.mkdir(parents=True, exist_ok=True)
 
@@ -103,6 +105,7 @@ class Worker:
 
     def _work(self, job: Job, folder: Path, heartbeat: Heartbeat) -> None:
         source, font = job.artifact(ArtifactKind.INPUT), job.artifact(ArtifactKind.FONT)
+        source = source or self._bring(job, folder, heartbeat)
         if source is None:  # canceled between the claim and here
             raise LeaseLostError
         work = Work(
@@ -137,6 +140,18 @@ class Worker:
                     self._publish(job.lease, event, heartbeat)
                 if isinstance(event, Progress):
                     heartbeat.at(event.stage, event.fraction)
+
+    def _bring(self, job: Job, folder: Path, heartbeat: Heartbeat) -> Artifact | None:
+        """Take an asset that the client did not send into the store, as if it had been sent."""
+        path = folder / "source"
+        heartbeat.at("fetching", 0.0)
+        if not self._patiently(
+            heartbeat, lambda: self.sources.bring(job.id, path, lambda: self._check(heartbeat), heartbeat.lost.wait)
+        ):
+            return None
+        self._publish(job.lease, Published(ArtifactKind.INPUT, path), heartbeat)
+        brought = self.ledger.get(job.id, job.tenant_id)
+        return brought.artifact(ArtifactKind.INPUT) if brought else None
 
     def _fetch(self, artifact: Artifact, folder: Path, heartbeat: Heartbeat) -> Path:
         path = folder / artifact.kind

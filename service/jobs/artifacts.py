@@ -9,10 +9,10 @@ import re
 import tempfile
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
@@ -90,20 +90,44 @@ class ArtifactStore(ABC):
     def link(self, sha256: str) -> str | None:
         """An address, good for some minutes, where anyone may fetch the content; None where there is no such thing."""
 
-    @contextmanager
-    def stage(self, stream: BinaryIO, *, limit: int, name: str) -> Iterator[Staged]:
+    @abstractmethod
+    def put_upload(self, name: str, staged: Staged) -> None:
+        """Keep what a client sent ahead under a name, in place of what was there; see :mod:`service.jobs.uploads`."""
+
+    @abstractmethod
+    def read_upload(self, name: str) -> Iterator[bytes]:
+        """What was sent ahead under a name.
+
+        Raises:
+            FileNotFoundError: at the first chunk, where nothing was.
+        """
+
+    @abstractmethod
+    def remove_upload(self, name: str) -> None:
+        """Delete what was sent ahead under a name, if anything was."""
+
+    @abstractmethod
+    def upload_link(self, name: str, lifetime: timedelta) -> str | None:
+        """An address to which anyone may PUT an upload for so long; None where there is no such thing."""
+
+    def stage(self, stream: BinaryIO, *, limit: int, name: str) -> AbstractContextManager[Staged]:
         """Copy a stream to the local disk, hashing as it goes; the copy is removed after the block.
 
         Raises:
             MeshmarkError: ``upload_too_large`` as soon as more than `limit` bytes came.
         """
+        return self.stage_chunks(iter(lambda: stream.read(CHUNK), b""), limit=limit, name=name)
+
+    @contextmanager
+    def stage_chunks(self, chunks: Iterable[bytes], *, limit: int, name: str) -> Iterator[Staged]:
+        """As :meth:`stage`, from chunks."""
         with writing():
             handle, temporary = tempfile.mkstemp(prefix=DRAFT, dir=self._staging)
         path = Path(temporary)
         try:
             with os.fdopen(handle, "wb") as target:
                 digest, size = hashlib.sha256(), 0
-                while chunk := stream.read(CHUNK):
+                for chunk in chunks:
                     size += len(chunk)
                     if size > limit:
                         raise MeshmarkError(

@@ -23,7 +23,6 @@ counted as failed).
 from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import suppress
 from datetime import timedelta
-from functools import partial
 from itertools import islice
 from typing import Any, TypeVar
 
@@ -31,6 +30,7 @@ import structlog
 
 from core.errors import MeshmarkError
 from service.jobs.artifacts import GRACE, ArtifactStore, Staged, StoreUnavailableError
+from service.jobs.cache import find_results, result_key
 from service.jobs.ledger import BY_DEFAULT, Content, Ledger, MissingContentError, Submission, now
 from service.jobs.models import ArtifactKind, Job, Lease
 
@@ -56,8 +56,16 @@ def create_job(
         MeshmarkError: what the submission's condition raises; then nothing is recorded and nothing kept.
     """
     contents = {kind: Content(item.sha256, item.size) for kind, item in staged.items()}
+    key = result_key(parameters, contents)
+    may_reuse = submission.cache
+
+    def record() -> Job:
+        nonlocal may_reuse
+        results = find_results(ledger.sessions, submission.tenant, key) if may_reuse else {}
+        may_reuse = False  # what was found may be on its way out, with its job: then the work is done anew
+        return ledger.create(filename, parameters, contents, store.has, submission, key, results)
+
     try:
-        record = partial(ledger.create, filename, parameters, contents, store.has, submission)
         return _keep(store, staged.values(), record)
     except StoreUnavailableError:
         raise

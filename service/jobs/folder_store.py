@@ -3,7 +3,7 @@
 import os
 from collections.abc import Iterator
 from contextlib import suppress
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from service.jobs.artifacts import CHUNK, NAME, ArtifactStore, Staged, Stored, writing
@@ -31,11 +31,7 @@ class FolderStore(ArtifactStore):
             target.parent.mkdir(exist_ok=True)
             with suppress(FileExistsError):
                 os.link(staged.path, target)
-            folder = os.open(target.parent, os.O_RDONLY)
-            try:
-                os.fsync(folder)
-            finally:
-                os.close(folder)
+            _sync(target.parent)
 
     def read(self, sha256: str, start: int, stop: int) -> Iterator[bytes]:
         """The bytes from `start` up to `stop`."""
@@ -60,3 +56,37 @@ class FolderStore(ArtifactStore):
     def link(self, sha256: str) -> None:  # noqa: ARG002
         """A folder has no addresses."""
         return
+
+    def put_upload(self, name: str, staged: Staged) -> None:
+        """Give the staged file its final name, at once and durably."""
+        target = self._upload(name)
+        with writing():
+            target.parent.mkdir(exist_ok=True)
+            staged.path.replace(target)
+            _sync(target.parent)
+
+    def read_upload(self, name: str) -> Iterator[bytes]:
+        """The file's content."""
+        with self._upload(name).open("rb") as file:
+            yield from iter(lambda: file.read(CHUNK), b"")
+
+    def remove_upload(self, name: str) -> None:
+        """Delete the file."""
+        with writing():
+            self._upload(name).unlink(missing_ok=True)
+
+    def upload_link(self, name: str, lifetime: timedelta) -> None:  # noqa: ARG002
+        """A folder has no addresses."""
+        return
+
+    def _upload(self, name: str) -> Path:
+        return self.root / "uploads" / name
+
+
+def _sync(path: Path) -> None:
+    """Make the names in a folder durable."""
+    folder = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)

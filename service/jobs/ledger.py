@@ -51,6 +51,7 @@ class Content(NamedTuple):
 class Submission:
     """On whose behalf a job is recorded, and what comes with it.
 
+    `cache` lets the results of an earlier job be its own: see :mod:`service.jobs.cache`.
     `condition` is called in the transaction that records the job, with its id, once the job is there for it to see.
     What it raises undoes everything.
     """
@@ -58,6 +59,7 @@ class Submission:
     tenant: str = DEFAULT_TENANT
     metadata: Mapping[str, str] = field(default_factory=dict)
     webhook: str | None = None
+    cache: bool = False
     condition: Callable[[Session, str], None] = lambda _session, _job_id: None
 
 
@@ -144,17 +146,23 @@ class Ledger:
         contents: Mapping[ArtifactKind, Content],
         stored: Callable[[str], bool],
         submission: Submission = BY_DEFAULT,
+        result_key: str | None = None,
+        results: Mapping[ArtifactKind, Content] | None = None,
     ) -> Job:
         """A new queued job that refers to its inputs; `stored` says whether the store has them.
+
+        With `results`, those of an earlier job with the same `result_key`, it has succeeded from the beginning.
 
         Raises:
             MissingContentError: it does not; nothing is recorded. See :mod:`service.jobs.contents`.
         """
         moment = now()
+        contents = {**contents, **(results or {})}
+        done = {"state": JobState.SUCCEEDED, "progress": 1.0, "cached": True, **self._finished()}
         job = Job(
             id=str(uuid.uuid4()),
             tenant_id=submission.tenant,
-            state=JobState.QUEUED,
+            result_key=result_key,
             filename=filename,
             parameters=parameters,
             webhook=submission.webhook,
@@ -162,6 +170,7 @@ class Ledger:
             enqueued_at=moment,
             artifacts=[Artifact(kind=kind, sha256=item.sha256, size=item.size) for kind, item in contents.items()],
             metadata_entries=[MetadataEntry(key=key, value=value) for key, value in submission.metadata.items()],
+            **(done if results else {"state": JobState.QUEUED}),
         )
         with self._session.begin() as session:
             _lock_content(session, contents.values(), stored)

@@ -16,6 +16,7 @@ from sqlalchemy import (
     Integer,
     String,
     TypeDecorator,
+    false,
 )
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 
@@ -151,6 +152,7 @@ class Job(Base):
         Index("ix_jobs_state_enqueued_at", "state", "enqueued_at"),
         Index("ix_jobs_tenant_id_state", "tenant_id", "state"),
         Index("ix_jobs_tenant_id_created_at_id", "tenant_id", "created_at", "id"),
+        Index("ix_jobs_tenant_id_result_key", "tenant_id", "result_key"),
     )
 
     id: Mapped[str] = mapped_column(String(36), primary_key=True)
@@ -166,6 +168,8 @@ class Job(Base):
     finished_at: Mapped[datetime | None]
     expires_at: Mapped[datetime | None]
     purge_at: Mapped[datetime | None] = mapped_column(index=True)  # as expires_at, until the files are deleted
+    result_key: Mapped[str | None] = mapped_column(String(64))  # see service.jobs.cache
+    cached: Mapped[bool] = mapped_column(default=False, server_default=false())
     attempts: Mapped[int] = mapped_column(default=0)
     lease_token: Mapped[int] = mapped_column(default=0)
     lease_expires_at: Mapped[datetime | None]
@@ -281,6 +285,49 @@ class WebhookAttempt(Base):
     error: Mapped[str | None]
     snippet: Mapped[str]
     seconds: Mapped[float]
+
+
+class JobSource(Base):
+    """Where the asset of a job lies that a worker is to download; see :mod:`service.jobs.sources`."""
+
+    __tablename__ = "job_sources"
+
+    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id", ondelete="CASCADE"), primary_key=True)
+    url: Mapped[str] = mapped_column(String(2048))
+
+
+class Upload(Base):
+    """An asset that a client sends ahead; see :mod:`service.jobs.uploads`."""
+
+    __tablename__ = "uploads"
+    __table_args__ = (Index("ix_uploads_tenant_id_expires_at", "tenant_id", "expires_at"),)
+
+    id: Mapped[str] = mapped_column(String(36), primary_key=True)
+    tenant_id: Mapped[str] = mapped_column(ForeignKey("tenants.id"))
+    filename: Mapped[str] = mapped_column(String(255))
+    size: Mapped[int] = mapped_column(BigInteger().with_variant(Integer, "sqlite"))
+    sha256: Mapped[str | None] = mapped_column(String(64))  # as the client declares it
+    created_at: Mapped[datetime]
+    expires_at: Mapped[datetime] = mapped_column(index=True)
+
+
+class DroppedObject(Base):
+    """A version of an object in a watched bucket, and its job; see :mod:`service.jobs.dropped`."""
+
+    __tablename__ = "dropped_objects"
+    __table_args__ = (
+        Index("ix_dropped_objects_output_due_at", "output", "due_at"),
+        Index("ix_dropped_objects_source_key", "source", "key"),
+    )
+
+    id: Mapped[str] = mapped_column(String(64), primary_key=True)
+    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id", ondelete="CASCADE"), unique=True)
+    source: Mapped[str] = mapped_column(String(63))
+    key: Mapped[str] = mapped_column(String(1024))
+    output: Mapped[str] = mapped_column(String(16))
+    tries: Mapped[int] = mapped_column(default=0)
+    due_at: Mapped[datetime]
+    created_at: Mapped[datetime]
 
 
 class IdempotencyKey(Base):

@@ -11,7 +11,7 @@ from obstore.exceptions import BaseError
 from obstore.store import S3Store as Bucket
 
 from service.config import Settings
-from service.jobs.artifacts import NAME, ArtifactStore, Staged, Stored, StoreUnavailableError
+from service.jobs.artifacts import CHUNK, NAME, ArtifactStore, Staged, Stored, StoreUnavailableError
 
 PIECE = 8 * 2**20  # bytes asked for at a time: a client that reads slowly holds no connection to the store
 LINK_LIFETIME = timedelta(minutes=5)
@@ -90,6 +90,34 @@ class S3Store(ArtifactStore):
             return None
         with _asking():
             return obstore.sign(self._bucket, "GET", _key(sha256), LINK_LIFETIME)
+
+    def put_upload(self, name: str, staged: Staged) -> None:
+        """Upload the staged file."""
+        with _asking():
+            obstore.put(self._bucket, _upload_key(name), staged.path)
+
+    def read_upload(self, name: str) -> Iterator[bytes]:
+        """The object's content, of one version of it however often it is put meanwhile."""
+        with _asking(may_be_missing=True):
+            chunks = obstore.get(self._bucket, _upload_key(name)).stream(min_chunk_size=CHUNK)
+            for chunk in chunks:
+                yield bytes(chunk)
+
+    def remove_upload(self, name: str) -> None:
+        """Delete the object."""
+        with _asking():
+            obstore.delete(self._bucket, _upload_key(name))
+
+    def upload_link(self, name: str, lifetime: timedelta) -> str | None:
+        """A presigned address, where the settings allow them."""
+        if not self._presign:
+            return None
+        with _asking():
+            return obstore.sign(self._bucket, "PUT", _upload_key(name), lifetime)
+
+
+def _upload_key(name: str) -> str:
+    return f"uploads/{name}"
 
 
 def _key(sha256: str) -> str:

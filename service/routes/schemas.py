@@ -3,6 +3,7 @@
 from datetime import UTC, datetime
 from typing import Annotated, Self
 
+from fastapi import Request
 from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict, Field
 from pydantic.config import JsonDict
 
@@ -21,6 +22,7 @@ EXAMPLE: JsonDict = {
     "finished_at": None,
     "expires_at": None,
     "attempts": 1,
+    "cached": False,
     "input": {
         "filename": "lantern.glb",
         "size": 9563016,
@@ -93,6 +95,7 @@ class JobView(BaseModel):
         datetime | None, Field(description="When the job's files are deleted; null: never, or not yet known.")
     ]
     attempts: Annotated[int, Field(description="How often the job was started.")]
+    cached: Annotated[bool, Field(description="Whether the results are those of an earlier job of yours.")]
     input: Annotated[InputView | None, Field(description="The uploaded asset; null once it is deleted.")]
     parameters: Parameters
     metadata: Annotated[dict[str, str], Field(description="What the client noted when it sent the asset.")]
@@ -124,6 +127,7 @@ class JobView(BaseModel):
             finished_at=job.finished_at,
             expires_at=job.expires_at,
             attempts=job.attempts,
+            cached=job.cached,
             input=InputView(filename=job.filename, size=source.size, sha256=source.sha256) if source else None,
             parameters=Parameters.model_validate(job.parameters),
             metadata={entry.key: entry.value for entry in job.metadata_entries},
@@ -142,3 +146,8 @@ class JobPage(BaseModel):
 
     items: list[JobView]
     next: Annotated[str | None, Field(description="Where the list goes on; null: this is its end.")]
+
+
+def view(request: Request, job: Job) -> JobView:
+    """A job as clients see it."""
+    return JobView.of(job, request.app.url_path_for("read_watermark", job_id=job.id))

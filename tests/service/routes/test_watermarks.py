@@ -129,12 +129,7 @@ def test_a_body_that_is_no_form_is_refused(client: Client) -> None:
 def test_too_many_or_too_large_parts_are_refused(client: Client) -> None:
     three = [("file", ("a", b"1")), ("file", ("b", b"1")), ("font", ("c", b"1"))]
     refused(client, post(client, files=three), 400, "invalid_request")
-    refused(
-        client,
-        post(client, data={"params": "{}", "metadata": "{}", "webhook": "x", "more": "1"}),
-        400,
-        "invalid_request",
-    )
+    refused(client, post(client, data=dict.fromkeys("abcdef", "{}")), 400, "invalid_request")
     refused(client, post(client, data={"params": " " * 70_000}), 400, "invalid_request")
 
 
