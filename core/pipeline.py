@@ -175,7 +175,7 @@ def _place(job: Job) -> None:
         job.warnings.append(
             {
                 "code": "see_through_surface",
-                "message": "Nothing opaque has room for the text; it stands on masked, blended or transmitting "
+                "message": "Nothing opaque has room for the text; it stands on masked or blended "
                 "materials, where it may be hard to see.",
                 "remedy": "Make the materials opaque, or use a shorter text.",
             }

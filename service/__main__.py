@@ -1,4 +1,4 @@
-"""`python -m service [all|api|openapi|keys]`: the service with its worker, the API alone, its OpenAPI document, keys.
+"""`python -m service [all|api|openapi|keys]`: the service with its workers, the API alone, its OpenAPI document, keys.
 
 `python -m service --show-settings` prints every setting with its value and where that comes from.
 """
@@ -6,6 +6,7 @@
 import argparse
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -14,6 +15,7 @@ from collections.abc import Sequence
 import structlog
 import uvicorn
 import yaml
+from fastapi import FastAPI
 
 from service.app import create_app
 from service.config import Settings, load_settings
@@ -40,8 +42,11 @@ class Supervisor:
         self._thread.start()
 
     def stop(self) -> None:
-        """Ask the process to end, kill it if it does not, and wait until it is gone."""
+        """Have the process asked to end, and killed if it does not."""
         self._stopping.set()
+
+    def join(self) -> None:
+        """Wait until the process is gone."""
         self._thread.join()
 
     def _run(self) -> None:
@@ -68,22 +73,36 @@ def _end(process: "subprocess.Popen[bytes]") -> None:
         process.wait()
 
 
-def serve(settings: Settings, worker: Sequence[str] | None) -> None:
-    """Run the API, and beside it a worker started by a command, until SIGINT or SIGTERM."""
+class Server(uvicorn.Server):
+    """uvicorn, except that it ends open event streams when it stops; by itself it would wait for them."""
+
+    def __init__(self, config: uvicorn.Config, app: FastAPI) -> None:
+        super().__init__(config)
+        self._app = app
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Stop."""
+        self._app.state.meshmark.streams.stop()
+        await super().shutdown(sockets)
+
+
+def serve(settings: Settings, *workers: Sequence[str]) -> None:
+    """Run the API, and beside it workers started by these commands, until SIGINT or SIGTERM."""
     configure_logs(settings.log_level)
-    config = uvicorn.Config(
-        create_app(settings), settings.host, settings.port, log_config=None, timeout_graceful_shutdown=5
-    )
-    supervisor = Supervisor(worker) if worker else None
-    if supervisor:
+    app = create_app(settings)
+    config = uvicorn.Config(app, settings.host, settings.port, log_config=None, timeout_graceful_shutdown=5)
+    supervisors = [Supervisor(command) for command in workers]
+    for supervisor in supervisors:
         supervisor.start()
     for number in (signal.SIGINT, signal.SIGTERM):  # uvicorn raises the signal again once it has shut down
         signal.signal(number, lambda *_: sys.exit(0))
     try:
-        uvicorn.Server(config).run()
+        Server(config, app).run()
     finally:
-        if supervisor:
+        for supervisor in supervisors:  # all at once: each may take its time
             supervisor.stop()
+        for supervisor in supervisors:
+            supervisor.join()
 
 
 def openapi() -> str:
@@ -96,7 +115,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m service", description=__doc__)
     parser.add_argument("--show-settings", action="store_true", help="print the settings in effect and end")
     commands = parser.add_subparsers(dest="what", metavar="all|api|openapi|keys")
-    for name, meaning in (("all", "API and worker"), ("api", "the API alone"), ("openapi", "print its document")):
+    for name, meaning in (("all", "API and workers"), ("api", "the API alone"), ("openapi", "print its document")):
         commands.add_parser(name, help=meaning)
     add_keys_commands(commands.add_parser("keys", help="create, list and revoke API keys"))
     arguments = parser.parse_args()
@@ -112,9 +131,10 @@ def main() -> None:
         case "keys":
             sys.exit(run_keys_command(load_settings(), arguments))
         case "api":
-            serve(load_settings(), None)
+            serve(load_settings())
         case _:
-            serve(load_settings(), [sys.executable, "-m", "worker", str(os.getpid())])
+            modules = ("worker", "worker.webhooks")
+            serve(load_settings(), *([sys.executable, "-m", module, str(os.getpid())] for module in modules))
 
 
 if __name__ == "__main__":

@@ -15,14 +15,15 @@ from service.jobs.artifacts import GRACE
 from service.jobs.ledger import Ledger
 from service.jobs.queue import create_queue
 from service.jobs.stores import open_store
+from service.json_route import MAX_BODY_BYTES
 from service.problems import Problem, install_problem_handlers, problem_response, upload_too_large
-from service.routes import batch, health, hooks, uploads, watermarks
+from service.routes import batch, events, health, hooks, uploads, watermarks, webhook_endpoints
 from service.state import AppState
 
 MAX_FIELD_BYTES = 2**16
 JSON_BYTES = 2**21  # of every request that carries no asset
 WITH_ASSET = re.compile("/v1/watermarks|/v1/uploads/[^/]+")
-FORM_FIELDS = 4
+FORM_FIELDS = 5
 # Of a request that is neither asset nor font: fields, part headers, boundaries.
 FORM_OVERHEAD = (FORM_FIELDS + 1) * MAX_FIELD_BYTES
 
@@ -34,15 +35,16 @@ class DeclaredSizeLimit:
     tells, it would answer in plain text.
     """
 
-    def __init__(self, app: ASGIApp, limit: int) -> None:
+    def __init__(self, app: ASGIApp, limit: int, under: str = "/") -> None:
         self.app = app
         self.limit = limit
+        self.under = under
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer, or pass the request on."""
-        limit = self.limit if WITH_ASSET.fullmatch(scope.get("path", "")) else JSON_BYTES
+        limit = self.limit if WITH_ASSET.fullmatch(scope.get("path", "")) else min(self.limit, JSON_BYTES)
         declared = dict(scope.get("headers", ())).get(b"content-length", b"0")
-        if declared.isdigit() and int(declared) > limit:
+        if declared.isdigit() and int(declared) > limit and scope["path"].startswith(self.under):
             return await problem_response(upload_too_large(limit))(scope, receive, send)
         return await self.app(scope, receive, send)
 
@@ -103,7 +105,10 @@ def create_app(settings: Settings) -> FastAPI:
     app.include_router(uploads.router, max_body_size=JSON_BYTES)
     app.include_router(uploads.sending, max_body_size=body_limit)
     app.include_router(hooks.router, max_body_size=JSON_BYTES)
+    app.include_router(events.router)
+    app.include_router(webhook_endpoints.router, max_body_size=MAX_BODY_BYTES)
     app.include_router(health.router)
     install_problem_handlers(app, body_limit)
     app.add_middleware(DeclaredSizeLimit, limit=body_limit)
+    app.add_middleware(DeclaredSizeLimit, limit=MAX_BODY_BYTES, under=webhook_endpoints.router.prefix)
     return app

@@ -61,11 +61,16 @@ STATUS: dict[ErrorCode, int] = {
     ErrorCode.DOWNLOAD_FAILED: 422,
     ErrorCode.DOWNLOAD_TOO_LARGE: 422,
     ErrorCode.INVALID_SECRET: 422,
+    ErrorCode.TOO_MANY_ENDPOINTS: 409,
+    ErrorCode.ENDPOINT_EXISTS: 409,
+    ErrorCode.ENDPOINT_DISABLED: 409,
+    ErrorCode.NO_WEBHOOK_SECRET: 422,
     ErrorCode.INVALID_API_KEY: 401,
     ErrorCode.INVALID_HOOK_TOKEN: 401,
     ErrorCode.MISSING_SCOPE: 403,
     ErrorCode.RATE_LIMITED: 429,
     ErrorCode.TOO_MANY_JOBS: 429,
+    ErrorCode.TOO_MANY_STREAMS: 429,
     ErrorCode.IDEMPOTENCY_KEY_IN_USE: 409,
     ErrorCode.IDEMPOTENCY_KEY_REUSED: 422,
     ErrorCode.INVALID_METADATA: 422,
@@ -120,6 +125,7 @@ HEADERS: dict[ErrorCode, dict[str, str]] = {
     ErrorCode.IDEMPOTENCY_KEY_IN_USE: {"Retry-After": "1"},
     ErrorCode.TOO_MANY_JOBS: {"Retry-After": "5"},
     ErrorCode.TOO_MANY_UPLOADS: {"Retry-After": "3600"},
+    ErrorCode.TOO_MANY_STREAMS: {"Retry-After": "5"},
     ErrorCode.SERVICE_UNAVAILABLE: {"Retry-After": "5"},
     ErrorCode.UPLOAD_TOO_LARGE: {"Connection": "close"},  # nobody will read what is still being sent
     ErrorCode.UPLOAD_MISMATCH: {"Connection": "close"},
@@ -179,7 +185,7 @@ def upload_too_large(limit: int) -> MeshmarkError:
     return MeshmarkError(
         ErrorCode.UPLOAD_TOO_LARGE,
         f"The request is larger than the {limit:,} bytes accepted here.",
-        "Send a smaller asset, or ask the operator to raise the limit.",
+        "Send less; for assets, the operator can raise the limit.",
     )
 
 

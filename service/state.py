@@ -1,12 +1,13 @@
 """What the routes share."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated
 
 from celery import Celery
 from fastapi import Depends, Request
 
 from service.config import Settings
+from service.event_stream import Streams
 from service.jobs.artifacts import ArtifactStore
 from service.jobs.ledger import Ledger
 
@@ -19,6 +20,7 @@ class AppState:
     ledger: Ledger
     artifacts: ArtifactStore
     queue: Celery
+    streams: Streams = field(default_factory=Streams)
 
 
 def state_of(request: Request) -> AppState:

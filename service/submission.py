@@ -43,6 +43,7 @@ class Order:
         font: stages the font, if there is one.
         key: the client's idempotency key.
         cache: whether results that exist already will do.
+        webhook: where to tell how the job ends, if the client named an address.
     """
 
     tenant: str
@@ -55,6 +56,7 @@ class Order:
     font: AbstractContextManager[Staged] | None = None
     key: str | None = None
     cache: bool = True
+    webhook: str | None = None
 
 
 class Accepted(NamedTuple):
@@ -82,6 +84,7 @@ def submit(state: AppState, order: Order) -> Accepted:
         reservation: idempotency.Reservation | None = None
         if order.key is not None:
             content: dict[str, Any] = {"parameters": wanted, "metadata": dict(order.metadata), **order.origin}
+            content |= {"webhook": order.webhook} if order.webhook else {}
             content |= {kind.value: item.sha256 for kind, item in staged.items()}
             sessions = state.ledger.sessions
             reserved = idempotency.reserve(sessions, order.tenant, order.key, idempotency.fingerprint(content))
@@ -98,7 +101,7 @@ def submit(state: AppState, order: Order) -> Accepted:
                 idempotency.settle(session, reservation, job_id)
 
         cache = order.cache and state.settings.cache
-        submission = Submission(order.tenant, order.metadata, cache, condition)
+        submission = Submission(order.tenant, order.metadata, cache, order.webhook, condition)
         return Accepted(contents.create_job(state.ledger, state.artifacts, order.filename, wanted, staged, submission))
 
 

@@ -7,9 +7,9 @@ import time
 
 import structlog
 
-from service.jobs import contents, idempotency, queue, sources, uploads
+from service.jobs import contents, events, idempotency, queue, sources, uploads
 from service.jobs.artifacts import GRACE
-from service.jobs.ledger import WORKER_LOST
+from service.jobs.ledger import WORKER_LOST, now
 from worker.tasks import Worker, scratch_name
 
 SHARES = 256  # of the store, by the first two digits of the hash; all are swept once in a grace period
@@ -33,6 +33,7 @@ def sweep(worker: Worker) -> None:
         log.info("job expired: its files are deleted", job=job_id)
     idempotency.forget(worker.ledger.sessions)
     sources.forget(worker.ledger.sessions)
+    events.forget(worker.ledger.sessions, now() - events.KEPT)
     folders = list(worker.scratch.iterdir())  # before the leases: a folder is made after its claim
     held = {scratch_name(lease) for lease in worker.ledger.running()}
     for folder in folders:

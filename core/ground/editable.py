@@ -11,7 +11,6 @@ from core.asset.gltf import Document, typed
 Bool = NDArray[np.bool_]
 
 SEE_THROUGH_MODES = ("MASK", "BLEND")
-TRANSMISSION = "KHR_materials_transmission"
 VISIBILITY = "KHR_node_visibility"
 
 
@@ -33,8 +32,9 @@ class Editable:
 def editable(scene: Scene) -> Editable:
     """Which faces may carry a watermark.
 
-    Not those of primitives whose material is masked, blended (glTF 2.0, 3.9.4) or transmits light
-    (KHR_materials_transmission), of nodes that KHR_node_visibility hides, or of nodes whose transform flattens them.
+    Not those of primitives whose material is masked or blended (glTF 2.0, 3.9.4), of nodes that KHR_node_visibility
+    hides, or of nodes whose transform flattens them. Glass (KHR_materials_transmission) may: its surface is all there,
+    and the walls of letters refract.
     """
     hidden = _hidden_nodes(scene.document)
     shown = np.array([drawn.node not in hidden for drawn in scene.primitives])
@@ -53,7 +53,7 @@ def _is_see_through(scene: Scene, number: int) -> bool:
     if "material" not in primitive:
         return False
     material = document.entry("materials", primitive["material"])
-    return material.get("alphaMode") in SEE_THROUGH_MODES or TRANSMISSION in typed(material, "extensions", dict)
+    return material.get("alphaMode") in SEE_THROUGH_MODES
 
 
 def _hidden_nodes(document: Document) -> set[int]:

@@ -80,6 +80,19 @@ def well_aligned(loss: Float) -> Bool:
     return np.asarray(loss < LOSS_THRESHOLD)
 
 
+def slid(boxes: Boxes, met: Footprint) -> Boxes:
+    """Boxes moved along their plane to where the surface under them goes on.
+
+    Each moves by twice the way from its middle to the middle of that part of its footprint which stands on surface: a
+    box that hangs over a straight edge ends right at it. Fitting brings boxes near such places, but a point that hangs
+    over an edge only a little hardly pulls.
+    """
+    stands = _stands(met, boxes)
+    share = stands.sum(axis=1, keepdims=True)
+    middle = np.einsum("bn,bnk->bk", stands, met.local) / np.maximum(share, 1)
+    return Boxes(boxes.center + 2 * np.einsum("bk,bkj->bj", middle, boxes.axes[:, :2]), boxes.axes, boxes.size)
+
+
 def covered(met: Footprint, boxes: Boxes) -> Bool:
     """(B,) boxes with one layer of surface under all of their footprint.
 
@@ -87,8 +100,12 @@ def covered(met: Footprint, boxes: Boxes) -> Bool:
     hangs over an edge, a hole or a gap fails, and so does one with another layer within the clearance of
     ``footprint`` above it, because the rays start above that layer and meet it first.
     """
-    within = np.abs(met.height) <= boxes.size[:, 2:3] / 2
-    return np.asarray((within & (met.cosine > FACING)).all(axis=1))
+    return np.asarray(_stands(met, boxes).all(axis=1))
+
+
+def _stands(met: Footprint, boxes: Boxes) -> Bool:
+    """(B, N) rays that meet a face within the box which looks at it."""
+    return np.asarray((np.abs(met.height) <= boxes.size[:, 2:3] / 2) & (met.cosine > FACING))
 
 
 def exposed(boxes: Boxes, index: SpatialIndex, normals: Float, clearance: float) -> Float:
@@ -102,8 +119,7 @@ def exposed(boxes: Boxes, index: SpatialIndex, normals: Float, clearance: float)
     rim = np.zeros(FRAME_GRID, dtype=bool)
     rim[[0, across - 1]] = True
     rim[:, [0, down - 1]] = True
-    goes_on = (np.abs(met.height) <= boxes.size[:, 2:3] / 2) & (met.cosine > FACING)
-    return np.asarray(1 - goes_on[:, rim.ravel()].mean(axis=1))
+    return np.asarray(1 - _stands(met, boxes)[:, rim.ravel()].mean(axis=1))
 
 
 def roughness(boxes: Boxes, points: Float, normals: Float) -> Float:

@@ -84,7 +84,7 @@ def levenberg_marquardt(
     boxes: Boxes,
     index: SpatialIndex,
     stand_in: Closest | None = None,
-    promising: Callable[[Boxes], Bool] = lambda boxes: np.ones(len(boxes), dtype=bool),
+    settle: Callable[[Boxes], tuple[Boxes, Bool]] = lambda boxes: (boxes, np.ones(len(boxes), dtype=bool)),
 ) -> tuple[Boxes, Float]:
     """Fit all boxes by batched Levenberg-Marquardt, coarse to fine.
 
@@ -96,7 +96,7 @@ def levenberg_marquardt(
         index: over the surface.
         stand_in: asked in the coarse and the fine pass (``surfels``), of which the surface itself then only corrects
             the result; if None, the surface in all passes.
-        promising: (B,) which of the boxes, as fitted to the stand-in, are worth that correction.
+        settle: where boxes as fitted to the stand-in had better stand, and (B,) which are worth that correction.
 
     Returns:
         the fitted boxes, and their :func:`alignment_loss` (B,); inf where a box was given up on the way: it stayed
@@ -114,10 +114,10 @@ def levenberg_marquardt(
         )
         hopeful = hopeful[fine < FINE_LIMIT]
         if stand_in is not None:
-            hopeful = hopeful[promising(Boxes(center, axes, boxes.size)[hopeful])]
-            fitted = Boxes(center, axes, boxes.size)[hopeful]
+            settled, promising = settle(Boxes(center, axes, boxes.size)[hopeful])
+            hopeful = hopeful[promising]
             center[hopeful], axes[hopeful], fine = _fit(
-                fitted, index, device, EXACT_GRID, EXACT_STEPS, boxes.axes[hopeful, 1]
+                settled[promising], index, device, EXACT_GRID, EXACT_STEPS, boxes.axes[hopeful, 1]
             )
             hopeful = hopeful[fine < EXACT_LIMIT]
         loss[hopeful] = alignment_loss(Boxes(center, axes, boxes.size)[hopeful], index)

@@ -16,6 +16,7 @@ from core.placement.filters import (
     footprint,
     occluded,
     roughness_met,
+    slid,
     smooth,
     thin_walled,
     well_aligned,
@@ -49,7 +50,7 @@ PAPER_SAMPLES, PAPER_RADIUS = 300, 1.0
 # what wider text left unseen, and draws more for it: thin edges and small parts have little of the area.
 SAMPLES, CANDIDATES = 8000, 1100
 MORE_SAMPLES = 40_000
-MORE, FEWEST = 0.6, 0.07  # of CANDIDATES: for each share of all directions that is unseen; at least
+MORE, FEWEST = 1.2, 0.2  # of CANDIDATES: for each share of all directions that is wanted; at least
 GLANCES = 6  # directions in which each sample is looked for: one that none of them sees lies inside or in a cranny
 # Of that many random darts thinned to a radius r, about 0.5 area / r^2 stay.
 PACKING = 0.5
@@ -57,6 +58,7 @@ COPY = 0.05  # fitted boxes closer than this are one (finetune.distinct)
 LIFT = 1.5  # reliefs above the surface at which visibility starts: just clear of the letters
 SKIN = 0.01  # how far from the surface rays start that must not meet it
 SIGHT_GRID = (8, 2)
+SLIDES, SLIDE_GRID, SLIDE_MARGIN = 2, (12, 8), 0.02  # with as much of the width to spare at the border
 NONE = Boxes(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3)))
 
 
@@ -87,17 +89,24 @@ def fit(
     left = {"candidates": len(boxes)}
     hanging = 0
 
-    def promising(fitted: Boxes) -> Bool:
-        """Rays are cheap, closest points are not."""
+    def settle(fitted: Boxes) -> tuple[Boxes, Bool]:
+        """Rays are cheap, closest points are not: boxes that hang over an edge are slid before they are given up."""
         nonlocal hanging
         stands = covered(footprint(fitted, index, site.normals, clearance=relief), fitted)
+        center = fitted.center.copy()
+        for _ in range(SLIDES):
+            hang = np.flatnonzero(~stands)
+            moved = Boxes(center[hang], fitted.axes[hang], fitted.size[hang])
+            moved = slid(moved, footprint(moved, index, site.normals, relief, SLIDE_GRID, SLIDE_MARGIN))
+            center[hang] = moved.center
+            stands[hang] = covered(footprint(moved, index, site.normals, clearance=relief), moved)
         hanging += int((~stands).sum())
-        return stands
+        return Boxes(center, fitted.axes, fitted.size), stands
 
     if parameters.solver is Solver.ADAM:
         boxes, loss = adam(boxes, index, progress)
     else:
-        boxes, loss = levenberg_marquardt(boxes, index, site.surfels, promising)
+        boxes, loss = levenberg_marquardt(boxes, index, site.surfels, settle)
     kept = np.flatnonzero(well_aligned(loss))
     boxes, loss = boxes[kept], loss[kept]
     left["aligned"] = len(boxes) + hanging

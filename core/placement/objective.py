@@ -14,11 +14,10 @@ somebody has filed that one off. The columns are
       L = seen (SEEN + (1 - SEEN) size x facing x roll x flatness)
 
   Seen is 1 where the mark faces the direction within 45 degrees and rays from all over its letters get out; size is
-  the text's projected height times its tone over :data:`READABLE` pixels, to the power of :data:`BY_SIZE`; tone is how
-  letters stand out from the base colour under them, see :func:`tone`; facing is the cosine over
-  that of 40 degrees; size and facing are at most 1; roll is ``1 - ROLLED (1 - cos r) / 2`` for the angle r between
-  the text and the picture's horizontal (1 for the even directions, whose pictures have no up); flatness is 1 less the
-  bend under the text;
+  how well text as high as this is read, see :func:`size`, the projected height times its tone; tone is how letters
+  stand out from the base colour under them, see :func:`tone`; facing is the cosine over that of 40 degrees, at most 1;
+  roll is ``1 - ROLLED (1 - cos r) / 2`` for the angle r between the text and the picture's horizontal (1 for the even
+  directions, whose pictures have no up); flatness is 1 less the bend under the text;
 * 64 half-spaces through the surface's centroid, together worth ``CROPS``: L = 1 where the whole mark lies in the
   half-space, so that a crop by the plane leaves it.
 
@@ -69,8 +68,9 @@ EVEN_DIRECTIONS = 200
 HALF_SPACES = 64
 # Text 5.5 wide, the paper's, is 20 pixels high in the metrics' pictures, which show a sphere about the asset, say of
 # radius 18, on 1024 pixels. Over 978 views with one uncoloured mark each, of twelve assets and widths from 2 to 10,
-# recognition reads 0.54 of a text 9 pixels high, 0.64 at 15, 0.75 at 19 and 0.80 from 24 on: the power of 0.4.
-PIXELS, READABLE, BY_SIZE = 1024 / 36, 24.0, 0.4
+# recognition reads 0.54 of a text 9 pixels high, 0.64 at 15, 0.75 at 19 and 0.80 from 24 on; 0.15 is what it reads
+# where there is no text. Between 4 and 24 pixels that is about the square root.
+PIXELS, TINY, READABLE, BY_SIZE = 1024 / 36, 4.0, 24.0, 0.5
 HEAD_ON = np.cos(np.radians(40.0))  # turned less than this a text reads as well as from the front
 ROLLED = 0.5  # readers turn pictures in four ways; people do not
 PENALTY = 0.005
@@ -91,7 +91,7 @@ class Objective:
     counts most because it is in every view's picture.
     """
 
-    seen: float = 0.6  # of serving a direction, for being seen there at all
+    seen: float = 0.5  # of serving a direction, for being seen there at all
     backup: float = 0.15  # of serving a column, for the second best mark
     crops: float = 0.1  # all half-spaces together; nearly any choice of a few marks serves nearly all
     legibility: float = 1.0  # exponent of size x facing x roll x flatness
@@ -107,7 +107,7 @@ class Objective:
     preferred: float = 1.0
     mark: float = 0.001  # a mark has to add about half of one of the 200 directions
     crowd: float = 0.01  # a pair of marks at one place: more than the second is worth but on the only side of its kind
-    distortion: float = 5.0  # per unit of mean distance (SMSE) that a mark adds
+    distortion: float = 8.0  # per unit of mean distance (SMSE) that a mark adds
     bars: bool = True  # salient parts and details are barred
 
 
@@ -234,6 +234,18 @@ def tone(luminance: Float, color: str | None) -> Float:
     return np.asarray(TONELESS + (1 - TONELESS) * contrast)
 
 
+def size(height: Float) -> Float:
+    """How well text of a ``height`` (any shape) on the metrics' pictures is read, pixels: 0 to 1."""
+    return np.asarray(np.clip((height - TINY) / (READABLE - TINY), 0.0, 1.0) ** BY_SIZE)
+
+
+def within_reach(height: float, cosine: Float, objective: Objective = OBJECTIVE) -> Float:
+    """(D,) how well a mark serves directions at best, whose text is of a ``height`` in size-30 units and turned away
+    by the angles of these ``cosine`` (D,)."""
+    legible = size(np.array(height * PIXELS)) * np.clip(cosine / HEAD_ON, 0, 1)
+    return np.asarray(objective.seen + (1 - objective.seen) * legible)
+
+
 def likelihood(
     boxes: Boxes, visible: Bool, bend: Float, tone: Float, served: Columns, objective: Objective = OBJECTIVE
 ) -> Single:
@@ -252,8 +264,7 @@ def likelihood(
     upright_length = np.sqrt(np.clip(1 - (boxes.axes[:, 1] @ served.directions.T) ** 2, 0, 1))
     # Contrast and size stand in for each other: fainter text has to be larger.
     height = boxes.size[:, 1:2] * upright_length * PIXELS * tone[:, None]
-    size = np.minimum(1.0, height / READABLE) ** BY_SIZE
-    legible = size * np.minimum(1.0, cosine / HEAD_ON) * np.clip(1 - bend, 0, 1)[:, None]
+    legible = size(height) * np.minimum(1.0, cosine / HEAD_ON) * np.clip(1 - bend, 0, 1)[:, None]
     # The text's right on the picture: how far along its horizontal, how far along its vertical.
     views = served.directions[: len(served.up)]
     along = boxes.axes[:, 0] @ np.cross(served.up, views).T

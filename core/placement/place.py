@@ -1,27 +1,31 @@
-"""The whole of placement for one text: the widths from the widest on, each for what is not seen yet."""
+"""The whole of placement for one text: the widths from the widest on, each for what is served poorly so far."""
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from core.asset.surface import MODEL_SIZE
 from core.errors import ErrorCode, MeshmarkError
 from core.placement.boxes import Boxes
 from core.placement.finetune import LOSS_THRESHOLD
 from core.placement.fit import fit
-from core.placement.objective import Placement
+from core.placement.objective import FACING_VIEW, Placement, within_reach
 from core.placement.selection import select
 from core.placement.site import Site
+
+Bool = NDArray[np.bool_]
 
 WIDTHS = (7.5, 5.5, 4.0, 3.0, 2.0)
 SMALL = 1.2  # legible from close up; only for what nothing wider shows
 LAST_RESORT = 0.8  # only where there is nothing else at all
 # WIDTHS are meant for a word like "watermark", an eighth as high as wide; other proportions get the same area.
 USUAL_ASPECT = 0.125
-# With this share of the directions seen that any surface looks at, narrower text is not tried.
-ENOUGH = 0.97
+# A direction is served well by as large a share of what text of a width can do for it at best. With so many of the
+# directions that any surface looks at served well, text of that width is not tried.
+BETTER, ENOUGH = 0.85, 0.97
 
 
 def narrowest_legible(aspect: float) -> float:
@@ -59,8 +63,8 @@ def place(site: Site, rng: np.random.Generator, progress: Callable[[float], None
     """All boxes that may carry the text; :func:`core.placement.selection.select` picks among them.
 
     With no ``size`` asked for, five widths are tried from the widest on, then one that is legible only from close up,
-    each only for the directions in which wider text is not seen, until there are none; a last one where nothing was
-    found.
+    each only for the directions that wider text serves worse than it could, until there are none; a last one where
+    nothing was found.
 
     Args:
         site: where.
@@ -96,7 +100,7 @@ def _search(
     progress: Callable[[float], None],
 ) -> tuple[Placement | None, list[dict[str, int]]]:
     """What is found with one width after the other until enough is seen, and what was left of each by stage."""
-    parameters, possible = site.parameters, site.possible
+    parameters, possible = site.parameters, site.facing >= FACING_VIEW
     assert parameters.count is not None
     worth = site.served.weight[: len(possible)]
     left: list[dict[str, int]] = []
@@ -106,10 +110,10 @@ def _search(
             chosen = select(found, parameters.count, fixed=standing, dead=dead, start=found.start)
             found = replace(found, start=tuple(chosen))
             if len(chosen) and not found.barred[chosen].any():
-                unseen = possible & ~found.visible[chosen].any(axis=0)
-                if worth[unseen].sum() <= (1 - ENOUGH) * worth[possible].sum():
+                poorly = possible & _poorly_served(site, found, chosen, width)
+                if worth[poorly].sum() <= (1 - ENOUGH) * worth[possible].sum():
                     break
-                wanted = site.served.directions[unseen]
+                wanted = site.served.directions[poorly]
             if len(found.boxes) and width < _scaled(SMALL, site.aspect):
                 break
 
@@ -124,6 +128,17 @@ def _search(
         start = select(found, parameters.count, fixed=standing, dead=dead, start=found.start)
         found = replace(found, start=tuple(start))
     return found, left
+
+
+def _poorly_served(site: Site, found: Placement, chosen: list[int], width: float) -> Bool:
+    """(D,) directions in which nothing of the ``chosen`` boxes is seen, or what is seen reads clearly worse than text
+    of this ``width`` could."""
+    served, _ = found.served(chosen)
+    enough = BETTER * within_reach(width * site.aspect, site.facing, site.objective)
+    # On the views' pictures text is also worth less for being rolled, which other text would be as well.
+    views = len(site.served.up)
+    enough[:views] = np.minimum(enough[:views], site.objective.seen)
+    return np.asarray(served[: len(enough)] < enough)
 
 
 def _pool(one: Placement, other: Placement) -> Placement:

@@ -12,14 +12,14 @@ from core.ground.regions import Regions
 from core.ground.saliency import Saliency
 from core.ground.texture import Detail
 from core.parameters import Parameters
-from core.placement.objective import FACING_VIEW, OBJECTIVE, Columns, Objective, columns
+from core.placement.objective import OBJECTIVE, Columns, Objective, columns
 from core.placement.surfels import Surfels
 from core.spatial import SpatialIndex
 
 Float = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
-LOOKING = 0.001  # share of the surface under which none looks at a direction
+LOOKING = 0.001  # share of the surface under which it is no place for text
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +40,8 @@ class Site:
         parameters: resolved.
         objective: the weights of the objective's terms.
         served: the columns of the objective.
-        possible: (D,) bool, the directions that any surface looks at: nothing on a cube, for one, looks along its
-            diagonals within 45 degrees.
+        facing: (D,) cosine of the angle at which surface looks at each direction; all but :data:`LOOKING` of it is
+            turned further away. Nothing on a cube, for one, looks along its diagonals.
     """
 
     surface: Surface
@@ -57,7 +57,7 @@ class Site:
     parameters: Parameters
     objective: Objective
     served: Columns
-    possible: Bool
+    facing: Float
 
 
 def open_site(
@@ -95,7 +95,7 @@ def open_site(
         raise MeshmarkError(
             ErrorCode.NO_PLACEMENT,
             f"None of the {len(surface.faces)} faces of this asset can carry a watermark: their nodes flatten them, or "
-            "their materials are masked, blended or transmit light.",
+            "their materials are masked or blended.",
             "Send an asset with an opaque surface.",
         )
     # Boxes stand on the ground; a ray that meets any other face meets nothing that looks at it.
@@ -109,7 +109,7 @@ def open_site(
         )
         normals = np.where(usable[:, None], normals, 0.0)
     served, surfels = columns(surface, objective), Surfels(ground, rng)
-    possible = (surfels.normals @ served.directions.T >= FACING_VIEW).mean(axis=0) > LOOKING
+    facing = np.quantile(surfels.normals @ served.directions.T, 1 - LOOKING, axis=0)
     return Site(
         surface,
         ground,
@@ -124,5 +124,5 @@ def open_site(
         parameters,
         objective,
         served,
-        possible,
+        facing,
     )

@@ -67,7 +67,8 @@ def reserve(sessions: sessionmaker[Session], tenant: str, key: str, print_: str)
     if taken.fingerprint != print_:
         raise MeshmarkError(
             ErrorCode.IDEMPOTENCY_KEY_REUSED,
-            "Another request was sent with this Idempotency-Key: its file, font, parameters or metadata differ.",
+            "Another request was sent with this Idempotency-Key: its file, font, parameters, metadata or webhook "
+            "differ.",
             "Take a new key for each new request; send the same request again with the key that it had.",
         )
     if taken.job_id is None:

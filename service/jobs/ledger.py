@@ -8,6 +8,8 @@ wait for each other in a circle.
 
 A worker's right to change a job is its lease: it is renewed by heartbeats, and it is void as soon as the job was
 canceled, given to another worker, or finished.
+
+What happens to a job is told by the transaction that makes it happen: see :mod:`service.jobs.events`.
 """
 
 import sqlite3
@@ -24,8 +26,9 @@ from sqlalchemy.engine import Engine, make_url
 from sqlalchemy.orm import Session, sessionmaker
 
 from core.errors import ErrorCode, MeshmarkError
+from service.jobs.events import record
 from service.jobs.migrations import migrate
-from service.jobs.models import DEFAULT_TENANT, Artifact, ArtifactKind, Job, JobState, Lease, MetadataEntry
+from service.jobs.models import DEFAULT_TENANT, Artifact, ArtifactKind, EventType, Job, JobState, Lease, MetadataEntry
 
 ACTIVE = (JobState.QUEUED, JobState.RUNNING)
 # What a transaction begins with that no other one with the same key shall run beside. SQLite has one lock for all.
@@ -56,6 +59,7 @@ class Submission:
     tenant: str = DEFAULT_TENANT
     metadata: Mapping[str, str] = field(default_factory=dict)
     cache: bool = False
+    webhook: str | None = None
     condition: Callable[[Session, str], None] = lambda _session, _job_id: None
 
 
@@ -79,7 +83,7 @@ def _connect(url: str) -> Engine:
             pool_pre_ping=True,
             isolation_level="READ COMMITTED",
             connect_args=PATIENCE,
-            hide_parameters=True,  # in error messages: they may be addresses that hold a signature
+            hide_parameters=True,  # in error messages: they may be secrets, or addresses that hold a signature
         )
     if database := make_url(url).database:
         Path(database).parent.mkdir(parents=True, exist_ok=True)
@@ -161,6 +165,7 @@ class Ledger:
             result_key=result_key,
             filename=filename,
             parameters=parameters,
+            webhook=submission.webhook,
             created_at=moment,
             enqueued_at=moment,
             artifacts=[Artifact(kind=kind, sha256=item.sha256, size=item.size) for kind, item in contents.items()],
@@ -171,6 +176,7 @@ class Ledger:
             _lock_content(session, contents.values(), stored)
             session.add(job)
             session.flush()
+            record(session, job.id, EventType.into(job.state), moment)
             submission.condition(session, job.id)
         return job
 
@@ -182,10 +188,11 @@ class Ledger:
     def claim(self, job_id: str, lease_seconds: float) -> Job | None:
         """Take a queued job, or None if it is not (or no longer) there to be taken."""
         with self._session.begin() as session:
-            claimed = self._set(
+            claimed = self._move(
                 session,
-                (Job.id == job_id, Job.state == JobState.QUEUED),
-                state=JobState.RUNNING,
+                job_id,
+                (Job.state == JobState.QUEUED,),
+                JobState.RUNNING,
                 stage=None,
                 progress=0.0,
                 started_at=now(),
@@ -198,8 +205,14 @@ class Ledger:
     def heartbeat(self, lease: Lease, lease_seconds: float, stage: str | None, progress: float) -> bool:
         """Renew the lease and note where the work stands; False when the lease is void."""
         expiry = now() + timedelta(seconds=lease_seconds)
+        values = {"lease_expires_at": expiry, "stage": stage, "progress": progress}
         with self._session.begin() as session:
-            return self._set(session, _held(lease), lease_expires_at=expiry, stage=stage, progress=progress)
+            if self._set(session, (*_held(lease), Job.stage.is_not_distinct_from(stage)), **values):
+                return True
+            if not self._set(session, _held(lease), **values):
+                return False
+            record(session, lease.job_id, EventType.STAGE, now())
+            return True
 
     def publish(self, lease: Lease, kind: ArtifactKind, content: Content, stored: Callable[[str], bool]) -> bool:
         """Refer to an output, in place of an earlier attempt's; False when the lease is void.
@@ -217,28 +230,30 @@ class Ledger:
     def succeed(self, lease: Lease) -> bool:
         """running -> succeeded; False when the lease is void."""
         with self._session.begin() as session:
-            return self._set(session, _held(lease), state=JobState.SUCCEEDED, progress=1.0, **self._finished())
+            values = {"progress": 1.0, **self._finished()}
+            return self._move(session, lease.job_id, _held(lease), JobState.SUCCEEDED, **values)
 
     def fail(self, lease: Lease, error: MeshmarkError) -> bool:
         """running -> failed; False when the lease is void."""
         with self._session.begin() as session:
-            return self._set(session, _held(lease), state=JobState.FAILED, **self._finished(error))
+            return self._move(session, lease.job_id, _held(lease), JobState.FAILED, **self._finished(error))
 
     def release(self, lease: Lease) -> bool:
         """running -> queued without counting the attempt, for a worker that stops; False when the lease is void."""
         with self._session.begin() as session:
-            return self._set(session, _held(lease), attempts=Job.attempts - 1, **_queued())
+            values = {"attempts": Job.attempts - 1, **_queued()}
+            return self._move(session, lease.job_id, _held(lease), JobState.QUEUED, **values)
 
     def cancel(self, job_id: str, tenant: str = DEFAULT_TENANT) -> bool:
         """queued or running -> canceled; False when the job had already ended, or is not the tenant's."""
-        condition = (Job.id == job_id, Job.tenant_id == tenant, Job.state.in_(ACTIVE))
+        condition = (Job.tenant_id == tenant, Job.state.in_(ACTIVE))
         with self._session.begin() as session:
-            return self._set(session, condition, state=JobState.CANCELED, **self._finished())
+            return self._move(session, job_id, condition, JobState.CANCELED, **self._finished())
 
     def drop_artifacts(self, job_id: str) -> set[str]:
         """Forget an ended job's files (succeeded -> expired); returns their hashes: other jobs may have the same."""
         with self._session.begin() as session:
-            self._set(session, (Job.id == job_id, Job.state == JobState.SUCCEEDED), state=JobState.EXPIRED)
+            self._move(session, job_id, (Job.state == JobState.SUCCEEDED,), JobState.EXPIRED)
             if not self._set(session, (Job.id == job_id, Job.state.not_in(ACTIVE)), purge_at=None):
                 return set()
             dropped = session.scalars(delete(Artifact).where(Artifact.job_id == job_id).returning(Artifact.sha256))
@@ -281,8 +296,8 @@ class Ledger:
                 # SQLite locks no row that is only read: there a heartbeat or another sweeper may have come since.
                 condition = (*_held(job.lease), Job.lease_expires_at < now())
                 again = job.attempts < max_attempts
-                values = _queued() if again else {"state": JobState.FAILED, **self._finished(error)}
-                if self._set(session, condition, **values):
+                state = JobState.QUEUED if again else JobState.FAILED
+                if self._move(session, job.id, condition, state, **(_queued() if again else self._finished(error))):
                     (requeued if again else failed).append(job.id)
         return requeued, failed
 
@@ -318,6 +333,16 @@ class Ledger:
             values |= {"error_code": error.code.value, "error_message": error.message, "error_remedy": error.remedy}
         return values
 
+    @classmethod
+    def _move(
+        cls, session: Session, job_id: str, condition: Iterable[ColumnElement[bool]], state: JobState, **values: Any
+    ) -> bool:
+        """Bring a job into a state and tell of it; False where it is not as the condition says."""
+        moved = cls._set(session, (Job.id == job_id, *condition), state=state, **values)
+        if moved:
+            record(session, job_id, EventType.into(state), now())
+        return moved
+
     @staticmethod
     def _set(session: Session, condition: Iterable[ColumnElement[bool]], **values: Any) -> bool:
         result: Any = session.execute(
@@ -331,7 +356,7 @@ def _held(lease: Lease) -> tuple[ColumnElement[bool], ...]:
 
 
 def _queued() -> dict[str, Any]:
-    return {"state": JobState.QUEUED, "stage": None, "progress": 0.0, "lease_expires_at": None, "enqueued_at": now()}
+    return {"stage": None, "progress": 0.0, "lease_expires_at": None, "enqueued_at": now()}
 
 
 def _wait_for_turn(transaction: Connection | Session, keys: Iterable[int]) -> None:

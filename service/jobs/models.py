@@ -11,6 +11,7 @@ from sqlalchemy import (
     Dialect,
     Enum,
     ForeignKey,
+    ForeignKeyConstraint,
     Index,
     Integer,
     String,
@@ -31,6 +32,38 @@ class JobState(StrEnum):
     FAILED = "failed"
     CANCELED = "canceled"
     EXPIRED = "expired"
+
+
+class EventType(StrEnum):
+    """What can happen to a job: it comes into a state, or its work into another stage."""
+
+    QUEUED = "watermark.queued"
+    RUNNING = "watermark.running"
+    STAGE = "watermark.stage"
+    SUCCEEDED = "watermark.succeeded"
+    FAILED = "watermark.failed"
+    CANCELED = "watermark.canceled"
+    EXPIRED = "watermark.expired"
+
+    @classmethod
+    def into(cls, state: JobState) -> "EventType":
+        """That a job came into a state."""
+        return cls(f"watermark.{state}")
+
+
+class DeliveryState(StrEnum):
+    """Where a webhook stands; an exhausted one was not delivered, and is not tried again unless asked for."""
+
+    PENDING = "pending"
+    DELIVERED = "delivered"
+    EXHAUSTED = "exhausted"
+
+
+class DisabledReason(StrEnum):
+    """Why an endpoint is sent nothing."""
+
+    REQUESTED = "requested"
+    GONE = "gone"  # it answered 410
 
 
 class ArtifactKind(StrEnum):
@@ -65,9 +98,9 @@ class UtcDateTime(TypeDecorator[datetime]):
         return value and value.replace(tzinfo=UTC)
 
 
-def _words(enumeration: type[StrEnum]) -> Enum:
+def _words(enumeration: type[StrEnum], length: int = 16) -> Enum:
     """A text column of an enumeration's values: a new value needs no migration, as a native type's would."""
-    return Enum(enumeration, native_enum=False, length=16, values_callable=lambda members: [*map(str, members)])
+    return Enum(enumeration, native_enum=False, length=length, values_callable=lambda members: [*map(str, members)])
 
 
 class Base(DeclarativeBase):
@@ -79,6 +112,9 @@ class Base(DeclarativeBase):
         list[str]: JSON,
         JobState: _words(JobState),
         ArtifactKind: _words(ArtifactKind),
+        EventType: _words(EventType, 32),
+        DeliveryState: _words(DeliveryState),
+        DisabledReason: _words(DisabledReason),
     }
 
 
@@ -140,6 +176,8 @@ class Job(Base):
     error_code: Mapped[str | None] = mapped_column(String(64))
     error_message: Mapped[str | None]
     error_remedy: Mapped[str | None]
+    webhook: Mapped[str | None] = mapped_column(String(2048))  # where the client wants to be told how this job ends
+    event_count: Mapped[int] = mapped_column(default=0, server_default="0")  # the number of its latest event
     artifacts: Mapped[list["Artifact"]] = relationship(lazy="selectin", order_by="Artifact.kind")
     metadata_entries: Mapped[list["MetadataEntry"]] = relationship(lazy="selectin", order_by="MetadataEntry.key")
 
@@ -216,6 +254,80 @@ class DroppedObject(Base):
     tries: Mapped[int] = mapped_column(default=0)
     due_at: Mapped[datetime]
     created_at: Mapped[datetime]
+
+
+class JobEvent(Base):
+    """Something that happened to a job, numbered from 1 in the job's own order; see :mod:`service.jobs.events`."""
+
+    __tablename__ = "job_events"
+
+    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id", ondelete="CASCADE"), primary_key=True)
+    number: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    type: Mapped[EventType]
+    data: Mapped[dict[str, Any]]  # the job as it stood then
+    created_at: Mapped[datetime] = mapped_column(index=True)
+
+
+class WebhookEndpoint(Base):
+    """Where a tenant wants to be told how jobs end; see :mod:`service.webhooks.endpoints`.
+
+    The secrets stand here as they are: whoever signs needs them.
+    """
+
+    __tablename__ = "webhook_endpoints"
+
+    id: Mapped[str] = mapped_column(String(36), primary_key=True)
+    tenant_id: Mapped[str] = mapped_column(String(63), index=True)
+    url: Mapped[str | None] = mapped_column(String(2048))  # None: the webhooks that jobs name themselves
+    events: Mapped[list[str]]
+    secret: Mapped[str] = mapped_column(String(128))
+    former_secret: Mapped[str | None] = mapped_column(String(128))
+    former_secret_until: Mapped[datetime | None]
+    disabled_reason: Mapped[DisabledReason | None]
+    created_at: Mapped[datetime]
+
+
+class WebhookDelivery(Base):
+    """An event to be told to an endpoint; see :mod:`service.webhooks.deliveries`."""
+
+    __tablename__ = "webhook_deliveries"
+    __table_args__ = (
+        ForeignKeyConstraint(
+            ["job_id", "event_number"], ["job_events.job_id", "job_events.number"], ondelete="CASCADE"
+        ),
+        Index("ix_webhook_deliveries_job_id_event_number", "job_id", "event_number"),
+        Index("ix_webhook_deliveries_state_due_at", "state", "due_at"),
+        Index("ix_webhook_deliveries_endpoint_id_created_at_id", "endpoint_id", "created_at", "id"),
+    )
+
+    id: Mapped[str] = mapped_column(String(36), primary_key=True)
+    endpoint_id: Mapped[str] = mapped_column(ForeignKey("webhook_endpoints.id", ondelete="CASCADE"))
+    job_id: Mapped[str] = mapped_column(String(36))
+    event_number: Mapped[int]
+    url: Mapped[str | None] = mapped_column(String(2048))  # the job's own; None: the endpoint's
+    state: Mapped[DeliveryState] = mapped_column(default=DeliveryState.PENDING)
+    attempts: Mapped[int] = mapped_column(default=0)
+    due_at: Mapped[datetime | None]  # of the next attempt; while one is made: when its worker counts as lost
+    announced_at: Mapped[datetime | None]  # when its message was sent to the queue, for this attempt
+    token: Mapped[int] = mapped_column(default=0)  # of the latest claim
+    created_at: Mapped[datetime]
+    endpoint: Mapped[WebhookEndpoint] = relationship(lazy="joined", innerjoin=True)
+    event: Mapped[JobEvent] = relationship(lazy="joined", innerjoin=True)
+    log: Mapped[list["WebhookAttempt"]] = relationship(lazy="selectin", order_by="WebhookAttempt.number")
+
+
+class WebhookAttempt(Base):
+    """What came of one attempt to deliver."""
+
+    __tablename__ = "webhook_attempts"
+
+    delivery_id: Mapped[str] = mapped_column(ForeignKey("webhook_deliveries.id", ondelete="CASCADE"), primary_key=True)
+    number: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    started_at: Mapped[datetime]
+    status: Mapped[int | None]
+    error: Mapped[str | None]
+    snippet: Mapped[str]
+    seconds: Mapped[float]
 
 
 class IdempotencyKey(Base):

@@ -30,9 +30,11 @@ EXAMPLE: JsonDict = {
     },
     "parameters": {"text": "SAMPLE", "seed": 7},
     "metadata": {"order": "4711"},
+    "webhook": None,
     "error": None,
     "links": {
         "self": "/v1/watermarks/6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11",
+        "events": "/v1/watermarks/6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11/events",
         "model": "/v1/watermarks/6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11/model",
         "report": None,
         "preview": None,
@@ -71,6 +73,7 @@ class LinksView(BaseModel):
     """Where the job's parts are; null until they exist, and once they are gone."""
 
     self: str
+    events: str
     model: str | None
     report: str | None
     preview: str | None
@@ -96,6 +99,7 @@ class JobView(BaseModel):
     input: Annotated[InputView | None, Field(description="The uploaded asset; null once it is deleted.")]
     parameters: Parameters
     metadata: Annotated[dict[str, str], Field(description="What the client noted when it sent the asset.")]
+    webhook: Annotated[str | None, Field(description="Where a webhook is sent when the job ends.")]
     error: ErrorView | None
     links: LinksView
 
@@ -127,8 +131,9 @@ class JobView(BaseModel):
             input=InputView(filename=job.filename, size=source.size, sha256=source.sha256) if source else None,
             parameters=Parameters.model_validate(job.parameters),
             metadata={entry.key: entry.value for entry in job.metadata_entries},
+            webhook=job.webhook,
             error=error,
-            links=LinksView(self=url, **parts),
+            links=LinksView(self=url, events=f"{url}/events", **parts),
         )
 
 

@@ -20,6 +20,7 @@ from service.problems import problem_responses
 from service.routes.schemas import JobPage, JobView, Moment, view
 from service.state import AppState, State
 from service.submission import announce, submit
+from service.webhooks.endpoints import check_job_webhook
 
 router = APIRouter(prefix="/v1/watermarks", tags=["watermarks"], route_class=GuardedRoute)
 
@@ -62,6 +63,8 @@ REFUSALS = problem_responses(
     ErrorCode.MISSING_GLYPHS,
     ErrorCode.INVALID_FONT,
     ErrorCode.INVALID_METADATA,
+    ErrorCode.ADDRESS_REFUSED,
+    ErrorCode.NO_WEBHOOK_SECRET,
     ErrorCode.IDEMPOTENCY_KEY_IN_USE,
     ErrorCode.IDEMPOTENCY_KEY_REUSED,
     ErrorCode.TOO_MANY_JOBS,
@@ -129,6 +132,15 @@ MetadataField = Annotated[
         },
     ),
 ]
+WebhookField = Annotated[
+    str | None,
+    Form(
+        description="Where to send a webhook when the job ends. It is signed with the secret of your webhook endpoint "
+        "that has no `url`, which must exist.",
+        max_length=2048,
+        examples=["https://shop.example/hooks/4711"],
+    ),
+]
 IdempotencyKeyHeader = Annotated[
     str | None,
     Header(
@@ -161,11 +173,14 @@ def create_watermark(
     upload_id: UploadIdField = None,
     font: FontPart = None,
     metadata: MetadataField = "{}",
+    webhook: WebhookField = None,
     idempotency_key: IdempotencyKeyHeader = None,
     cache: CacheQuery = True,
 ) -> JobView:
     """Accept an asset for watermarking. What can be seen to be wrong at once is refused at once."""
     parameters, notes = parse_parameters(params), parse_metadata(metadata)
+    if webhook is not None:
+        check_job_webhook(state.ledger.sessions, client.tenant, webhook, state.settings.outbound)
     order = order_from(
         state,
         client.tenant,
@@ -175,6 +190,7 @@ def create_watermark(
         source_url=source_url,
         upload_id=upload_id,
         font=font and state.artifacts.stage(font.file, limit=state.settings.max_font_bytes, name="font"),
+        webhook=webhook,
         key=None if idempotency_key is None else parse_idempotency_key(idempotency_key),
         cache=cache,
     )
@@ -217,13 +233,13 @@ def list_watermarks(
 @router.get("/{job_id}", responses=UNKNOWN)
 def read_watermark(request: Request, state: State, client: Admitted, job_id: str) -> JobView:
     """Where the job stands."""
-    return view(request, _job(state, client, job_id))
+    return view(request, find_job(state, client, job_id))
 
 
 @router.delete("/{job_id}", status_code=status.HTTP_204_NO_CONTENT, responses=UNKNOWN)
 def delete_watermark(state: State, client: Admitted, job_id: str) -> None:
     """Cancel the job if it has not ended, and delete the uploaded asset and everything made from it."""
-    _job(state, client, job_id)
+    find_job(state, client, job_id)
     state.ledger.cancel(job_id, client.tenant)
     contents.discard(state.ledger, state.artifacts, state.ledger.drop_artifacts(job_id))
 
@@ -263,7 +279,12 @@ def read_preview(request: Request, state: State, client: Admitted, job_id: str) 
     return _deliver(request, state, client, job_id, ArtifactKind.PREVIEW)
 
 
-def _job(state: AppState, client: Client, job_id: str) -> Job:
+def find_job(state: AppState, client: Client, job_id: str) -> Job:
+    """The client's job of an id.
+
+    Raises:
+        MeshmarkError: ``not_found``; also where it is another tenant's.
+    """
     job = state.ledger.get(job_id, client.tenant) if job_id.isprintable() else None  # PostgreSQL takes no NUL
     if job is None:
         raise MeshmarkError(
@@ -273,7 +294,7 @@ def _job(state: AppState, client: Client, job_id: str) -> Job:
 
 
 def _deliver(request: Request, state: AppState, client: Client, job_id: str, kind: ArtifactKind) -> Response:
-    job = _job(state, client, job_id)
+    job = find_job(state, client, job_id)
     artifact = job.artifact(kind)
     if artifact is None:
         raise _not_there(job, kind)
@@ -282,7 +303,7 @@ def _deliver(request: Request, state: AppState, client: Client, job_id: str, kin
     try:
         return deliver(request, state.artifacts, artifact, headers)
     except FileNotFoundError:  # deleted since the look at the ledger
-        raise _not_there(_job(state, client, job_id), kind) from None
+        raise _not_there(find_job(state, client, job_id), kind) from None
 
 
 def _not_there(job: Job, kind: ArtifactKind) -> MeshmarkError:

@@ -94,6 +94,12 @@ def deliver(
     return Outcome(result, status, error, _printable(bytes(received[:SNIPPET_BYTES])), seconds, retry_at)
 
 
+def not_made(attempt: int, now: datetime, draw: float) -> Outcome:
+    """The outcome of an attempt that failed for a fault of ours: it counts, so that it is not made for ever."""
+    result, retry_at = _verdict(None, attempt, now, draw, None)
+    return Outcome(result, None, "The service could not make this attempt.", "", 0.0, retry_at)
+
+
 def _verdict(
     status: int | None, attempt: int, at: datetime, draw: float, retry_after: timedelta | None
 ) -> tuple[Result, datetime | None]:

@@ -1,21 +1,13 @@
 """What a webhook says: Standard Webhooks, "Payload structure"."""
 
 import json
-import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime
-from enum import StrEnum
+from datetime import datetime
 from typing import Any, Self
 
-
-class EventType(StrEnum):
-    """What happened to a job: one for each state that it can end in."""
-
-    SUCCEEDED = "watermark.succeeded"
-    FAILED = "watermark.failed"
-    CANCELED = "watermark.canceled"
-    EXPIRED = "watermark.expired"
+from service.jobs.events import rfc3339
+from service.jobs.models import EventType, JobEvent
 
 
 @dataclass(frozen=True)
@@ -26,9 +18,18 @@ class Message:
     body: bytes
 
     @classmethod
-    def of(cls, event: EventType, happened_at: datetime, job: Mapping[str, Any]) -> Self:
-        """A new message about a job in the form in which the API shows it."""
-        timestamp = happened_at.astimezone(UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
-        content = {"type": event, "timestamp": timestamp, "data": job}
+    def about(cls, event: JobEvent) -> Self:
+        """The message about an event. Its id is as hard to guess as that of the job."""
+        identifier = f"msg_{event.job_id.replace('-', '')}_{event.number}"
+        return cls.of(identifier, event.type, event.created_at, event.data)
+
+    @classmethod
+    def of(cls, identifier: str, event: EventType, happened_at: datetime, job: Mapping[str, Any]) -> Self:
+        """A message about what happened to a job, shown as in :func:`service.jobs.events.snapshot`.
+
+        Raises:
+            ValueError: JSON cannot say it.
+        """
+        content = {"type": event, "timestamp": rfc3339(happened_at), "data": job}
         body = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode()
-        return cls(f"msg_{uuid.uuid4().hex}", body)
+        return cls(identifier, body)

@@ -4,7 +4,7 @@ import json
 import socket
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 import yaml
@@ -41,69 +41,91 @@ def bearer(client: Client, tenant: str = "acme", *scopes: Scope) -> dict[str, st
 
 
 BODIES: dict[tuple[str, str], dict[str, Any]] = {
-    ("POST", "/v1/watermarks"): {"files": {"file": ("asset.obj", asset())}, "data": {"params": '{"text": "HI"}'}},
+    ("POST", "/v1/watermarks"): {
+        "files": {"file": ("asset.obj", asset())},
+        "data": {"params": '{"text": "HI"}'},
+    },
     ("POST", "/v1/watermarks/batch"): {"json": {"items": [{"upload_id": "none", "parameters": {"text": "HI"}}]}},
     ("POST", "/v1/uploads"): {"json": {"size": len(asset())}},
     ("PUT", "/v1/uploads/{upload_id}"): {"content": asset()},
+    ("POST", "/v1/webhook-endpoints"): {"json": {"url": "https://shop.example/hook"}},
+    ("PATCH", "/v1/webhook-endpoints/{endpoint_id}"): {"json": {}},
 }
 
 
-def call(
-    client: Client, method: str, path: str, job_id: str, headers: dict[str, str], upload_id: str = "none"
-) -> Response:
-    address = path.replace("{job_id}", job_id).replace("{upload_id}", upload_id)
-    return client.http.request(method, address, headers=headers, **BODIES.get((method, path), {}))
+class Ids(NamedTuple):
+    """What the paths name."""
+
+    job_id: str = "0" * 36
+    endpoint_id: str = "1" * 36
+    delivery_id: str = "2" * 36
+    upload_id: str = "3" * 36
+    source: str = "4" * 36
 
 
-def new_upload(client: Client, headers: dict[str, str]) -> str:
-    return str(call(client, "POST", "/v1/uploads", "", headers).json()["id"])
+def call(client: Client, method: str, path: str, ids: Ids, headers: dict[str, str]) -> Response:
+    return client.http.request(
+        method, path.format_map(ids._asdict()), headers=headers, **BODIES.get((method, path), {})
+    )
+
+
+def things_of(client: Client, headers: dict[str, str]) -> Ids:
+    """A finished job of a tenant, their webhook endpoint, a delivery of the one to the other, and an upload."""
+    endpoint = call(client, "POST", "/v1/webhook-endpoints", Ids(), headers)
+    job_id = finished_job(client, headers)
+    address = endpoint.headers["Location"]
+    [delivery] = client.http.get(f"{address}/deliveries", headers=headers).json()["items"]
+    upload = call(client, "POST", "/v1/uploads", Ids(), headers)
+    return Ids(job_id, endpoint.json()["id"], delivery["id"], upload.json()["id"], "ourhook")
 
 
 def finished_job(client: Client, headers: dict[str, str]) -> str:
-    response = call(client, "POST", "/v1/watermarks", "", headers)
+    response = call(client, "POST", "/v1/watermarks", Ids(), headers)
     assert response.status_code == 202, response.text
     client.run(response.headers["Location"])
     return str(response.json()["id"])
 
 
-def test_another_tenants_job_is_not_there_on_any_route(client: Client) -> None:
+def test_another_tenants_things_are_not_there_on_any_route(client: Client) -> None:
     ours, theirs = bearer(client, "acme"), bearer(client, "beta")
-    job_id = finished_job(client, ours)
+    ids = things_of(client, ours)
     met = 0
     for method, path, _ in OPERATIONS:
-        response = call(client, method, path, job_id, theirs)
-        assert job_id not in response.text.replace(f"'{job_id}'", ""), (method, path)
-        if "{job_id}" in path:
+        response = call(client, method, path, ids, theirs)
+        told = response.text
+        for mine, unknown in zip(ids, Ids(), strict=True):
+            told = told.replace(f"'{mine}'", f"'{unknown}'")
+        assert not any(mine in told for mine in ids), (method, path)
+        if "{" in path:
             met += 1
             assert response.status_code == 404, (method, path)
-            unknown = call(client, method, path, "0" * 36, theirs)
-            assert response.text.replace(job_id, "") == unknown.text.replace("0" * 36, ""), "as if it had never been"
-    assert met >= 8
+            assert told == call(client, method, path, Ids(), theirs).text, "as if it had never been"
+    assert met >= 15
+    address = f"/v1/webhook-endpoints/{ids.endpoint_id}"
+    assert client.http.get(address, headers=ours).json()["former_secret_until"] is None
+    [delivery] = client.http.get(f"{address}/deliveries", headers=ours).json()["items"]
+    assert delivery["id"] == ids.delivery_id
+    job_id = ids.job_id
     job = client.http.get(f"/v1/watermarks/{job_id}", headers=ours).json()
     assert job["state"] == "succeeded"
     assert client.http.get(job["links"]["model"], headers=ours).content == b"glTF of HI"
 
 
-def test_another_tenants_upload_is_not_there(client: Client) -> None:
+def test_another_tenants_upload_cannot_be_named(client: Client) -> None:
     ours, theirs = bearer(client, "acme"), bearer(client, "beta")
-    upload_id = new_upload(client, ours)
-    met = 0
-    for method, path, _ in OPERATIONS:
-        if "{upload_id}" in path:
-            met += 1
-            assert call(client, method, path, "", theirs, upload_id).json()["code"] == "not_found", (method, path)
-    assert met == 1
-    assert call(client, "PUT", "/v1/uploads/{upload_id}", "", ours, upload_id).status_code == 204
+    ids = Ids(upload_id=call(client, "POST", "/v1/uploads", Ids(), ours).json()["id"])
+    assert call(client, "PUT", "/v1/uploads/{upload_id}", ids, theirs).json()["code"] == "not_found"
+    assert call(client, "PUT", "/v1/uploads/{upload_id}", ids, ours).status_code == 204
     for headers, status in ((theirs, 404), (ours, 202)):
-        data = {"params": '{"text": "HI"}', "upload_id": upload_id}
+        data = {"params": '{"text": "HI"}', "upload_id": ids.upload_id}
         assert client.http.post("/v1/watermarks", headers=headers, data=data).status_code == status
-        batch = {"items": [{"upload_id": upload_id, "parameters": {"text": "HI"}}]}
+        batch = {"items": [{"upload_id": ids.upload_id, "parameters": {"text": "HI"}}]}
         results = client.http.post("/v1/watermarks/batch", headers=headers, json=batch).json()["items"]
         assert [result["status"] for result in results] == [status]
 
 
 def test_without_a_key_every_route_but_the_open_ones_is_closed(client: Client) -> None:
-    job_id = finished_job(client, bearer(client))
+    ids = things_of(client, bearer(client))
     revoked = bearer(client)
     revoke_key(client.worker.ledger.sessions, revoked["Authorization"].split("_")[1])
     wrong = [
@@ -116,7 +138,7 @@ def test_without_a_key_every_route_but_the_open_ones_is_closed(client: Client) -
     ]
     for method, path, _ in OPERATIONS:
         for headers in wrong:
-            response = call(client, method, path, job_id, headers)  # type: ignore[arg-type]
+            response = call(client, method, path, ids, headers)  # type: ignore[arg-type]
             if path in OWN_TOKEN:
                 assert response.status_code in (401, 404)
                 continue
@@ -131,13 +153,13 @@ def test_without_a_key_every_route_but_the_open_ones_is_closed(client: Client) -
 
 
 def test_a_key_does_what_its_scopes_say_and_nothing_else(client: Client) -> None:
-    job_id, upload_id = finished_job(client, bearer(client)), new_upload(client, bearer(client))
+    ids = things_of(client, bearer(client))
     for scope, other in ((Scope.READ, Scope.WRITE), (Scope.WRITE, Scope.READ)):
         headers = bearer(client, "acme", scope)
         for method, path, operation in OPERATIONS:
             if path in OPEN | OWN_TOKEN or method == "DELETE":
                 continue
-            response = call(client, method, path, job_id, headers, upload_id)
+            response = call(client, method, path, ids, headers)
             needed = operation["security"][1]["api_key"]
             if needed == [scope]:
                 assert response.status_code < 300, (method, path, response.text)
@@ -146,10 +168,10 @@ def test_a_key_does_what_its_scopes_say_and_nothing_else(client: Client) -> None
                 assert response.status_code == 403, (method, path)
                 assert response.headers["WWW-Authenticate"] == f'Bearer error="insufficient_scope", scope="{other}"'
     reader = bearer(client, "acme", Scope.READ)
-    refused = client.http.delete(f"/v1/watermarks/{job_id}", headers=reader)
+    refused = client.http.delete(f"/v1/watermarks/{ids.job_id}", headers=reader)
     assert (refused.status_code, refused.json()["code"]) == (403, "missing_scope")
     writer = bearer(client, "acme", Scope.WRITE)
-    assert client.http.delete(f"/v1/watermarks/{job_id}", headers=writer).status_code == 204
+    assert client.http.delete(f"/v1/watermarks/{ids.job_id}", headers=writer).status_code == 204
 
 
 def test_a_key_that_asks_too_often_is_told_when_to_come_again(database_url: str, tmp_path: Path) -> None:

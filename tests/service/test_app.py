@@ -31,7 +31,7 @@ def test_every_error_in_the_openapi_document_is_a_problem() -> None:
         assert schema in document["components"]["schemas"]
 
 
-@pytest.mark.parametrize("module", ["service.__main__", "worker.app"])
+@pytest.mark.parametrize("module", ["service.__main__", "worker.app", "worker.webhooks"])
 def test_neither_api_nor_worker_loads_the_engines_heavy_libraries(module: str) -> None:
     heavy = [
         "torch",

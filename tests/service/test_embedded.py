@@ -142,7 +142,7 @@ def test_a_worker_killed_in_the_middle_of_the_real_engine_loses_no_job(tmp_path:
     with service.running([sys.executable, "-m", "service"]) as [process]:
         url = service.submit(SPOT, params='{"text": "watermark", "count": 4}').headers["Location"]
         wait_until(lambda: service.job(url)["stage"] in ("placing", "embossing"))
-        [worker] = psutil.Process(process.pid).children()
+        [worker] = [child for child in psutil.Process(process.pid).children() if "worker" in child.cmdline()]
         [engine] = worker.children()
         worker.kill()
         job = service.wait_for(url, "succeeded", seconds=60)

@@ -8,7 +8,7 @@ from core.parameters import Parameters
 from service.app import create_app
 from service.config import Settings
 from service.jobs.models import JobState
-from service.routes.watermarks import router
+from service.routes import events, watermarks
 from service.show_settings import as_variable
 from tests.service.conftest import Client
 
@@ -59,5 +59,6 @@ def test_every_state_of_a_job_is_named() -> None:
 
 def test_the_addresses_in_the_examples_exist() -> None:
     named = {re.sub(r"\$ID", "{job_id}", path) for path in re.findall(r"127\.0\.0\.1:8080(/v1\S*)", README)}
-    assert {route.path for route in router.routes} <= named  # type: ignore[attr-defined]
+    routes = [*watermarks.router.routes, *events.router.routes]
+    assert {route.path for route in routes} <= named  # type: ignore[attr-defined]
     assert named <= set(create_app(Settings()).openapi()["paths"])

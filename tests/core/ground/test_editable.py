@@ -28,11 +28,11 @@ def test_opaque_parts_are_places() -> None:
     assert found.shown.all()
 
 
-@pytest.mark.parametrize(
-    "material",
-    [{"alphaMode": "MASK"}, {"alphaMode": "BLEND"}, {"extensions": {"KHR_materials_transmission": {}}}],
-    ids=["masked", "blended", "transmitting"],
-)
+def test_glass_is_a_place() -> None:
+    assert editable(_scene({"extensions": {"KHR_materials_transmission": {"transmissionFactor": 1}}})).solid.all()
+
+
+@pytest.mark.parametrize("material", [{"alphaMode": "MASK"}, {"alphaMode": "BLEND"}], ids=["masked", "blended"])
 def test_what_is_seen_through_is_a_last_resort(material: dict[str, Any]) -> None:
     found = editable(_scene(material))
     assert found.solid.tolist() == [True] * 12 + [False] * 12

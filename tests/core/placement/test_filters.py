@@ -15,6 +15,7 @@ from core.placement.filters import (
     overlapping,
     roughness,
     roughness_met,
+    slid,
     smooth,
     thin_walled,
     well_aligned,
@@ -40,6 +41,12 @@ CLEARANCE = 0.2
 
 def is_covered(shape: Surface, where: Boxes) -> bool:
     return bool(covered(footprint(where, index_of(shape), shape.normals, CLEARANCE), where)[0])
+
+
+def slid_twice(shape: Surface, where: Boxes) -> Boxes:
+    for _ in range(2):
+        where = slid(where, footprint(where, index_of(shape), shape.normals, CLEARANCE, (12, 8), 0.02))
+    return where
 
 
 def surface_points(shape: Surface, where: Boxes, lift: float) -> NDArray[np.float64]:
@@ -80,6 +87,27 @@ def test_a_box_that_hangs_over_an_edge_is_not_covered() -> None:
 def test_letters_keep_clear_of_a_border_that_the_box_just_touches() -> None:
     assert not is_covered(plane(10, 10), box((3, 0, 0)))
     assert is_covered(plane(10, 10), box((2.9, 0, 0)))
+
+
+@pytest.mark.parametrize("start", [(4, 0, 0), (0, -4.9, 0), (-3.5, 4.8, 0)], ids=["right", "bottom", "corner"])
+def test_a_box_that_hangs_over_an_edge_is_slid_back_onto_the_surface(start: tuple[float, float, float]) -> None:
+    shape, where = plane(10, 10), box(start)
+    where = slid_twice(shape, where)
+    assert is_covered(shape, where)
+    assert np.linalg.norm(where.center - start) < 2.1
+
+
+def test_a_box_on_a_strip_as_wide_as_itself_is_slid_to_its_middle() -> None:
+    strip = plane(10, 1.3)
+    where = slid_twice(strip, box((0, 0.4, 0)))
+    assert where.center[0] == pytest.approx([0, 0, 0], abs=0.15)
+    assert is_covered(strip, where)
+
+
+def test_boxes_with_nothing_or_everything_under_them_stay() -> None:
+    for shape, where in ((plane(10, 10), box((20, 0, 0))), (plane(10, 10), box())):
+        met = footprint(where, index_of(shape), shape.normals, CLEARANCE)
+        assert slid(where, met).center == pytest.approx(where.center)
 
 
 def test_a_box_over_a_hole_is_not_covered() -> None:

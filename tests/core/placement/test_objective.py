@@ -22,7 +22,9 @@ from core.placement.objective import (
     likelihood,
     obstructed,
     roll,
+    size,
     tone,
+    within_reach,
 )
 from tests.core.placement.shapes import box, boxes, cuboid, plane, rotation
 
@@ -111,6 +113,22 @@ def test_a_mark_that_is_seen_serves_a_view_however_badly_it_reads() -> None:
     faced = facing(where, SERVED.directions)
     served = likelihood(where, faced, np.ones(1), np.ones(1), SERVED)[0, FRONT]
     assert served == pytest.approx(OBJECTIVE.seen)
+
+
+def test_text_is_read_from_four_pixels_on_and_no_better_from_twenty_four_on() -> None:
+    read = size(np.array([0.0, 4.0, 9.0, 14.0, 24.0, 100.0]))
+    assert read == pytest.approx([0, 0, 0.5, np.sqrt(0.5), 1, 1])
+
+
+def test_no_mark_serves_a_direction_better_than_its_width_can() -> None:
+    for width in (7.5, 4.0, 2.0, 1.2):
+        where = box((0, 0, 15), size=(width, width / 8, 0.5))
+        seen = facing(where, SERVED.directions)
+        served = likelihood(where, seen, np.zeros(1), np.ones(1), SERVED)[0, : len(SERVED.directions)]
+        reach = within_reach(width / 8, SERVED.directions[:, 2])
+        assert (served <= reach + 1e-6).all()
+        assert served.max() == pytest.approx(reach.max(), abs=0.01)
+        assert served[seen[0]].min() > 0.7 * reach[seen[0]].min()
 
 
 def test_a_view_that_reads_one_mark_gains_from_a_second_but_from_no_third() -> None:

@@ -163,6 +163,21 @@ def test_the_thin_edge_of_a_plate_gets_the_small_text_it_has_room_for() -> None:
     assert found.visible[chosen].any(axis=0).mean() > 0.8
 
 
+def test_a_slat_barely_wider_than_the_text_is_high_gets_text_as_long_as_itself() -> None:
+    slats = [moved(cuboid(30, 0.9, 0.9), shift=(0, 5 * level, 0)) for level in range(-2, 3)]
+    found = placed(join(*slats))
+    chosen = select(found, 16)
+    assert found.boxes.size[chosen, 0].max() == 5.5
+
+
+def test_a_direction_in_which_only_a_grazing_mark_is_seen_gets_one_that_faces_it() -> None:
+    wedge = join(cuboid(30, 8, 30), moved(cuboid(2.8, 6, 2.8), shift=(0, 7, 0)))
+    found = placed(wedge)
+    chosen = select(found, 16)
+    served, _ = found.served(chosen)
+    assert served[:24].min() > 0.7
+
+
 def test_the_two_sides_of_a_plate_get_no_more_marks_than_show_something_new() -> None:
     found = placed(cuboid(30, 30, 1))
     chosen = select(found, 16)

@@ -16,11 +16,11 @@ def opened(shape: Surface, usable: NDArray[np.bool_] | None = None) -> Site:
     return open_site(shape, index_of(shape), saliency(shape, 0), None, None, 0.125, parameters, rng, usable)
 
 
-def test_a_direction_is_possible_where_some_surface_looks_that_way() -> None:
+def test_a_direction_is_faced_as_nearly_as_any_surface_looks_that_way() -> None:
     sheet = opened(plane(30, 30))
-    assert (sheet.possible == (sheet.served.directions[:, 2] >= np.cos(np.radians(45)))).all()
+    assert sheet.facing == pytest.approx(sheet.served.directions[:, 2])
     cube = opened(cuboid(30, 30, 30))
-    assert 0.5 < cube.possible.mean() < 1  # nothing looks along its diagonals
+    assert cube.facing == pytest.approx(np.abs(cube.served.directions).max(axis=1))
 
 
 def test_faces_that_are_not_usable_carry_no_box_but_stay_in_the_way() -> None:
@@ -30,7 +30,7 @@ def test_faces_that_are_not_usable_carry_no_box_but_stay_in_the_way() -> None:
     assert len(site.ground.faces) == front.sum()
     assert not site.normals[~front].any()
     assert site.index is not None
-    assert (site.served.directions[site.possible, 2] > 0).all()
+    assert site.facing == pytest.approx(site.served.directions[:, 2])
 
 
 def test_an_asset_without_usable_faces_says_so() -> None:

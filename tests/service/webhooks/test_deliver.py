@@ -11,17 +11,18 @@ import pytest
 from standardwebhooks.webhooks import Webhook, WebhookVerificationError
 
 from core.errors import MeshmarkError
+from service.jobs.models import EventType
 from service.outbound.client import OutboundClient
 from service.outbound.policy import Policy
 from service.webhooks.deliver import TIMEOUTS, Outcome, Result, deliver
-from service.webhooks.payload import EventType, Message
+from service.webhooks.payload import Message
 from service.webhooks.signing import new_secret
 from tests.service.outbound.certificates import certified, trusting
 from tests.service.outbound.servers import NAME, Script, at, client_of, read_request, replying, response, serving
 
 SECRET = new_secret()
 NOW = datetime(2026, 1, 31, 12, 0, tzinfo=UTC)  # receivers that verify want the true time, which the tests give them
-MESSAGE = Message.of(EventType.SUCCEEDED, NOW, {"id": "1", "state": "succeeded"})
+MESSAGE = Message.of("msg_1", EventType.SUCCEEDED, NOW, {"id": "1", "state": "succeeded"})
 
 
 class Receiver:

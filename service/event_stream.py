@@ -1,0 +1,116 @@
+"""A job's events as a stream that a browser's EventSource reads (WHATWG HTML, "Server-sent events")."""
+
+import asyncio
+import json
+import time
+from collections import Counter
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+
+import structlog
+from fastapi.concurrency import run_in_threadpool
+from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
+from sqlalchemy.exc import OperationalError
+
+from core.errors import ErrorCode, MeshmarkError
+from service.jobs.events import ENDINGS
+from service.jobs.models import JobEvent
+
+STREAMS_PER_TENANT = 100  # open at a time at one API process
+POLL = 0.5  # seconds between two looks at the ledger
+PING = 15.0  # seconds of silence after which a comment shows that the line still holds
+LONGEST = 600.0  # seconds; a client that comes back then shows its key anew
+RETRY = 1000  # milliseconds that a client shall wait before it comes back
+
+log = structlog.get_logger(__name__)
+
+
+class Streams:
+    """The streams that one API process has open."""
+
+    def __init__(self) -> None:
+        self.stopping = asyncio.Event()
+        self._open: Counter[str] = Counter()
+
+    def stop(self) -> None:
+        """End every stream: the process is about to end, and its clients find another one."""
+        self.stopping.set()
+
+    def count(self, tenant: str) -> int:
+        """How many a tenant has open."""
+        return self._open[tenant]
+
+    @contextmanager
+    def place(self, tenant: str) -> Iterator[None]:
+        """A place for one more stream of a tenant.
+
+        Raises:
+            MeshmarkError: ``too_many_streams``.
+        """
+        if self._open[tenant] >= STREAMS_PER_TENANT:
+            raise MeshmarkError(
+                ErrorCode.TOO_MANY_STREAMS,
+                f"{STREAMS_PER_TENANT} event streams of yours are open, the most at a time.",
+                "Close some, or ask for the jobs' states or their webhooks instead.",
+            )
+        self._open[tenant] += 1
+        try:
+            yield
+        finally:
+            self._open[tenant] -= 1
+            if not self._open[tenant]:
+                del self._open[tenant]
+
+
+def parse_last_event_id(text: str | None) -> int:
+    """The number of the last event that a client has seen; 0: none.
+
+    Raises:
+        MeshmarkError: ``invalid_request``.
+    """
+    if not text:
+        return 0
+    if not (text.isascii() and text.isdigit() and len(text) <= 9):
+        raise MeshmarkError(
+            ErrorCode.INVALID_REQUEST,
+            "The Last-Event-ID is not the id of an event.",
+            "Send the id that the last event had, or leave out the header to begin anew.",
+        )
+    return int(text)
+
+
+async def event_stream(
+    read: Callable[[int], Sequence[JobEvent]], after: int, stopping: asyncio.Event
+) -> AsyncIterator[bytes]:
+    """The events after a number and those to come, until the one that ends the job.
+
+    Args:
+        read: gives the events after a number; it may block, and runs in a thread.
+        after: the number of the last event that is known.
+        stopping: ends the stream.
+    """
+    began = silent_since = time.monotonic()
+    yield format_sse_event(retry=RETRY)
+    while not stopping.is_set() and time.monotonic() < began + LONGEST:
+        events: Sequence[JobEvent] = ()
+        try:
+            events = await run_in_threadpool(read, after)
+        except OperationalError as error:  # the line stays open: what happens meanwhile is told when it is back
+            log.warning("the job ledger does not answer", error=str(error.orig))
+        for event in events:
+            yield as_text(event)
+            after = event.number
+        if events and events[-1].type in ENDINGS:
+            return
+        if events:
+            silent_since = time.monotonic()
+        elif time.monotonic() > silent_since + PING:
+            silent_since = time.monotonic()
+            yield KEEPALIVE_COMMENT
+        with suppress(TimeoutError):
+            await asyncio.wait_for(stopping.wait(), POLL)
+
+
+def as_text(event: JobEvent) -> bytes:
+    """An event in the stream's format: its number as `id`, its type as `event`, the job in one line of `data`."""
+    return format_sse_event(id=str(event.number), event=event.type, data_str=json.dumps(event.data, ensure_ascii=False))

@@ -1,0 +1,146 @@
+"""`python -m worker.webhooks [PID]`: sends webhooks; given a process, it ends with it.
+
+A process of its own on a queue of its own: an endpoint that is slow, or that is none, holds up no job. Its threads only
+wait for others, so there are many.
+"""
+
+import random
+import sys
+import threading
+import time
+import warnings
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+import structlog
+from celery import Celery
+from celery.exceptions import SecurityWarning
+from celery.signals import setup_logging, worker_ready, worker_shutting_down
+from kombu.exceptions import KombuError
+from sqlalchemy.exc import OperationalError
+
+from service.config import Settings, load_settings
+from service.jobs.ledger import Ledger, now
+from service.jobs.queue import create_queue
+from service.logs import configure_logs
+from service.outbound.client import OutboundClient
+from service.webhooks import deliveries, queue
+from service.webhooks.deliver import TIMEOUTS, Outcome, deliver, not_made
+from worker.child import die_with_parent
+
+CONCURRENCY = 32
+INTERVAL = 0.5  # seconds between two looks for what is due
+PATIENCE = 5.0  # seconds between two looks for what was lost
+
+log = structlog.get_logger(__name__)
+
+
+@dataclass
+class Sender:
+    """What the tasks of one process share."""
+
+    settings: Settings
+    celery: Celery
+    stopping: threading.Event = field(default_factory=threading.Event)
+
+    def __post_init__(self) -> None:
+        self.ledger = Ledger(self.settings.ledger_url, self.settings.retention_seconds)
+        self.client = OutboundClient(self.settings.outbound, TIMEOUTS)
+
+    def send(self, delivery_id: str) -> None:
+        """Make one attempt if it is due; a duplicate or unknown id changes nothing."""
+        try:
+            claim = deliveries.claim(self.ledger.sessions, delivery_id)
+            if claim is None:
+                return
+            with structlog.contextvars.bound_contextvars(delivery=delivery_id, attempt=claim.attempt):
+                outcome = self._attempt(claim)
+                if deliveries.settle(self.ledger.sessions, claim, outcome):
+                    log.info("webhook tried", result=outcome.result.value, status=outcome.status, error=outcome.error)
+        except OperationalError as error:  # it is found to be due again
+            log.warning("the job ledger does not answer", delivery=delivery_id, error=str(error.orig))
+
+    def _attempt(self, claim: deliveries.Claim) -> Outcome:
+        draw = random.random()
+        try:
+            return deliver(self.client, claim.url, claim.secrets, claim.message, claim.attempt, now(), draw)
+        except Exception:
+            log.exception("the sender failed")
+            return not_made(claim.attempt, now(), draw)
+
+
+def sweep(sender: Sender, lost: bool) -> None:
+    """Announce what is due: the first attempts, those to be repeated, and now and then those whose message was lost."""
+    lost = lost and queue.is_empty(sender.celery)
+    due = deliveries.announce(sender.ledger.sessions, lost)
+    try:
+        for delivery_id in due:
+            queue.send(sender.celery, delivery_id)
+    except (KombuError, OSError):  # the broker does not answer
+        deliveries.withdraw(sender.ledger.sessions, due)
+        raise
+
+
+def sweep_forever(sender: Sender) -> None:
+    """Sweep until the process stops. A failed pass is logged and the next one comes."""
+    looked = 0.0
+    while not sender.stopping.wait(INTERVAL):
+        lost = time.monotonic() > looked + PATIENCE
+        try:
+            sweep(sender, lost)
+        except Exception:
+            log.exception("sweep failed")
+        if lost:
+            looked = time.monotonic()
+
+
+def create_sender(settings: Settings) -> Celery:
+    """A Celery app that sends webhooks."""
+    app = create_queue(settings)
+    app.conf.update(
+        task_queues={queue.QUEUE: {"exchange": queue.QUEUE, "routing_key": queue.QUEUE}},
+        task_default_queue=queue.QUEUE,
+        worker_pool="threads",
+        worker_concurrency=CONCURRENCY,
+        worker_prefetch_multiplier=1,
+        task_acks_late=True,
+        worker_hijack_root_logger=False,
+        worker_redirect_stdouts=False,
+        worker_enable_remote_control=False,
+        worker_send_task_events=False,
+        worker_cancel_long_running_tasks_on_connection_loss=False,
+    )
+
+    @cache  # made when the worker runs: whoever only imports the app shall not create folders and tables
+    def sender() -> Sender:
+        return Sender(settings, app)
+
+    def send(delivery_id: str) -> None:
+        sender().send(delivery_id)
+
+    def start(**_: Any) -> None:
+        threading.Thread(target=sweep_forever, args=(sender(),), name="sweeper", daemon=True).start()
+
+    def stop(**_: Any) -> None:
+        sender().stopping.set()
+
+    app.task(send, name=queue.TASK)
+    setup_logging.connect(lambda **_: configure_logs(settings.log_level), weak=False)
+    worker_ready.connect(start, weak=False)
+    worker_shutting_down.connect(stop, weak=False)
+    return app
+
+
+def main(parent: int | None) -> None:
+    """Send webhooks until a signal ends it or its parent, where one is given, is gone."""
+    if parent is not None:
+        die_with_parent(parent)
+    # Harmless here, as in worker.__main__.
+    warnings.filterwarnings("ignore", "You're running the worker with superuser privileges", SecurityWarning)
+    options = ["--without-gossip", "--without-mingle", "--without-heartbeat"]
+    create_sender(load_settings()).worker_main(["--quiet", "worker", *options])
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]) if sys.argv[1:] else None)
