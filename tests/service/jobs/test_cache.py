@@ -67,6 +67,14 @@ def test_the_same_again_has_succeeded_at_once_with_the_same_results(on_both: Cli
     assert send(on_both)["cached"] is True
 
 
+def test_it_is_told_that_a_job_has_succeeded_at_once(client: Client) -> None:
+    """By an event, as of any job that ends; webhooks go by the same."""
+    done(client)
+    again = send(client)
+    stream = client.http.get(f"{again['links']['self']}/events").text
+    assert [line for line in stream.splitlines() if line.startswith("event:")] == ["event: watermark.succeeded"]
+
+
 def test_each_job_keeps_its_files_when_the_other_is_deleted(on_both: Client) -> None:
     first = done(on_both)
     again = send(on_both)

@@ -50,6 +50,16 @@ def test_each_item_is_a_job_of_its_own(client: Client) -> None:
         assert (job["state"], job["parameters"]["text"], job["metadata"]) == ("succeeded", text, {"order": text})
 
 
+def test_an_item_names_its_own_webhook(client: Client) -> None:
+    name, hook = upload(client), "https://shop.example/hooks/4711"
+    assert outcome(send(client, item(name, webhook=hook))[0]) == (422, "no_webhook_secret")
+    client.http.post("/v1/webhook-endpoints", json={"url": None})
+    results = send(client, item(name, webhook=hook, idempotency_key="1"), item(name, webhook="shop"), item(name))
+    assert [outcome(result) for result in results] == [(202, None), (422, "address_refused"), (202, None)]
+    assert [result["job"]["webhook"] for result in results if result["job"]] == [hook, None]
+    assert outcome(send(client, item(name, idempotency_key="1"))[0]) == (422, "idempotency_key_reused")
+
+
 def test_what_is_wrong_with_one_item_stops_no_other(client: Client) -> None:
     good, letter = upload(client), upload(client, b"Dear sir or madam")
     results = send(
