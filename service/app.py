@@ -2,6 +2,7 @@
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from functools import partial
 from typing import Any
 
 from fastapi import FastAPI
@@ -12,9 +13,10 @@ from service.access import SCHEME
 from service.config import Settings
 from service.jobs.artifacts import GRACE
 from service.jobs.ledger import Ledger
-from service.jobs.queue import create_queue
+from service.jobs.queue import create_queue, depth
 from service.jobs.stores import open_store
 from service.problems import Problem, install_problem_handlers, problem_response, upload_too_large
+from service.readiness import Readiness
 from service.routes import health, watermarks
 from service.state import AppState
 
@@ -70,12 +72,10 @@ def create_app(settings: Settings) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        state = AppState(
-            settings,
-            Ledger(settings.ledger_url, settings.retention_seconds),
-            open_store(settings),
-            create_queue(settings),
-        )
+        ledger = Ledger(settings.ledger_url, settings.retention_seconds)
+        artifacts, queue = open_store(settings), create_queue(settings)
+        parts = {"ledger": ledger.ping, "broker": partial(depth, queue), "store": artifacts.ping}
+        state = AppState(settings, ledger, artifacts, queue, Readiness(parts))
         state.artifacts.clear_staging(GRACE)
         app.state.meshmark = state
         yield

@@ -9,6 +9,7 @@ from fastapi import Depends, Request
 from service.config import Settings
 from service.jobs.artifacts import ArtifactStore
 from service.jobs.ledger import Ledger
+from service.readiness import Readiness
 
 
 @dataclass(frozen=True)
@@ -19,6 +20,7 @@ class AppState:
     ledger: Ledger
     artifacts: ArtifactStore
     queue: Celery
+    readiness: Readiness
 
 
 def state_of(request: Request) -> AppState:

@@ -90,6 +90,10 @@ class ArtifactStore(ABC):
     def link(self, sha256: str) -> str | None:
         """An address, good for some minutes, where anyone may fetch the content; None where there is no such thing."""
 
+    @abstractmethod
+    def ping(self) -> None:
+        """Raise StoreUnavailableError where the store does not answer or does not exist."""
+
     @contextmanager
     def stage(self, stream: BinaryIO, *, limit: int, name: str) -> Iterator[Staged]:
         """Copy a stream to the local disk, hashing as it goes; the copy is removed after the block.
