@@ -1,6 +1,6 @@
 """The HTTP application."""
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from functools import partial
 from typing import Any
@@ -11,10 +11,13 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from service.access import SCHEME
 from service.config import Settings
+from service.http_metrics import HttpMetrics
 from service.jobs.artifacts import GRACE
 from service.jobs.ledger import Ledger
+from service.jobs.ledger_metrics import LedgerCollector
 from service.jobs.queue import create_queue, depth
 from service.jobs.stores import open_store
+from service.metrics import metrics_server
 from service.problems import Problem, install_problem_handlers, problem_response, upload_too_large
 from service.readiness import Readiness
 from service.routes import health, watermarks
@@ -74,11 +77,16 @@ def create_app(settings: Settings) -> FastAPI:
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         ledger = Ledger(settings.ledger_url, settings.retention_seconds)
         artifacts, queue = open_store(settings), create_queue(settings)
-        parts = {"ledger": ledger.ping, "broker": partial(depth, queue), "store": artifacts.ping}
+        parts: dict[str, Callable[[], object]] = {
+            "ledger": ledger.ping,
+            "broker": partial(depth, queue),
+            "store": artifacts.ping,
+        }
         state = AppState(settings, ledger, artifacts, queue, Readiness(parts))
         state.artifacts.clear_staging(GRACE)
         app.state.meshmark = state
-        yield
+        with metrics_server(settings.metrics_host, settings.metrics_port, LedgerCollector(ledger.sessions)):
+            yield
         state.queue.close()
         state.ledger.close()
 
@@ -96,4 +104,5 @@ def create_app(settings: Settings) -> FastAPI:
     app.include_router(health.router)
     install_problem_handlers(app, body_limit)
     app.add_middleware(DeclaredSizeLimit, limit=body_limit)
+    app.add_middleware(HttpMetrics)
     return app

@@ -14,6 +14,7 @@ from starlette.exceptions import HTTPException
 from starlette.routing import compile_path
 
 from core.errors import ErrorCode, MeshmarkError
+from service.metrics import PROBLEMS
 
 MEDIA_TYPE = "application/problem+json"
 FORMS = ("multipart/form-data", "application/x-www-form-urlencoded")
@@ -140,6 +141,7 @@ def problem_response(error: MeshmarkError, headers: Mapping[str, str] | None = N
         remedy=error.remedy,
     )
     headers = {**HEADERS.get(error.code, {}), **(headers or {})}
+    PROBLEMS.labels(error.code).inc()
     return JSONResponse(problem.model_dump(mode="json"), problem.status, headers, MEDIA_TYPE)
 
 

@@ -1,5 +1,6 @@
 """Build the Celery app that runs jobs."""
 
+from contextlib import ExitStack
 from functools import cache
 from typing import Any
 
@@ -9,6 +10,7 @@ from celery.signals import setup_logging, worker_ready, worker_shutting_down
 from service.config import Settings
 from service.jobs.queue import TASK, create_queue
 from service.logs import configure_logs
+from service.metrics import metrics_server
 from worker.sweeper import start_sweeper
 from worker.tasks import Worker
 
@@ -41,7 +43,10 @@ def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
     def watermark(job_id: str) -> None:
         worker().run(job_id)
 
+    figures = ExitStack()  # never closed: they are served until the process ends
+
     def start(**_: Any) -> None:
+        figures.enter_context(metrics_server(settings.metrics_host, settings.worker_metrics_port))
         start_sweeper(worker())
 
     def stop(**_: Any) -> None:

@@ -23,9 +23,11 @@ from service.jobs.artifacts import StoreUnavailableError, writing
 from service.jobs.ledger import Ledger
 from service.jobs.models import Artifact, ArtifactKind, Job, Lease
 from service.jobs.stores import open_store
+from service.metrics import ARTIFACT_BYTES, JOB_SECONDS, JOB_WAIT_SECONDS
 from worker.child import SUFFIXES
 from worker.heartbeat import Heartbeat
 from worker.runner import Limits, Progress, Published, Work, run_engine
+from worker.stage_clock import StageClock
 
 # Seconds: how long to go on trying where store or ledger do not answer, and the pauses between.
 PATIENCE = 60.0
@@ -67,7 +69,9 @@ class Worker:
         if job is None:
             log.info("message dropped: the job is not waiting", job=job_id)
             return
-        with structlog.contextvars.bound_contextvars(job=job.id, attempt=job.attempts):
+        if job.attempts == 1 and job.started_at:
+            JOB_WAIT_SECONDS.observe((job.started_at - job.created_at).total_seconds())
+        with structlog.contextvars.bound_contextvars(job=job.id, attempt=job.attempts), JOB_SECONDS.time():
             self._attempt(job)
 
     def _attempt(self, job: Job) -> None:
@@ -130,17 +134,19 @@ class Worker:
 
     def _follow(self, job: Job, work: Work, limits: Limits, heartbeat: Heartbeat) -> None:
         """Run the engine, publish what it makes but the report, and pass on how it goes."""
-        with closing(run_engine(work, limits)) as events:
+        with closing(run_engine(work, limits)) as events, StageClock() as clock:
             for event in events:
                 self._check(heartbeat)
                 if isinstance(event, Published) and event.kind is not ArtifactKind.REPORT:
                     self._publish(job.lease, event, heartbeat)
                 if isinstance(event, Progress):
                     heartbeat.at(event.stage, event.fraction)
+                    clock.at(event.stage)
 
     def _fetch(self, artifact: Artifact, folder: Path, heartbeat: Heartbeat) -> Path:
         path = folder / artifact.kind
         self._patiently(heartbeat, lambda: self.artifacts.fetch(artifact.sha256, artifact.size, path))
+        ARTIFACT_BYTES.labels(artifact.kind).inc(artifact.size)
         return path
 
     def _publish(self, lease: Lease, event: Published, heartbeat: Heartbeat) -> None:
@@ -154,6 +160,7 @@ class Worker:
 
         if not self._patiently(heartbeat, publish):
             raise LeaseLostError
+        ARTIFACT_BYTES.labels(event.kind).inc(event.path.stat().st_size)
 
     def _patiently(self, heartbeat: Heartbeat, call: Callable[[], T]) -> T:
         """Call again and again while store or ledger do not answer, as long as the lease holds and PATIENCE lasts."""

@@ -26,6 +26,7 @@ from sqlalchemy.orm import Session, sessionmaker
 from core.errors import ErrorCode, MeshmarkError
 from service.jobs.migrations import migrate
 from service.jobs.models import DEFAULT_TENANT, Artifact, ArtifactKind, Job, JobState, Lease, MetadataEntry
+from service.metrics import JOBS_ACCEPTED, ended
 
 ACTIVE = (JobState.QUEUED, JobState.RUNNING)
 # What a transaction begins with that no other one with the same key shall run beside. SQLite has one lock for all.
@@ -157,6 +158,7 @@ class Ledger:
             session.add(job)
             session.flush()
             submission.condition(session, job.id)
+        JOBS_ACCEPTED.inc()
         return job
 
     def get(self, job_id: str, tenant: str = DEFAULT_TENANT) -> Job | None:
@@ -202,12 +204,14 @@ class Ledger:
     def succeed(self, lease: Lease) -> bool:
         """running -> succeeded; False when the lease is void."""
         with self._session.begin() as session:
-            return self._set(session, _held(lease), state=JobState.SUCCEEDED, progress=1.0, **self._finished())
+            done = self._set(session, _held(lease), state=JobState.SUCCEEDED, progress=1.0, **self._finished())
+        return ended(done, JobState.SUCCEEDED)
 
     def fail(self, lease: Lease, error: MeshmarkError) -> bool:
         """running -> failed; False when the lease is void."""
         with self._session.begin() as session:
-            return self._set(session, _held(lease), state=JobState.FAILED, **self._finished(error))
+            done = self._set(session, _held(lease), state=JobState.FAILED, **self._finished(error))
+        return ended(done, JobState.FAILED, error.code)
 
     def release(self, lease: Lease) -> bool:
         """running -> queued without counting the attempt, for a worker that stops; False when the lease is void."""
@@ -218,7 +222,8 @@ class Ledger:
         """queued or running -> canceled; False when the job had already ended, or is not the tenant's."""
         condition = (Job.id == job_id, Job.tenant_id == tenant, Job.state.in_(ACTIVE))
         with self._session.begin() as session:
-            return self._set(session, condition, state=JobState.CANCELED, **self._finished())
+            done = self._set(session, condition, state=JobState.CANCELED, **self._finished())
+        return ended(done, JobState.CANCELED)
 
     def drop_artifacts(self, job_id: str) -> set[str]:
         """Forget an ended job's files (succeeded -> expired); returns their hashes: other jobs may have the same."""
@@ -269,6 +274,8 @@ class Ledger:
                 values = _queued() if again else {"state": JobState.FAILED, **self._finished(error)}
                 if self._set(session, condition, **values):
                     (requeued if again else failed).append(job.id)
+        for _ in failed:
+            ended(True, JobState.FAILED, error.code)
         return requeued, failed
 
     def waiting(self, seconds: float) -> list[str]:
