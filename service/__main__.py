@@ -72,7 +72,12 @@ def serve(settings: Settings, worker: Sequence[str] | None) -> None:
     """Run the API, and beside it a worker started by a command, until SIGINT or SIGTERM."""
     configure_logs(settings.log_level)
     config = uvicorn.Config(
-        create_app(settings), settings.host, settings.port, log_config=None, timeout_graceful_shutdown=5
+        create_app(settings),
+        settings.host,
+        settings.port,
+        log_config=None,
+        access_log=False,  # service.request_id logs each answer
+        timeout_graceful_shutdown=5,
     )
     supervisor = Supervisor(worker) if worker else None
     if supervisor:

@@ -20,6 +20,7 @@ from service.jobs.stores import open_store
 from service.metrics import metrics_server
 from service.problems import Problem, install_problem_handlers, problem_response, upload_too_large
 from service.readiness import Readiness
+from service.request_id import RequestId
 from service.routes import health, watermarks
 from service.state import AppState
 
@@ -48,6 +49,10 @@ class DeclaredSizeLimit:
 
 class Application(FastAPI):
     """FastAPI whose OpenAPI document knows that every error is a problem."""
+
+    def build_middleware_stack(self) -> ASGIApp:
+        """All middleware, and around it what sees every answer, that to an unexpected error too."""
+        return RequestId(HttpMetrics(super().build_middleware_stack()))
 
     def openapi(self) -> dict[str, Any]:
         """The OpenAPI document."""
@@ -104,5 +109,4 @@ def create_app(settings: Settings) -> FastAPI:
     app.include_router(health.router)
     install_problem_handlers(app, body_limit)
     app.add_middleware(DeclaredSizeLimit, limit=body_limit)
-    app.add_middleware(HttpMetrics)
     return app

@@ -8,6 +8,7 @@ from celery import Celery
 from celery.signals import setup_logging, worker_ready, worker_shutting_down
 
 from service.config import Settings
+from service.correlation import incoming
 from service.jobs.queue import TASK, create_queue
 from service.logs import configure_logs
 from service.metrics import metrics_server
@@ -40,8 +41,9 @@ def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
     def worker() -> Worker:
         return Worker(settings, app, engine)
 
-    def watermark(job_id: str) -> None:
-        worker().run(job_id)
+    def watermark(task: Any, job_id: str) -> None:
+        with incoming(task.request.headers or {}):
+            worker().run(job_id)
 
     figures = ExitStack()  # never closed: they are served until the process ends
 
@@ -52,7 +54,7 @@ def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
     def stop(**_: Any) -> None:
         worker().stopping.set()
 
-    app.task(watermark, name=TASK)
+    app.task(watermark, name=TASK, bind=True)
     setup_logging.connect(lambda **_: configure_logs(settings.log_level), weak=False)
     worker_ready.connect(start, weak=False)
     worker_shutting_down.connect(stop, weak=False)

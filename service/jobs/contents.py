@@ -58,12 +58,14 @@ def create_job(
     contents = {kind: Content(item.sha256, item.size) for kind, item in staged.items()}
     try:
         record = partial(ledger.create, filename, parameters, contents, store.has, submission)
-        return _keep(store, staged.values(), record)
+        job = _keep(store, staged.values(), record)
     except StoreUnavailableError:
         raise
     except MeshmarkError:
         discard(ledger, store, {item.sha256 for item in staged.values()})
         raise
+    log.info("job accepted", job=job.id)
+    return job
 
 
 def publish(ledger: Ledger, store: ArtifactStore, lease: Lease, kind: ArtifactKind, staged: Staged) -> bool:
