@@ -20,6 +20,7 @@ from service.config import Settings, load_settings
 from service.keys import add_keys_commands, run_keys_command
 from service.logs import configure_logs
 from service.show_settings import show_settings
+from service.tracing import configure_tracing
 
 RESTART_DELAY = 1.0  # seconds; a worker that cannot start shall not be started in a busy loop
 STOP_TIMEOUT = 10.0
@@ -71,6 +72,7 @@ def _end(process: "subprocess.Popen[bytes]") -> None:
 def serve(settings: Settings, worker: Sequence[str] | None) -> None:
     """Run the API, and beside it a worker started by a command, until SIGINT or SIGTERM."""
     configure_logs(settings.log_level)
+    configure_tracing("meshmark-api")
     config = uvicorn.Config(
         create_app(settings),
         settings.host,

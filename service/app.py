@@ -102,6 +102,8 @@ def create_app(settings: Settings) -> FastAPI:
         "Errors are RFC 9457 problem details with a stable `code` and a `remedy`.",
         version="1",
         lifespan=lifespan,
+        # One span a request, where service.tracing is asked for any.
+        telemetry={"auto_configure": False, "metrics": False, "logs": False, "operation_spans": False},
         generate_unique_id_function=lambda route: route.name,  # a client generator's method names
         form_limits={"max_files": 2, "max_fields": 2, "max_part_size": MAX_FIELD_BYTES},
     )

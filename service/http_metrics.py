@@ -21,7 +21,7 @@ class HttpMetrics:
         """Pass a request on and count it."""
         if scope["type"] != "http":
             return await self.app(scope, receive, send)
-        began, status = time.perf_counter(), 500
+        began, seconds, status = time.perf_counter(), 0.0, 500
         came = went = 0
 
         async def counted_receive() -> Message:
@@ -31,11 +31,12 @@ class HttpMetrics:
             return message
 
         async def counted_send(message: Message) -> None:
-            nonlocal status, went
+            nonlocal status, went, seconds
             if message["type"] == "http.response.start":
                 status = message["status"]
             went += len(message.get("body", b""))
             await send(message)
+            seconds = time.perf_counter() - began
 
         try:
             return await self.app(scope, counted_receive, counted_send)
@@ -43,7 +44,7 @@ class HttpMetrics:
             method = scope["method"] if scope["method"] in METHODS else ELSEWHERE
             route = route_of(scope)
             HTTP_REQUESTS.labels(method, route, status).inc()
-            HTTP_SECONDS.labels(method, route).observe(time.perf_counter() - began)
+            HTTP_SECONDS.labels(method, route).observe(seconds)
             HTTP_BYTES.labels("in", route).inc(came)
             HTTP_BYTES.labels("out", route).inc(went)
 

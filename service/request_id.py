@@ -41,14 +41,15 @@ class RequestId:
             return await self.app(scope, receive, send)
         given = dict(scope["headers"]).get(HEADER.lower().encode(), b"").decode("latin-1")
         identity = valid_request_id(given) or str(uuid.uuid4())
-        began, status = time.perf_counter(), 500
+        began, seconds, status = time.perf_counter(), 0.0, 500
 
         async def send_with_id(message: Message) -> None:
-            nonlocal status
+            nonlocal status, seconds
             if message["type"] == "http.response.start":
                 status = message["status"]
                 MutableHeaders(scope=message)[HEADER] = identity
             await send(message)
+            seconds = time.perf_counter() - began  # not what is done after the answer
 
         with structlog.contextvars.bound_contextvars(request=identity):
             try:
@@ -59,5 +60,5 @@ class RequestId:
                     method=scope["method"],
                     path=scope["path"],
                     status=status,
-                    seconds=round(time.perf_counter() - began, 4),
+                    seconds=round(seconds, 4),
                 )

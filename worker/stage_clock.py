@@ -1,10 +1,13 @@
-"""How long an attempt stays in each stage."""
+"""How long an attempt stays in each stage, for metrics and traces."""
 
 import time
 from types import TracebackType
 from typing import Self
 
+from opentelemetry.trace import INVALID_SPAN, Span
+
 from service.metrics import STAGE_SECONDS
+from service.tracing import tracer
 
 # Those of core.pipeline; what else a child may say, which has read a hostile file, is "other".
 STAGES = ("reading", "lettering", "placing", "embossing", "writing", "reporting", "rendering", "evaluating")
@@ -17,6 +20,7 @@ class StageClock:
     def __init__(self) -> None:
         self._stage: str | None = None
         self._since = 0.0
+        self._span: Span = INVALID_SPAN
 
     def __enter__(self) -> Self:
         return self
@@ -34,4 +38,6 @@ class StageClock:
         moment = time.monotonic()
         if self._stage is not None:
             STAGE_SECONDS.labels(self._stage).observe(moment - self._since)
+            self._span.end()
         self._stage, self._since = stage, moment
+        self._span = INVALID_SPAN if stage is None else tracer.start_span(stage)

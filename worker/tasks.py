@@ -14,6 +14,7 @@ from typing import TypeVar
 
 import structlog
 from celery import Celery
+from opentelemetry.trace import SpanKind, StatusCode, get_current_span
 from sqlalchemy.exc import OperationalError
 
 from core.errors import ErrorCode, MeshmarkError
@@ -24,6 +25,7 @@ from service.jobs.ledger import Ledger
 from service.jobs.models import Artifact, ArtifactKind, Job, Lease
 from service.jobs.stores import open_store
 from service.metrics import ARTIFACT_BYTES, JOB_SECONDS, JOB_WAIT_SECONDS
+from service.tracing import tracer
 from worker.child import SUFFIXES
 from worker.heartbeat import Heartbeat
 from worker.runner import Limits, Progress, Published, Work, run_engine
@@ -71,7 +73,12 @@ class Worker:
             return
         if job.attempts == 1 and job.started_at:
             JOB_WAIT_SECONDS.observe((job.started_at - job.created_at).total_seconds())
-        with structlog.contextvars.bound_contextvars(job=job.id, attempt=job.attempts), JOB_SECONDS.time():
+        ids: dict[str, str | int] = {"job": job.id, "attempt": job.attempts}
+        with (
+            structlog.contextvars.bound_contextvars(**ids),
+            JOB_SECONDS.time(),
+            tracer.start_as_current_span("job", kind=SpanKind.CONSUMER, attributes=ids),
+        ):
             self._attempt(job)
 
     def _attempt(self, job: Job) -> None:
@@ -92,6 +99,7 @@ class Worker:
             log.warning("job put back: the artifact store or the ledger does not answer", reason=str(error))
         except MeshmarkError as error:
             self.ledger.fail(lease, error)
+            get_current_span().set_status(StatusCode.ERROR, error.code)
             log.info("job failed", code=error.code.value, reason=error.message)
         except LeaseLostError:
             log.info("job given up: it was canceled or handed to another worker")
@@ -101,6 +109,7 @@ class Worker:
             log.info("job given back: the worker is stopping")
         except Exception:
             log.exception("the worker failed")
+            get_current_span().set_status(StatusCode.ERROR, INTERNAL.code)
             self.ledger.fail(lease, INTERNAL)
         finally:
             shutil.rmtree(folder, ignore_errors=True)
