@@ -18,6 +18,7 @@ from service.jobs.ledger_metrics import LedgerCollector
 from service.jobs.queue import create_queue, depth
 from service.jobs.stores import open_store
 from service.metrics import metrics_server
+from service.present_or_absent import without_null
 from service.problems import Problem, install_problem_handlers, problem_response, upload_too_large
 from service.readiness import Readiness
 from service.request_id import RequestId
@@ -66,6 +67,7 @@ class Application(FastAPI):
             document["components"]["securitySchemes"] = {
                 SCHEME: {"type": "http", "scheme": "bearer", "description": "Needed where the service is set up so."}
             }
+            without_null(document)
             for path in document["paths"].values():
                 for operation in path.values():
                     if "HTTPValidationError" in str(operation["responses"].get("422")):
