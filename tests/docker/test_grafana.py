@@ -22,6 +22,7 @@ from tests.worker.engines import asset
 DOCKER = Path(__file__).parents[2] / "docker"
 DASHBOARD: dict[str, Any] = json.loads((DOCKER / "grafana" / "meshmark.json").read_text())
 EXPRESSIONS = [target["expr"] for panel in DASHBOARD["panels"] for target in panel["targets"]]
+KEDA = yaml.safe_load((DOCKER / "keda.yaml").read_text())["spec"]["triggers"][0]["metadata"]
 BY_PROMETHEUS = {"le", "job", "instance"}  # what it adds itself, or histograms have
 
 
@@ -52,7 +53,7 @@ def selectors(node: object) -> Iterator[promql_parser.VectorSelector]:
                 yield from selectors(item)
 
 
-@pytest.mark.parametrize("expression", EXPRESSIONS)
+@pytest.mark.parametrize("expression", [*EXPRESSIONS, KEDA["query"]])
 def test_every_expression_is_promql_over_metrics_and_labels_that_are_served(
     expression: str, served: dict[str, set[str]]
 ) -> None:
