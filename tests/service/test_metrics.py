@@ -12,7 +12,15 @@ from prometheus_client import Metric
 
 from service.config import Settings
 from service.metrics import metrics_server
-from tests.service.harness import API_COMMAND, WORKER_COMMAND, Service, free_port, redis_server, running
+from tests.service.harness import (
+    API_COMMAND,
+    EMBEDDED_COMMAND,
+    WORKER_COMMAND,
+    Service,
+    free_port,
+    redis_server,
+    running,
+)
 from tests.service.metrics import label_values, scrape, value
 from tests.service.postgres import Postgres
 from tests.worker.engines import asset
@@ -76,16 +84,18 @@ def test_the_figures_of_all_processes_add_up_to_what_happened(fleet: Fleet, tmp_
     assert value(figures, "meshmark_artifact_bytes_total", kind="input") > 7 * len(asset()) - 70
 
 
-def test_requests_are_counted_by_the_template_of_their_route_and_by_nothing_a_client_makes_up(fleet: Fleet) -> None:
-    api, client = fleet.service, fleet.service.client
-    url = api.start_job()
-    api.wait_for(url, "succeeded")
-    for number in range(5):
-        assert client.get(f"/v1/watermarks/nobody-{number}").status_code == 404
-        assert client.get(f"/nothing-{number}").status_code == 404
-        assert client.request(f"INVENTED{number}", "/healthz").status_code == 405
-    model = client.get(f"{url}/model").content
-    figures = scrape(fleet.ports[0])
+def test_requests_are_counted_by_the_template_of_their_route_and_by_nothing_a_client_makes_up(tmp_path: Path) -> None:
+    port = free_port()
+    service = Service(tmp_path, metrics_port=str(port))
+    with service.running(EMBEDDED_COMMAND):
+        client, url = service.client, service.start_job()
+        service.wait_for(url, "succeeded")
+        for number in range(5):
+            assert client.get(f"/v1/watermarks/nobody-{number}").status_code == 404
+            assert client.get(f"/nothing-{number}").status_code == 404
+            assert client.request(f"INVENTED{number}", "/healthz").status_code == 405
+        model = client.get(f"{url}/model").content
+        figures = scrape(port)
     count = "meshmark_http_requests_total"
     assert value(figures, count, route="/v1/watermarks", method="POST", status="202") == 1
     assert value(figures, count, route="/v1/watermarks/{job_id}", method="GET", status="404") == 5

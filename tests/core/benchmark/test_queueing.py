@@ -61,7 +61,7 @@ def test_the_fewest_workers_are_those_of_erlang_c(load: float, wait: float) -> N
     least = math.floor(load) + 1
     while slow(least):
         least += 1
-    assert fewest_workers(load, exponential(1.0), 1.0, wait, 4, MUCH) == least
+    assert fewest_workers(load, exponential(1.0), 1.0, wait, 4, Effort()) == least
 
 
 def test_the_same_seed_gives_the_same_waits() -> None:
