@@ -22,6 +22,7 @@ from service.config import Settings, load_settings
 from service.keys import add_keys_commands, run_keys_command
 from service.logs import configure_logs
 from service.show_settings import show_settings
+from service.tracing import configure_tracing
 
 RESTART_DELAY = 1.0  # seconds; a worker that cannot start shall not be started in a busy loop
 STOP_TIMEOUT = 10.0
@@ -89,8 +90,16 @@ class Server(uvicorn.Server):
 def serve(settings: Settings, *workers: Sequence[str]) -> None:
     """Run the API, and beside it workers started by these commands, until SIGINT or SIGTERM."""
     configure_logs(settings.log_level)
+    configure_tracing("meshmark-api")
     app = create_app(settings)
-    config = uvicorn.Config(app, settings.host, settings.port, log_config=None, timeout_graceful_shutdown=5)
+    config = uvicorn.Config(
+        app,
+        settings.host,
+        settings.port,
+        log_config=None,
+        access_log=False,  # service.request_id logs each answer
+        timeout_graceful_shutdown=5,
+    )
     supervisors = [Supervisor(command) for command in workers]
     for supervisor in supervisors:
         supervisor.start()

@@ -1,8 +1,9 @@
 """The HTTP application."""
 
 import re
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from functools import partial
 from typing import Any
 
 from fastapi import FastAPI
@@ -11,11 +12,17 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from service.access import SCHEME
 from service.config import Settings
+from service.http_metrics import HttpMetrics
 from service.jobs.artifacts import GRACE
 from service.jobs.ledger import Ledger
-from service.jobs.queue import create_queue
+from service.jobs.ledger_metrics import LedgerCollector
+from service.jobs.queue import create_queue, depth
 from service.jobs.stores import open_store
+from service.metrics import metrics_server
+from service.present_or_absent import without_null
 from service.problems import Problem, install_problem_handlers, problem_response, upload_too_large
+from service.readiness import Readiness
+from service.request_id import RequestId
 from service.routes import batch, events, health, hooks, uploads, watermarks, webhook_endpoints
 from service.state import AppState
 
@@ -50,6 +57,10 @@ class DeclaredSizeLimit:
 class Application(FastAPI):
     """FastAPI whose OpenAPI document knows that every error is a problem."""
 
+    def build_middleware_stack(self) -> ASGIApp:
+        """All middleware, and around it what sees every answer, that to an unexpected error too."""
+        return RequestId(HttpMetrics(super().build_middleware_stack()))
+
     def openapi(self) -> dict[str, Any]:
         """The OpenAPI document."""
         if not self.openapi_schema:
@@ -62,6 +73,7 @@ class Application(FastAPI):
             document["components"]["securitySchemes"] = {
                 SCHEME: {"type": "http", "scheme": "bearer", "description": "Needed where the service is set up so."}
             }
+            without_null(document)
             for path in document["paths"].values():
                 for operation in path.values():
                     if "HTTPValidationError" in str(operation["responses"].get("422")):
@@ -76,15 +88,18 @@ def create_app(settings: Settings) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        state = AppState(
-            settings,
-            Ledger(settings.ledger_url, settings.retention_seconds),
-            open_store(settings),
-            create_queue(settings),
-        )
+        ledger = Ledger(settings.ledger_url, settings.retention_seconds)
+        artifacts, queue = open_store(settings), create_queue(settings)
+        parts: dict[str, Callable[[], object]] = {
+            "ledger": ledger.ping,
+            "broker": partial(depth, queue),
+            "store": artifacts.ping,
+        }
+        state = AppState(settings, ledger, artifacts, queue, Readiness(parts))
         state.artifacts.clear_staging(GRACE)
         app.state.meshmark = state
-        yield
+        with metrics_server(settings.metrics_host, settings.metrics_port, LedgerCollector(ledger.sessions)):
+            yield
         state.queue.close()
         state.ledger.close()
 
@@ -95,6 +110,8 @@ def create_app(settings: Settings) -> FastAPI:
         "Errors are RFC 9457 problem details with a stable `code` and a `remedy`.",
         version="1",
         lifespan=lifespan,
+        # One span a request, where service.tracing is asked for any.
+        telemetry={"auto_configure": False, "metrics": False, "logs": False, "operation_spans": False},
         generate_unique_id_function=lambda route: route.name,  # a client generator's method names
         form_limits={"max_files": 2, "max_fields": FORM_FIELDS, "max_part_size": MAX_FIELD_BYTES},
     )

@@ -48,6 +48,11 @@ class Settings(BaseSettings):
         ),
     ] = 10_000
     port: Annotated[int, Field(ge=0, le=65535, description="Port the API listens on; 0 takes any free one.")] = 8080
+    metrics_host: Annotated[
+        str, Field(description="Address of the metrics, which need no key: one that only your Prometheus reaches.")
+    ] = "127.0.0.1"
+    metrics_port: Annotated[int, Field(ge=0, le=65535, description="Port of the API's metrics; 0: none.")] = 0
+    worker_metrics_port: Annotated[int, Field(ge=0, le=65535, description="Port of a worker's metrics; 0: none.")] = 0
     data_dir: Annotated[
         Path, Field(description="Folder of scratch files, and of the default ledger, broker and artifact store.")
     ] = Path("data")

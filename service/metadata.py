@@ -11,6 +11,7 @@ Key = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_.-]{1,40}$")]
 Value = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]{0,256}$")]  # PostgreSQL keeps no NUL
 Metadata = Annotated[dict[Key, Value], Field(max_length=16)]
 
+PAIR = r"^[A-Za-z0-9_.-]{1,40}:[^\x00-\x1f\x7f]{0,256}$"  # of both, for OpenAPI
 METADATA = TypeAdapter[dict[str, str]](Metadata)
 
 

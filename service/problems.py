@@ -15,6 +15,7 @@ from starlette.middleware.body_limit import MAX_BODY_SIZE_SCOPE_KEY
 from starlette.routing import compile_path
 
 from core.errors import ErrorCode, MeshmarkError
+from service.metrics import PROBLEMS
 
 MEDIA_TYPE = "application/problem+json"
 FORMS = ("multipart/form-data", "application/x-www-form-urlencoded")
@@ -161,6 +162,7 @@ def problem_response(error: MeshmarkError, headers: Mapping[str, str] | None = N
     """The response that tells a client about an error."""
     problem = problem_of(error)
     headers = {**HEADERS.get(error.code, {}), **(headers or {})}
+    PROBLEMS.labels(error.code).inc()
     return JSONResponse(problem.model_dump(mode="json"), problem.status, headers, MEDIA_TYPE)
 
 

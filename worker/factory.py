@@ -1,14 +1,18 @@
 """Build the Celery app that runs jobs."""
 
+from contextlib import ExitStack
 from functools import cache
 from typing import Any
 
 from celery import Celery
-from celery.signals import setup_logging, worker_ready, worker_shutting_down
+from celery.signals import setup_logging, worker_init, worker_ready, worker_shutting_down
 
 from service.config import Settings
+from service.correlation import incoming
 from service.jobs.queue import TASK, create_queue
 from service.logs import configure_logs
+from service.metrics import metrics_server
+from service.tracing import configure_tracing
 from worker.hook_outputs import start_writer
 from worker.sweeper import start_sweeper
 from worker.tasks import Worker
@@ -39,18 +43,23 @@ def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
     def worker() -> Worker:
         return Worker(settings, app, engine)
 
-    def watermark(job_id: str) -> None:
-        worker().run(job_id)
+    def watermark(task: Any, job_id: str) -> None:
+        with incoming(task.request.headers or {}):
+            worker().run(job_id)
+
+    figures = ExitStack()  # never closed: they are served until the process ends
 
     def start(**_: Any) -> None:
+        figures.enter_context(metrics_server(settings.metrics_host, settings.worker_metrics_port))
         start_sweeper(worker())
         start_writer(worker())
 
     def stop(**_: Any) -> None:
         worker().stopping.set()
 
-    app.task(watermark, name=TASK)
+    app.task(watermark, name=TASK, bind=True)
     setup_logging.connect(lambda **_: configure_logs(settings.log_level), weak=False)
+    worker_init.connect(lambda **_: configure_tracing("meshmark-worker"), weak=False)
     worker_ready.connect(start, weak=False)
     worker_shutting_down.connect(stop, weak=False)
     return app

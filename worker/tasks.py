@@ -14,6 +14,7 @@ from typing import TypeVar
 
 import structlog
 from celery import Celery
+from opentelemetry.trace import SpanKind, StatusCode, get_current_span
 from sqlalchemy.exc import OperationalError
 
 from core.errors import ErrorCode, MeshmarkError
@@ -23,10 +24,13 @@ from service.jobs.artifacts import StoreUnavailableError, writing
 from service.jobs.ledger import Ledger
 from service.jobs.models import Artifact, ArtifactKind, Job, Lease
 from service.jobs.stores import open_store
+from service.metrics import ARTIFACT_BYTES, JOB_SECONDS, JOB_WAIT_SECONDS
+from service.tracing import tracer
 from worker.child import SUFFIXES
 from worker.heartbeat import Heartbeat
 from worker.runner import Limits, Progress, Published, Work, run_engine
 from worker.sources import Sources
+from worker.stage_clock import StageClock
 
 # Seconds: how long to go on trying where store or ledger do not answer, and the pauses between.
 PATIENCE = 60.0
@@ -69,7 +73,14 @@ class Worker:
         if job is None:
             log.info("message dropped: the job is not waiting", job=job_id)
             return
-        with structlog.contextvars.bound_contextvars(job=job.id, attempt=job.attempts):
+        if job.attempts == 1 and job.started_at:
+            JOB_WAIT_SECONDS.observe((job.started_at - job.created_at).total_seconds())
+        ids: dict[str, str | int] = {"job": job.id, "attempt": job.attempts}
+        with (
+            structlog.contextvars.bound_contextvars(**ids),
+            JOB_SECONDS.time(),
+            tracer.start_as_current_span("job", kind=SpanKind.CONSUMER, attributes=ids),
+        ):
             self._attempt(job)
 
     def _attempt(self, job: Job) -> None:
@@ -90,6 +101,7 @@ class Worker:
             log.warning("job put back: the artifact store or the ledger does not answer", reason=str(error))
         except MeshmarkError as error:
             self.ledger.fail(lease, error)
+            get_current_span().set_status(StatusCode.ERROR, error.code)
             log.info("job failed", code=error.code.value, reason=error.message)
         except LeaseLostError:
             log.info("job given up: it was canceled or handed to another worker")
@@ -99,6 +111,7 @@ class Worker:
             log.info("job given back: the worker is stopping")
         except Exception:
             log.exception("the worker failed")
+            get_current_span().set_status(StatusCode.ERROR, INTERNAL.code)
             self.ledger.fail(lease, INTERNAL)
         finally:
             shutil.rmtree(folder, ignore_errors=True)
@@ -133,13 +146,14 @@ class Worker:
 
     def _follow(self, job: Job, work: Work, limits: Limits, heartbeat: Heartbeat) -> None:
         """Run the engine, publish what it makes but the report, and pass on how it goes."""
-        with closing(run_engine(work, limits)) as events:
+        with closing(run_engine(work, limits)) as events, StageClock() as clock:
             for event in events:
                 self._check(heartbeat)
                 if isinstance(event, Published) and event.kind is not ArtifactKind.REPORT:
                     self._publish(job.lease, event, heartbeat)
                 if isinstance(event, Progress):
                     heartbeat.at(event.stage, event.fraction)
+                    clock.at(event.stage)
 
     def _bring(self, job: Job, folder: Path, heartbeat: Heartbeat) -> Artifact | None:
         """Take an asset that the client did not send into the store, as if it had been sent."""
@@ -156,6 +170,7 @@ class Worker:
     def _fetch(self, artifact: Artifact, folder: Path, heartbeat: Heartbeat) -> Path:
         path = folder / artifact.kind
         self._patiently(heartbeat, lambda: self.artifacts.fetch(artifact.sha256, artifact.size, path))
+        ARTIFACT_BYTES.labels(artifact.kind).inc(artifact.size)
         return path
 
     def _publish(self, lease: Lease, event: Published, heartbeat: Heartbeat) -> None:
@@ -169,6 +184,7 @@ class Worker:
 
         if not self._patiently(heartbeat, publish):
             raise LeaseLostError
+        ARTIFACT_BYTES.labels(event.kind).inc(event.path.stat().st_size)
 
     def _patiently(self, heartbeat: Heartbeat, call: Callable[[], T]) -> T:
         """Call again and again while store or ledger do not answer, as long as the lease holds and PATIENCE lasts."""

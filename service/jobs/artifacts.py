@@ -91,6 +91,10 @@ class ArtifactStore(ABC):
         """An address, good for some minutes, where anyone may fetch the content; None where there is no such thing."""
 
     @abstractmethod
+    def ping(self) -> None:
+        """Raise StoreUnavailableError where the store does not answer or does not exist."""
+
+    @abstractmethod
     def put_upload(self, name: str, staged: Staged) -> None:
         """Keep what a client sent ahead under a name, in place of what was there; see :mod:`service.jobs.uploads`."""
 

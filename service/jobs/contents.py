@@ -66,12 +66,14 @@ def create_job(
         return ledger.create(filename, parameters, contents, store.has, submission, key, results)
 
     try:
-        return _keep(store, staged.values(), record)
+        job = _keep(store, staged.values(), record)
     except StoreUnavailableError:
         raise
     except MeshmarkError:
         discard(ledger, store, {item.sha256 for item in staged.values()})
         raise
+    log.info("job accepted", job=job.id)
+    return job
 
 
 def publish(ledger: Ledger, store: ArtifactStore, lease: Lease, kind: ArtifactKind, staged: Staged) -> bool:

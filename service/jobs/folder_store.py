@@ -1,6 +1,7 @@
 """Content in a folder that API and workers share."""
 
 import os
+import tempfile
 from collections.abc import Iterator
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
@@ -52,6 +53,11 @@ class FolderStore(ArtifactStore):
             if NAME.fullmatch(path.name) and path == self.path(path.name):
                 with suppress(FileNotFoundError):
                     yield Stored(path.name, datetime.fromtimestamp(path.stat().st_mtime, UTC))
+
+    def ping(self) -> None:
+        """See whether the folder takes files."""
+        with writing(), tempfile.TemporaryFile(dir=self.root):
+            pass
 
     def link(self, sha256: str) -> None:  # noqa: ARG002
         """A folder has no addresses."""

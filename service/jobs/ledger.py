@@ -29,6 +29,7 @@ from core.errors import ErrorCode, MeshmarkError
 from service.jobs.events import record
 from service.jobs.migrations import migrate
 from service.jobs.models import DEFAULT_TENANT, Artifact, ArtifactKind, EventType, Job, JobState, Lease, MetadataEntry
+from service.metrics import JOBS_ACCEPTED, ended
 
 ACTIVE = (JobState.QUEUED, JobState.RUNNING)
 # What a transaction begins with that no other one with the same key shall run beside. SQLite has one lock for all.
@@ -178,6 +179,8 @@ class Ledger:
             session.flush()
             record(session, job.id, EventType.into(job.state), moment)
             submission.condition(session, job.id)
+        JOBS_ACCEPTED.inc()
+        ended(bool(results), JobState.SUCCEEDED)
         return job
 
     def get(self, job_id: str, tenant: str = DEFAULT_TENANT) -> Job | None:
@@ -231,12 +234,14 @@ class Ledger:
         """running -> succeeded; False when the lease is void."""
         with self._session.begin() as session:
             values = {"progress": 1.0, **self._finished()}
-            return self._move(session, lease.job_id, _held(lease), JobState.SUCCEEDED, **values)
+            done = self._move(session, lease.job_id, _held(lease), JobState.SUCCEEDED, **values)
+        return ended(done, JobState.SUCCEEDED)
 
     def fail(self, lease: Lease, error: MeshmarkError) -> bool:
         """running -> failed; False when the lease is void."""
         with self._session.begin() as session:
-            return self._move(session, lease.job_id, _held(lease), JobState.FAILED, **self._finished(error))
+            done = self._move(session, lease.job_id, _held(lease), JobState.FAILED, **self._finished(error))
+        return ended(done, JobState.FAILED, error.code)
 
     def release(self, lease: Lease) -> bool:
         """running -> queued without counting the attempt, for a worker that stops; False when the lease is void."""
@@ -248,7 +253,8 @@ class Ledger:
         """queued or running -> canceled; False when the job had already ended, or is not the tenant's."""
         condition = (Job.tenant_id == tenant, Job.state.in_(ACTIVE))
         with self._session.begin() as session:
-            return self._move(session, job_id, condition, JobState.CANCELED, **self._finished())
+            done = self._move(session, job_id, condition, JobState.CANCELED, **self._finished())
+        return ended(done, JobState.CANCELED)
 
     def drop_artifacts(self, job_id: str) -> set[str]:
         """Forget an ended job's files (succeeded -> expired); returns their hashes: other jobs may have the same."""
@@ -299,6 +305,8 @@ class Ledger:
                 state = JobState.QUEUED if again else JobState.FAILED
                 if self._move(session, job.id, condition, state, **(_queued() if again else self._finished(error))):
                     (requeued if again else failed).append(job.id)
+        for _ in failed:
+            ended(True, JobState.FAILED, error.code)
         return requeued, failed
 
     def waiting(self, seconds: float) -> list[str]:

@@ -1,6 +1,7 @@
 """The queue between service and worker: its name, the task's name, and how to reach the broker.
 
-A message is a job's id and nothing else; it may be lost or arrive twice, because the ledger alone decides.
+A message is a job's id, and in its headers what logs and traces are joined by; it may be lost or arrive twice, because
+the ledger alone decides.
 """
 
 import json
@@ -14,6 +15,7 @@ from celery import Celery
 from kombu.transport import filesystem
 
 from service.config import Settings
+from service.correlation import outgoing
 
 LONGEST_WAIT = 0.2  # seconds
 QUEUE = "meshmark"
@@ -83,7 +85,7 @@ def send(queue: Celery, job_id: str) -> None:
     Raises:
         kombu.exceptions.OperationalError: the broker cannot be reached.
     """
-    queue.send_task(TASK, args=[job_id], queue=QUEUE)
+    queue.send_task(TASK, args=[job_id], queue=QUEUE, headers=outgoing())
 
 
 def depth(queue: Celery) -> int:

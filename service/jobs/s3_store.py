@@ -84,6 +84,11 @@ class S3Store(ArtifactStore):
                     if NAME.fullmatch(name) and item["path"] == _key(name):
                         yield Stored(name, item["last_modified"])
 
+    def ping(self) -> None:
+        """Look whether the bucket lists anything; whether one object is there would not tell of a missing bucket."""
+        with _asking():
+            next(iter(obstore.list(self._bucket, "ping", chunk_size=1)), None)
+
     def link(self, sha256: str) -> str | None:
         """A presigned address, where the settings allow them."""
         if not self._presign:

@@ -1,10 +1,11 @@
 """What the watermark routes answer, as clients see it."""
 
+import re
 from datetime import UTC, datetime
 from typing import Annotated, Self
 
 from fastapi import Request
-from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field
 from pydantic.config import JsonDict
 
 from core.errors import ErrorCode
@@ -42,6 +43,9 @@ EXAMPLE: JsonDict = {
 }
 
 
+DATE = re.compile(r"\d{4}-\d\d-\d\d")
+
+
 def _utc(moment: datetime) -> datetime:
     try:
         return moment.astimezone(UTC)
@@ -49,7 +53,13 @@ def _utc(moment: datetime) -> datetime:
         raise ValueError("it is out of range") from None
 
 
-Moment = Annotated[AwareDatetime, AfterValidator(_utc)]
+def _rfc_3339(sent: object) -> object:
+    if isinstance(sent, str) and not DATE.match(sent):  # pydantic would read seconds since 1970 too
+        raise ValueError("it is not a time as in RFC 3339")
+    return sent
+
+
+Moment = Annotated[AwareDatetime, BeforeValidator(_rfc_3339), AfterValidator(_utc)]
 
 
 class InputView(BaseModel):

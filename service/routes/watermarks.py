@@ -14,7 +14,7 @@ from service.idempotency_key import parse_idempotency_key
 from service.jobs import contents
 from service.jobs.listing import Filters, list_jobs
 from service.jobs.models import ArtifactKind, Job, JobState
-from service.metadata import parse_metadata, parse_pair
+from service.metadata import PAIR, parse_metadata, parse_pair
 from service.orders import order_from
 from service.problems import problem_responses
 from service.routes.schemas import JobPage, JobView, Moment, view
@@ -27,6 +27,15 @@ MEDIA_TYPES = {
     ArtifactKind.MODEL: "model/gltf-binary",
     ArtifactKind.REPORT: "application/json",
     ArtifactKind.PREVIEW: "image/png",
+}
+CONTENT: dict[ArtifactKind, dict[str, Any]] = {
+    ArtifactKind.MODEL: {"type": "string", "format": "binary"},
+    ArtifactKind.REPORT: {
+        "type": "object",
+        "description": "`meshmark.report/1`, as the README describes it.",
+        "examples": [{"schema": "meshmark.report/1", "watermarks": [], "metrics": None, "warnings": []}],
+    },
+    ArtifactKind.PREVIEW: {"type": "string", "format": "binary"},
 }
 SUFFIXES = {ArtifactKind.MODEL: ".glb", ArtifactKind.REPORT: ".report.json", ArtifactKind.PREVIEW: ".png"}
 
@@ -210,7 +219,11 @@ def list_watermarks(
     created_before: Annotated[Moment | None, Query(description="Only jobs sent before this moment.")] = None,
     metadata: Annotated[
         str | None,
-        Query(description="Only jobs with this in their metadata, written `name:value`.", examples=["order:4711"]),
+        Query(
+            description="Only jobs with this in their metadata, written `name:value`.",
+            examples=["order:4711"],
+            json_schema_extra={"pattern": PAIR},
+        ),
     ] = None,
     limit: Annotated[int, Query(ge=1, le=100, description="Most jobs to list.")] = 20,
     cursor: Annotated[str | None, Query(max_length=200, description="As `next` has it.")] = None,
@@ -241,7 +254,7 @@ def delete_watermark(state: State, client: Admitted, job_id: str) -> None:
 
 
 def _download(kind: ArtifactKind) -> dict[str, Any]:
-    content = {MEDIA_TYPES[kind]: {"schema": {"type": "string", "format": "binary"}}}
+    content: dict[str, Any] = {MEDIA_TYPES[kind]: {"schema": CONTENT[kind]}}
     return {
         "response_class": Response,
         "responses": {

@@ -23,7 +23,7 @@ OPERATIONS = [
     for path, operations in DOCUMENT["paths"].items()
     for method, operation in operations.items()
 ]
-OPEN = {"/healthz"}  # what anybody may ask
+OPEN = {"/healthz", "/readyz"}  # what anybody may ask
 OWN_TOKEN = {"/v1/hooks/{source}"}  # what asks for a token that is no API key: see tests/service/routes/test_hooks.py
 
 

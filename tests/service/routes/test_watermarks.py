@@ -312,6 +312,8 @@ def test_jobs_are_listed_by_the_moment_they_were_sent(client: Client) -> None:
         ("limit=101", "invalid_request", "limit"),
         ("created_after=yesterday", "invalid_request", "created_after"),
         ("created_after=2026-01-31T12:00:00", "invalid_request", "created_after"),
+        ("created_after=0.5", "invalid_request", "created_after"),
+        ("created_after=1769860800", "invalid_request", "created_after"),
         ("created_after=0001-01-01T00:00:00%2B14:00", "invalid_request", "created_after"),
         ("cursor=nothing", "invalid_request", "cursor"),
         ("metadata=order", "invalid_metadata", "metadata"),
