@@ -1,4 +1,4 @@
-"""`python -m service [all|api|openapi|keys]`: the service with its worker, the API alone, its OpenAPI document, keys.
+"""`python -m service [all|api|openapi|keys|adopt-store]`: the service with its worker, the API alone, and tools.
 
 `python -m service --show-settings` prints every setting with its value and where that comes from.
 """
@@ -20,6 +20,7 @@ from service.config import Settings, load_settings
 from service.keys import add_keys_commands, run_keys_command
 from service.logs import configure_logs
 from service.show_settings import show_settings
+from service.stores import require_own_store, run_adopt_store
 
 RESTART_DELAY = 1.0  # seconds; a worker that cannot start shall not be started in a busy loop
 STOP_TIMEOUT = 10.0
@@ -71,6 +72,7 @@ def _end(process: "subprocess.Popen[bytes]") -> None:
 def serve(settings: Settings, worker: Sequence[str] | None) -> None:
     """Run the API, and beside it a worker started by a command, until SIGINT or SIGTERM."""
     configure_logs(settings.log_level)
+    require_own_store(settings)
     config = uvicorn.Config(
         create_app(settings), settings.host, settings.port, log_config=None, timeout_graceful_shutdown=5
     )
@@ -95,10 +97,11 @@ def main() -> None:
     """Run what the command line asks for."""
     parser = argparse.ArgumentParser(prog="python -m service", description=__doc__)
     parser.add_argument("--show-settings", action="store_true", help="print the settings in effect and end")
-    commands = parser.add_subparsers(dest="what", metavar="all|api|openapi|keys")
+    commands = parser.add_subparsers(dest="what", metavar="all|api|openapi|keys|adopt-store")
     for name, meaning in (("all", "API and worker"), ("api", "the API alone"), ("openapi", "print its document")):
         commands.add_parser(name, help=meaning)
     add_keys_commands(commands.add_parser("keys", help="create, list and revoke API keys"))
+    commands.add_parser("adopt-store", help="make another database's artifact store this one's")
     arguments = parser.parse_args()
     if arguments.show_settings:
         rows = show_settings(load_settings())
@@ -111,6 +114,8 @@ def main() -> None:
             sys.stdout.write(openapi())
         case "keys":
             sys.exit(run_keys_command(load_settings(), arguments))
+        case "adopt-store":
+            sys.exit(run_adopt_store(load_settings()))
         case "api":
             serve(load_settings(), None)
         case _:

@@ -4,11 +4,12 @@ from functools import cache
 from typing import Any
 
 from celery import Celery
-from celery.signals import setup_logging, worker_ready, worker_shutting_down
+from celery.signals import setup_logging, worker_init, worker_ready, worker_shutting_down
 
 from service.config import Settings
 from service.jobs.queue import TASK, create_queue
 from service.logs import configure_logs
+from service.stores import require_own_store
 from worker.sweeper import start_sweeper
 from worker.tasks import Worker
 
@@ -49,6 +50,7 @@ def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
 
     app.task(watermark, name=TASK)
     setup_logging.connect(lambda **_: configure_logs(settings.log_level), weak=False)
+    worker_init.connect(lambda **_: require_own_store(settings), weak=False)
     worker_ready.connect(start, weak=False)
     worker_shutting_down.connect(stop, weak=False)
     return app

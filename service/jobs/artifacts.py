@@ -20,6 +20,7 @@ from core.errors import ErrorCode, MeshmarkError
 
 CHUNK = 2**20
 DRAFT = ".staged-"
+MARKER = "meshmark-ledger"  # names the ledger whose the store is: see service.jobs.ownership
 NAME = re.compile("[0-9a-f]{64}")  # what else lies in a store was not put there by us
 # Content without a reference that is younger than this may be that of a request still at work.
 GRACE = 3600.0
@@ -85,6 +86,18 @@ class ArtifactStore(ABC):
     @abstractmethod
     def listing(self, prefix: str = "") -> Iterator[Stored]:
         """All content, or that whose hash begins with these two hexadecimal digits."""
+
+    @abstractmethod
+    def owner(self) -> str | None:
+        """The ledger that the store is marked with; None where it is not."""
+
+    @abstractmethod
+    def mark(self, ledger: str) -> None:
+        """Mark the store as a ledger's, unless it is marked already; of any number at once, one succeeds."""
+
+    @abstractmethod
+    def unmark(self) -> None:
+        """Remove the mark if there is one."""
 
     @abstractmethod
     def link(self, sha256: str) -> str | None:

@@ -1,12 +1,13 @@
 """Content in a folder that API and workers share."""
 
 import os
+import tempfile
 from collections.abc import Iterator
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
-from service.jobs.artifacts import CHUNK, NAME, ArtifactStore, Staged, Stored, writing
+from service.jobs.artifacts import CHUNK, DRAFT, MARKER, NAME, ArtifactStore, Staged, Stored, writing
 
 
 class FolderStore(ArtifactStore):
@@ -56,6 +57,30 @@ class FolderStore(ArtifactStore):
             if NAME.fullmatch(path.name) and path == self.path(path.name):
                 with suppress(FileNotFoundError):
                     yield Stored(path.name, datetime.fromtimestamp(path.stat().st_mtime, UTC))
+
+    def owner(self) -> str | None:
+        """What the marker file says."""
+        try:
+            return (self.root / MARKER).read_text()
+        except FileNotFoundError:
+            return None
+
+    def mark(self, ledger: str) -> None:
+        """Write the marker file and give it its name, which only the first one can."""
+        with writing(), tempfile.NamedTemporaryFile("w", prefix=DRAFT, dir=self.root) as draft:
+            draft.write(ledger)
+            draft.flush()
+            os.fsync(draft.fileno())
+            with suppress(FileExistsError):
+                os.link(draft.name, self.root / MARKER)
+
+    def unmark(self) -> None:
+        """Delete the marker file."""
+        with writing():
+            (self.root / MARKER).unlink(missing_ok=True)
+
+    def __str__(self) -> str:
+        return f"The folder {self.root}"
 
     def link(self, sha256: str) -> None:  # noqa: ARG002
         """A folder has no addresses."""

@@ -25,7 +25,7 @@ from sqlalchemy.orm import Session, sessionmaker
 
 from core.errors import ErrorCode, MeshmarkError
 from service.jobs.migrations import migrate
-from service.jobs.models import DEFAULT_TENANT, Artifact, ArtifactKind, Job, JobState, Lease, MetadataEntry
+from service.jobs.models import DEFAULT_TENANT, Artifact, ArtifactKind, Identity, Job, JobState, Lease, MetadataEntry
 
 ACTIVE = (JobState.QUEUED, JobState.RUNNING)
 # What a transaction begins with that no other one with the same key shall run beside. SQLite has one lock for all.
@@ -99,6 +99,8 @@ class Ledger:
     Args:
         url: as SQLAlchemy writes it.
         retention: seconds after its end at which a job expires; 0: never.
+
+    `identity` tells this ledger from every other one.
     """
 
     def __init__(self, url: str, retention: float = 0) -> None:
@@ -109,6 +111,7 @@ class Ledger:
             with self._engine.begin() as connection:
                 _wait_for_turn(connection, {MIGRATION})
                 migrate(connection)
+                self.identity = str(connection.scalar(select(Identity.id)))
         except BaseException:
             self.close()
             raise

@@ -70,6 +70,14 @@ class Base(DeclarativeBase):
     }
 
 
+class Identity(Base):
+    """The one row that tells this ledger from every other; see :mod:`service.jobs.ownership`."""
+
+    __tablename__ = "ledger_identity"
+
+    id: Mapped[str] = mapped_column(String(36), primary_key=True)
+
+
 class Tenant(Base):
     """Whose jobs and keys there are."""
 
