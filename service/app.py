@@ -19,7 +19,9 @@ from service.routes import health, watermarks
 from service.state import AppState
 
 MAX_FIELD_BYTES = 2**16
-FORM_OVERHEAD = 3 * MAX_FIELD_BYTES  # of a request that is neither asset nor font: two fields, part headers, boundaries
+FORM_OVERHEAD = (
+    4 * MAX_FIELD_BYTES
+)  # of a request that is neither asset nor font: three fields, part headers, boundaries
 
 
 class DeclaredSizeLimit:
@@ -90,7 +92,7 @@ def create_app(settings: Settings) -> FastAPI:
         version="1",
         lifespan=lifespan,
         generate_unique_id_function=lambda route: route.name,  # a client generator's method names
-        form_limits={"max_files": 2, "max_fields": 2, "max_part_size": MAX_FIELD_BYTES},
+        form_limits={"max_files": 2, "max_fields": 3, "max_part_size": MAX_FIELD_BYTES},
     )
     app.include_router(watermarks.router, max_body_size=body_limit)
     app.include_router(health.router)

@@ -18,7 +18,7 @@ from sqlalchemy.exc import OperationalError
 
 from core.errors import ErrorCode, MeshmarkError
 from service.config import Settings
-from service.jobs import contents, queue
+from service.jobs import contents, queue, turns
 from service.jobs.artifacts import StoreUnavailableError, writing
 from service.jobs.ledger import Ledger
 from service.jobs.models import Artifact, ArtifactKind, Job, Lease
@@ -59,16 +59,23 @@ class Worker:
         self.scratch.mkdir(parents=True, exist_ok=True)
 
     def run(self, job_id: str) -> None:
-        """Try a job if it is there to be taken; a duplicate or unknown id changes nothing."""
+        """Try the job whose turn it is in the queue of this one; where none waits, the message changes nothing."""
         if self.stopping.is_set():
-            queue.send(self.celery, job_id)
+            self.announce(job_id)
             return
-        job = self.ledger.claim(job_id, self.settings.lease_seconds)
-        if job is None:
-            log.info("message dropped: the job is not waiting", job=job_id)
+        waits_in = turns.queue_of(self.ledger.sessions, job_id)
+        job = waits_in and turns.claim_next(self.ledger, waits_in, self.settings.lease_seconds)
+        if not job:
+            log.info("message dropped: no job is waiting", job=job_id)
             return
         with structlog.contextvars.bound_contextvars(job=job.id, attempt=job.attempts):
             self._attempt(job)
+
+    def announce(self, job_id: str) -> None:
+        """Say that a job waits."""
+        if waits_in := turns.queue_of(self.ledger.sessions, job_id):
+            log.info("job announced", job=job_id)
+            queue.send(self.celery, job_id, waits_in)
 
     def _attempt(self, job: Job) -> None:
         lease, began = job.lease, time.monotonic()
@@ -93,7 +100,7 @@ class Worker:
             log.info("job given up: it was canceled or handed to another worker")
         except StoppingError:
             if self.ledger.release(lease):
-                queue.send(self.celery, job.id)
+                queue.send(self.celery, job.id, job.queue)
             log.info("job given back: the worker is stopping")
         except Exception:
             log.exception("the worker failed")

@@ -25,7 +25,18 @@ from sqlalchemy.orm import Session, sessionmaker
 
 from core.errors import ErrorCode, MeshmarkError
 from service.jobs.migrations import migrate
-from service.jobs.models import DEFAULT_TENANT, Artifact, ArtifactKind, Identity, Job, JobState, Lease, MetadataEntry
+from service.jobs.models import (
+    DEFAULT_TENANT,
+    Artifact,
+    ArtifactKind,
+    Identity,
+    Job,
+    JobState,
+    Lease,
+    MetadataEntry,
+    Priority,
+    Queue,
+)
 
 ACTIVE = (JobState.QUEUED, JobState.RUNNING)
 # What a transaction begins with that no other one with the same key shall run beside. SQLite has one lock for all.
@@ -55,6 +66,8 @@ class Submission:
     tenant: str = DEFAULT_TENANT
     metadata: Mapping[str, str] = field(default_factory=dict)
     condition: Callable[[Session, str], None] = lambda _session, _job_id: None
+    queue: Queue = Queue.SMALL
+    priority: Priority = Priority.NORMAL
 
 
 BY_DEFAULT = Submission()
@@ -147,6 +160,8 @@ class Ledger:
         job = Job(
             id=str(uuid.uuid4()),
             tenant_id=submission.tenant,
+            queue=submission.queue,
+            priority=submission.priority,
             state=JobState.QUEUED,
             filename=filename,
             parameters=parameters,
@@ -274,10 +289,14 @@ class Ledger:
                     (requeued if again else failed).append(job.id)
         return requeued, failed
 
-    def waiting(self, seconds: float) -> list[str]:
-        """The jobs queued and not announced for so long. They count as announced from here on, so announce them."""
-        silent = (Job.state == JobState.QUEUED, Job.enqueued_at < now() - timedelta(seconds=seconds))
-        free = select(Job.id).where(*silent).with_for_update(skip_locked=True)
+    def waiting(self, seconds: float, queue: Queue = Queue.SMALL, limit: int = 1000) -> list[str]:
+        """Jobs queued and not announced for so long. They count as announced from here on, so announce them."""
+        silent = (
+            Job.state == JobState.QUEUED,
+            Job.queue == queue,
+            Job.enqueued_at < now() - timedelta(seconds=seconds),
+        )
+        free = select(Job.id).where(*silent).limit(limit).with_for_update(skip_locked=True)
         announced = update(Job).where(Job.id.in_(free), *silent).values(enqueued_at=now()).returning(Job.id)
         with self._session.begin() as session:
             return list(session.scalars(announced))

@@ -1,7 +1,7 @@
 """The ledger's tables."""
 
 from datetime import UTC, datetime
-from enum import StrEnum
+from enum import IntEnum, StrEnum
 from typing import Any, NamedTuple
 
 from sqlalchemy import JSON, BigInteger, DateTime, Dialect, Enum, ForeignKey, Index, Integer, String, TypeDecorator
@@ -19,6 +19,22 @@ class JobState(StrEnum):
     FAILED = "failed"
     CANCELED = "canceled"
     EXPIRED = "expired"
+
+
+class Queue(StrEnum):
+    """Where a job waits: for any worker, for one with room for large assets, for one with a GPU."""
+
+    SMALL = "small"
+    LARGE = "large"
+    GPU = "gpu"
+
+
+class Priority(IntEnum):
+    """Which of a tenant's waiting jobs goes first."""
+
+    HIGH = 0
+    NORMAL = 1
+    LOW = 2
 
 
 class ArtifactKind(StrEnum):
@@ -66,6 +82,7 @@ class Base(DeclarativeBase):
         dict[str, Any]: JSON,
         list[str]: JSON,
         JobState: _words(JobState),
+        Queue: _words(Queue),
         ArtifactKind: _words(ArtifactKind),
     }
 
@@ -112,10 +129,16 @@ class Job(Base):
         Index("ix_jobs_state_enqueued_at", "state", "enqueued_at"),
         Index("ix_jobs_tenant_id_state", "tenant_id", "state"),
         Index("ix_jobs_tenant_id_created_at_id", "tenant_id", "created_at", "id"),
+        Index(
+            "ix_jobs_state_queue_tenant_id_priority_created_at", "state", "queue", "tenant_id", "priority", "created_at"
+        ),
+        Index("ix_jobs_queue_tenant_id_started_at", "queue", "tenant_id", "started_at"),
     )
 
     id: Mapped[str] = mapped_column(String(36), primary_key=True)
     tenant_id: Mapped[str] = mapped_column(String(63), server_default=DEFAULT_TENANT)  # never changes
+    queue: Mapped[Queue] = mapped_column(default=Queue.SMALL, server_default=Queue.SMALL)
+    priority: Mapped[int] = mapped_column(default=Priority.NORMAL, server_default=str(int(Priority.NORMAL)))
     state: Mapped[JobState] = mapped_column(default=JobState.QUEUED)
     stage: Mapped[str | None] = mapped_column(String(32))
     progress: Mapped[float] = mapped_column(default=0.0)

@@ -1,14 +1,14 @@
 """What the watermark routes answer, as clients see it."""
 
 from datetime import UTC, datetime
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self, get_args
 
 from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict, Field
 from pydantic.config import JsonDict
 
 from core.errors import ErrorCode
 from core.parameters import Parameters
-from service.jobs.models import ArtifactKind, Job, JobState
+from service.jobs.models import ArtifactKind, Job, JobState, Priority
 from service.problems import title
 
 EXAMPLE: JsonDict = {
@@ -28,6 +28,7 @@ EXAMPLE: JsonDict = {
     },
     "parameters": {"text": "SAMPLE", "seed": 7},
     "metadata": {"order": "4711"},
+    "priority": "normal",
     "error": None,
     "links": {
         "self": "/v1/watermarks/6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11",
@@ -46,6 +47,9 @@ def _utc(moment: datetime) -> datetime:
 
 
 Moment = Annotated[AwareDatetime, AfterValidator(_utc)]
+
+
+PriorityName = Literal["high", "normal", "low"]  # in the order of Priority
 
 
 class InputView(BaseModel):
@@ -93,6 +97,7 @@ class JobView(BaseModel):
     input: Annotated[InputView | None, Field(description="The uploaded asset; null once it is deleted.")]
     parameters: Parameters
     metadata: Annotated[dict[str, str], Field(description="What the client noted when it sent the asset.")]
+    priority: Annotated[PriorityName, Field(description="Which of your waiting jobs goes first.")]
     error: ErrorView | None
     links: LinksView
 
@@ -123,6 +128,7 @@ class JobView(BaseModel):
             input=InputView(filename=job.filename, size=source.size, sha256=source.sha256) if source else None,
             parameters=Parameters.model_validate(job.parameters),
             metadata={entry.key: entry.value for entry in job.metadata_entries},
+            priority=get_args(PriorityName)[Priority(job.priority)],
             error=error,
             links=LinksView(self=url, **parts),
         )

@@ -22,10 +22,10 @@ from service.jobs import contents, idempotency, queue
 from service.jobs.ledger import Submission
 from service.jobs.limits import check_active
 from service.jobs.listing import Filters, list_jobs
-from service.jobs.models import ArtifactKind, Job, JobState
+from service.jobs.models import ArtifactKind, Job, JobState, Priority
 from service.metadata import parse_metadata, parse_pair
 from service.problems import problem_responses
-from service.routes.schemas import JobPage, JobView, Moment
+from service.routes.schemas import JobPage, JobView, Moment, PriorityName
 from service.state import AppState, State
 
 router = APIRouter(prefix="/v1/watermarks", tags=["watermarks"], route_class=GuardedRoute)
@@ -120,6 +120,9 @@ MetadataField = Annotated[
         },
     ),
 ]
+PriorityField = Annotated[
+    PriorityName, Form(description="Which of your own waiting jobs goes first; other tenants' are not overtaken.")
+]
 IdempotencyKeyHeader = Annotated[
     str | None,
     Header(
@@ -142,6 +145,7 @@ def create_watermark(
     params: ParamsField,
     font: FontPart = None,
     metadata: MetadataField = "{}",
+    priority: PriorityField = "normal",
     idempotency_key: IdempotencyKeyHeader = None,
 ) -> JobView:
     """Accept an asset for watermarking. What can be seen to be wrong at once is refused at once."""
@@ -163,7 +167,7 @@ def create_watermark(
         wanted = parameters.model_dump(mode="json")
         reservation: idempotency.Reservation | None = None
         if key is not None:
-            content: dict[str, Any] = {"parameters": wanted, "metadata": notes}
+            content: dict[str, Any] = {"parameters": wanted, "metadata": notes, "priority": priority}
             content |= {kind.value: item.sha256 for kind, item in staged.items()}
             reserved = idempotency.reserve(sessions, client.tenant, key, idempotency.fingerprint(content))
             if isinstance(reserved, str):
@@ -172,9 +176,10 @@ def create_watermark(
             reservation = reserved
             stack.enter_context(idempotency.given_back_on_failure(sessions, reservation))
         condition = partial(_check_and_settle, settings.max_active_jobs, client.tenant, reservation)
-        submission = Submission(client.tenant, notes, condition)
+        waits_in = queue.queue_for(settings, staged[ArtifactKind.INPUT].size)
+        submission = Submission(client.tenant, notes, condition, waits_in, Priority[priority.upper()])
         job = contents.create_job(state.ledger, artifacts, _plain_name(file.filename), wanted, staged, submission)
-    background.add_task(_announce, state.queue, job.id)  # a broker that does not answer delays no client
+    background.add_task(_announce, state.queue, job)  # a broker that does not answer delays no client
     return _accepted(request, response, job)
 
 
@@ -263,11 +268,11 @@ def _check_and_settle(
         idempotency.settle(session, reservation, job_id)
 
 
-def _announce(broker: Celery, job_id: str) -> None:
+def _announce(broker: Celery, job: Job) -> None:
     try:
-        queue.send(broker, job_id)
+        queue.send(broker, job.id, job.queue)
     except (KombuError, OSError) as error:
-        log.error("the broker does not answer; a worker's sweeper will find the job", job=job_id, error=str(error))
+        log.error("the broker does not answer; a worker's sweeper will find the job", job=job.id, error=str(error))
 
 
 def _job(state: AppState, client: Client, job_id: str) -> Job:

@@ -14,6 +14,7 @@ from service.idempotency_key import parse_idempotency_key
 from service.jobs import queue
 from service.jobs.idempotency import fingerprint, reserve
 from service.jobs.listing import Filters, list_jobs
+from service.jobs.models import Queue
 from tests.service.conftest import Client, client_with
 from tests.service.s3 import S3, Flaky, bucket_settings
 from tests.worker.engines import asset
@@ -54,7 +55,7 @@ def test_a_request_sent_again_is_answered_with_the_same_job(client: Client) -> N
     assert (first.headers.get("Idempotent-Replayed"), again.headers["Idempotent-Replayed"]) == (None, "true")
     assert again.json()["state"] == "succeeded"
     assert jobs(client) == [first.json()["id"]]
-    assert queue.depth(client.worker.celery) == 1
+    assert queue.depth(client.worker.celery, Queue.SMALL) == 1
 
 
 def test_without_a_key_each_request_is_a_job(client: Client) -> None:

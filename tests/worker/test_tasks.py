@@ -12,7 +12,7 @@ import pytest
 from service.config import Settings
 from service.jobs import contents, queue
 from service.jobs.ledger import WORKER_LOST
-from service.jobs.models import Artifact, ArtifactKind, Job, JobState
+from service.jobs.models import Artifact, ArtifactKind, Job, JobState, Queue
 from tests.service.s3 import S3, Flaky, bucket_settings
 from tests.worker.engines import asset
 from tests.worker.waiting import wait_until
@@ -131,7 +131,7 @@ def test_a_stopping_worker_gives_its_job_back_to_the_queue(worker: Worker) -> No
     thread.join(5)
     waiting = job(worker, job_id)
     assert (waiting.state, waiting.attempts, waiting.stage) == (JobState.QUEUED, 0, None)
-    assert queue.depth(worker.celery) == 1
+    assert queue.depth(worker.celery, Queue.SMALL) == 1
 
 
 def test_an_input_that_vanished_from_the_store_is_a_failed_job_and_not_a_stuck_one(worker: Worker) -> None:
