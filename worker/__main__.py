@@ -1,17 +1,20 @@
-"""`python -m worker [--queues small,large] [PID]`: a worker, for all queues or for some.
+"""`python -m worker [--queues small,large] [PID]`: a worker, for all queues or for some; `--check` looks after it.
 
 Given a process, it ends with it, as that of the embedded service does.
 """
 
 import argparse
+import sys
 import warnings
 
 from celery import Celery
 from celery.exceptions import SecurityWarning
 
+from service.config import load_settings
 from service.jobs.models import Queue
 from service.jobs.queue import name
 from worker.child import die_with_parent
+from worker.pulse import check
 
 
 def main(app: Celery) -> None:
@@ -19,7 +22,10 @@ def main(app: Celery) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--queues", type=_queues, help=f"which to serve, of {','.join(Queue)}; by default all")
     parser.add_argument("parent", type=int, nargs="?", metavar="PID", help="end with this process")
+    parser.add_argument("--check", action="store_true", help="say whether the workers here take messages, and end")
     arguments = parser.parse_args()
+    if arguments.check:
+        sys.exit(check(load_settings()))  # 0, or 1 and a sentence on stderr
     if arguments.parent is not None:
         die_with_parent(arguments.parent)
     # Harmless here, where messages are JSON and never pickles; Celery still refuses to start as root with pickles.

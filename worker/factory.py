@@ -1,15 +1,17 @@
 """Build the Celery app that runs jobs."""
 
+import threading
 from functools import cache
 from typing import Any
 
 from celery import Celery
-from celery.signals import setup_logging, worker_init, worker_ready, worker_shutting_down
+from celery.signals import setup_logging, task_postrun, task_prerun, worker_init, worker_ready, worker_shutting_down
 
 from service.config import Settings
 from service.jobs.queue import TASK, create_queue
 from service.logs import configure_logs
 from service.stores import require_own_store
+from worker.pulse import Pulse
 from worker.sweeper import start_sweeper
 from worker.tasks import Worker
 
@@ -35,6 +37,10 @@ def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
         worker_cancel_long_running_tasks_on_connection_loss=False,  # the lease decides, not the connection
     )
 
+    @cache
+    def pulse() -> Pulse:
+        return Pulse(settings, app)
+
     @cache  # made when the worker runs: whoever only imports the app shall not create folders and tables
     def worker() -> Worker:
         return Worker(settings, app, engine)
@@ -42,15 +48,22 @@ def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
     def watermark(job_id: str) -> None:
         worker().run(job_id)
 
+    def prepare(**_: Any) -> None:
+        require_own_store(settings)
+        beating = threading.Thread(target=pulse().beat_until, args=(worker().stopping,), name="pulse", daemon=True)
+        beating.start()
+
     def start(**_: Any) -> None:
         start_sweeper(worker())
 
     def stop(**_: Any) -> None:
-        worker().stopping.set()
+        worker().stop()
 
     app.task(watermark, name=TASK)
     setup_logging.connect(lambda **_: configure_logs(settings.log_level), weak=False)
-    worker_init.connect(lambda **_: require_own_store(settings), weak=False)
+    worker_init.connect(prepare, weak=False)
+    task_prerun.connect(lambda **_: pulse().began(), weak=False)
+    task_postrun.connect(lambda **_: pulse().ended(), weak=False)
     worker_ready.connect(start, weak=False)
     worker_shutting_down.connect(stop, weak=False)
     return app

@@ -51,12 +51,18 @@ class Worker:
     celery: Celery
     engine: str  # "module:function"
     stopping: threading.Event = field(default_factory=threading.Event)
+    stop_by: float = 0.0  # monotonic seconds
 
     def __post_init__(self) -> None:
         self.ledger = Ledger(self.settings.ledger_url, self.settings.retention_seconds)
         self.artifacts = open_store(self.settings)
         self.scratch = self.settings.data_dir.resolve() / "scratch"
         self.scratch.mkdir(parents=True, exist_ok=True)
+
+    def stop(self) -> None:
+        """Begin no more jobs; those that run have some seconds to end before they are given back."""
+        self.stop_by = time.monotonic() + self.settings.shutdown_seconds
+        self.stopping.set()
 
     def run(self, job_id: str) -> None:
         """Try the job whose turn it is in the queue of this one; where none waits, the message changes nothing."""
@@ -177,7 +183,7 @@ class Worker:
             pause = min(2 * pause, LONGEST_PAUSE)
 
     def _check(self, heartbeat: Heartbeat) -> None:
-        if self.stopping.is_set():
+        if self.stopping.is_set() and time.monotonic() >= self.stop_by:
             raise StoppingError
         if heartbeat.lost.is_set():
             raise LeaseLostError

@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 
 from celery import Celery
 from kombu.entity import Queue as BrokerQueue
+from kombu.exceptions import OperationalError
 from kombu.transport import filesystem
 
 from service.config import Settings
@@ -103,6 +104,14 @@ def send(broker: Celery, job_id: str, queue: Queue) -> None:
 
 
 def depth(broker: Celery, queue: Queue) -> int:
-    """How many messages wait in the broker."""
-    with broker.connection_for_write() as connection, connection.channel() as channel:
-        return int(channel.queue_declare(name(queue), durable=True, auto_delete=False).message_count)
+    """How many messages wait in the broker.
+
+    Raises:
+        kombu.exceptions.OperationalError: the broker cannot be reached.
+    """
+    with broker.connection_for_write() as connection:
+        try:
+            with connection.channel() as channel:
+                return int(channel.queue_declare(name(queue), durable=True, auto_delete=False).message_count)
+        except connection.connection_errors as error:
+            raise OperationalError(str(error)) from error

@@ -47,6 +47,8 @@ def directed(
     progress("placing", 0.5)
     ACTIONS[order["do"]](order)
     model = b"glTF of " + parameters.text.encode()
+    if "sign" in order:
+        model += b" by %d" % os.getpid()
     publish("model", model)
     missing = {"ocr": {"code": "not_measured", "message": "Not yet.", "remedy": "Wait."}}
     publish("report", json.dumps({"metrics": {"ocr": None, "missing": missing}}).encode())

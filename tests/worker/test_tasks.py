@@ -107,6 +107,33 @@ def test_a_canceled_job_is_stopped_and_stays_canceled(worker: Worker) -> None:
     assert job(worker, job_id).state == JobState.CANCELED
 
 
+def test_a_job_can_be_canceled_while_it_waits_and_when_its_model_is_there(worker: Worker, tmp_path: Path) -> None:
+    waits, measures = submit(worker), submit(worker, wait_for_before_the_report=os.fspath(tmp_path / "never"))
+    assert worker.ledger.cancel(waits)
+    thread = threading.Thread(target=worker.run, args=(waits,))  # its message starts the other one
+    thread.start()
+    wait_until(lambda: job(worker, measures).stage == "evaluating")
+    assert worker.ledger.cancel(measures)
+    thread.join(5)
+    assert not thread.is_alive()
+    assert [job(worker, each).state for each in (waits, measures)] == [JobState.CANCELED] * 2
+    assert job(worker, waits).attempts == 0
+    assert list(worker.scratch.iterdir()) == []
+
+
+def test_a_job_may_end_within_the_time_that_a_stopping_worker_has(worker: Worker, tmp_path: Path) -> None:
+    go = tmp_path / "go"
+    job_id, later = submit(worker, wait_for=os.fspath(go)), submit(worker, number=2)
+    thread = in_background(worker, job_id)
+    worker.settings.shutdown_seconds = 20
+    worker.stop()
+    worker.run(later)  # a message that had come already
+    go.touch()
+    thread.join(10)
+    assert [job(worker, each).state for each in (job_id, later)] == [JobState.SUCCEEDED, JobState.QUEUED]
+    assert queue.depth(worker.celery, Queue.SMALL) == 1
+
+
 def test_a_worker_that_lost_its_lease_publishes_nothing(worker: Worker, tmp_path: Path) -> None:
     go = tmp_path / "go"
     job_id = submit(worker, wait_for=os.fspath(go))
@@ -127,7 +154,8 @@ def test_a_worker_that_lost_its_lease_publishes_nothing(worker: Worker, tmp_path
 def test_a_stopping_worker_gives_its_job_back_to_the_queue(worker: Worker) -> None:
     job_id = submit(worker, "hang")
     thread = in_background(worker, job_id)
-    worker.stopping.set()
+    worker.settings.shutdown_seconds = 0
+    worker.stop()
     thread.join(5)
     waiting = job(worker, job_id)
     assert (waiting.state, waiting.attempts, waiting.stage) == (JobState.QUEUED, 0, None)
