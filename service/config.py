@@ -105,6 +105,13 @@ class Settings(BaseSettings):
         Field(ge=0, description="Seconds a worker that is told to stop goes on with its jobs, then gives them back."),
     ] = 5.0
     worker_concurrency: Annotated[int, Field(ge=1, description="Jobs one worker runs at the same time.")] = 1
+    sandbox: Annotated[
+        str,
+        Field(
+            pattern="^(auto|required)$",
+            description="`required`: no worker starts where the engine cannot be shut in; `auto`: as far as it can be.",
+        ),
+    ] = "auto"
     large_asset_bytes: Annotated[
         int, Field(gt=0, description="Assets of so many bytes wait in the queue `large`, smaller ones in `small`.")
     ] = 20 * MIB

@@ -1,9 +1,12 @@
 """Build the Celery app that runs jobs."""
 
+import sys
 import threading
 from functools import cache
+from logging import INFO, WARNING
 from typing import Any
 
+import structlog
 from celery import Celery
 from celery.signals import setup_logging, task_postrun, task_prerun, worker_init, worker_ready, worker_shutting_down
 
@@ -11,11 +14,31 @@ from service.config import Settings
 from service.jobs.queue import TASK, create_queue
 from service.logs import configure_logs
 from service.stores import require_own_store
+from worker import sandbox
 from worker.pulse import Pulse
 from worker.sweeper import start_sweeper
-from worker.tasks import Worker
+from worker.tasks import Worker, private_folders
 
+log = structlog.get_logger(__name__)
 ENGINE = "core.pipeline:watermark"
+
+
+def require_sandbox(worker: Worker) -> None:
+    """Say what shuts the engine in here.
+
+    Raises:
+        SystemExit: with code 2 and a sentence on stderr, where something is missing and must not be.
+    """
+    in_force = sandbox.probe(worker.scratch, private_folders(worker.settings))
+    lacking = ", ".join(part for part, there in in_force.items() if not there)
+    log.log(WARNING if lacking else INFO, "what the engine's process is shut off from", **in_force)
+    if lacking and worker.settings.sandbox == "required":
+        print(
+            f"This system cannot shut the engine off from: {lacking}. It takes Linux 5.13 with Landlock and seccomp on "
+            "x86-64 or ARM64; or set MESHMARK_SANDBOX=auto.",
+            file=sys.stderr,
+        )
+        sys.exit(2)
 
 
 def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
@@ -50,6 +73,7 @@ def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
 
     def prepare(**_: Any) -> None:
         require_own_store(settings)
+        require_sandbox(worker())
         beating = threading.Thread(target=pulse().beat_until, args=(worker().stopping,), name="pulse", daemon=True)
         beating.start()
 

@@ -40,7 +40,10 @@ log = structlog.get_logger(__name__)
 
 @dataclass(frozen=True)
 class Work:
-    """One call of the engine: its import path, its input files, and a folder that is its own."""
+    """One call of the engine: its import path, its input files, and a folder that is its own.
+
+    Of the private folders it sees nothing else; with `sandbox` "required" it does not run without being shut in.
+    """
 
     engine: str
     input: Path
@@ -48,6 +51,8 @@ class Work:
     parameters: dict[str, Any]
     budgets: Budgets
     folder: Path
+    private: tuple[Path, ...] = ()
+    sandbox: str = "required"
 
 
 @dataclass(frozen=True)
@@ -97,14 +102,14 @@ def run_engine(work: Work, limits: Limits) -> Generator[Progress | Published | N
                 start_new_session=True,  # out of reach of Ctrl-C, and one group to kill
             )
         try:
-            _order(child, work, writer)
+            _order(child, work, limits, writer)
             yield from _listen(child, channel.fileno(), limits, work.folder)
         finally:
             _kill(child)
             _log_stderr(errors)
 
 
-def _order(child: "subprocess.Popen[bytes]", work: Work, channel: int) -> None:
+def _order(child: "subprocess.Popen[bytes]", work: Work, limits: Limits, channel: int) -> None:
     request = {
         "engine": work.engine,
         "input": os.fspath(work.input),
@@ -112,6 +117,9 @@ def _order(child: "subprocess.Popen[bytes]", work: Work, channel: int) -> None:
         "parameters": work.parameters,
         "budgets": asdict(work.budgets),
         "folder": os.fspath(work.folder),
+        "private": [os.fspath(path) for path in work.private],
+        "sandbox": work.sandbox,
+        "seconds": limits.seconds,
         "parent": os.getpid(),
         "channel": channel,
     }

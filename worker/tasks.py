@@ -17,7 +17,7 @@ from celery import Celery
 from sqlalchemy.exc import OperationalError
 
 from core.errors import ErrorCode, MeshmarkError
-from service.config import Settings
+from service.config import SECRETS, Settings
 from service.jobs import contents, queue, turns
 from service.jobs.artifacts import StoreUnavailableError, writing
 from service.jobs.ledger import Ledger
@@ -125,6 +125,8 @@ class Worker:
             parameters=job.parameters,
             budgets=self.settings.budgets,
             folder=folder,
+            private=private_folders(self.settings),
+            sandbox=self.settings.sandbox,
         )
         threads = self.settings.job_threads or max(1, len(os.sched_getaffinity(0)) // self.settings.worker_concurrency)
         limits = Limits(self.settings.job_time_limit, self.settings.job_memory_limit, threads)
@@ -196,6 +198,11 @@ def _explained(report: bytes, error: MeshmarkError) -> bytes:
         reason = {"code": error.code.value, "message": error.message, "remedy": error.remedy}
         content["metrics"]["missing"] = dict.fromkeys(content["metrics"]["missing"], reason)
     return json.dumps(content).encode()
+
+
+def private_folders(settings: Settings) -> tuple[Path, ...]:
+    """What the engine must not see: the ledger, other jobs' files, the queue, and secrets."""
+    return (settings.data_dir.resolve(), SECRETS)
 
 
 def scratch_name(lease: Lease) -> str:
