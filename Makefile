@@ -49,6 +49,10 @@ fuzz: $(VENV)/.tests ## Run 10,000 mutated files through the engine
 	@npm ci --prefix tests --silent --no-audit --no-fund
 	$(BIN)/python -m tests.fuzz
 
+faults: $(VENV)/.tests ## Let every part fail in turn while 50 jobs run, and print what came of them
+	@sh docker/system-packages.sh service tests
+	$(BIN)/python -m tests.faults
+
 openapi: $(VENV)/.service ## Write openapi.yaml from the application
 	$(BIN)/python -m service openapi > openapi.yaml
 
@@ -66,4 +70,4 @@ $(VENV)/.tests: $(VENV)/.service
 	$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable '.[test,benchmark]'
 	touch $@
 
-.PHONY: help install demo run test check survey benchmark ablation fuzz openapi clean
+.PHONY: help install demo run test check survey benchmark ablation fuzz faults openapi clean

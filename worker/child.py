@@ -1,11 +1,12 @@
 """The process that runs the engine once: `python -m worker.child`, started by :mod:`worker.runner`.
 
 It reads one JSON object from stdin and answers in JSON lines on a pipe of its own, since native libraries print on
-stdout: `{"stage", "progress"}`, `{"artifact", "path"}`, and last `{"done": true}` or `{"error": {...}}`. Files stay in
-the working folder it was given.
+stdout: `{"stage", "progress"}`, `{"artifact", "path"}`, and last `{"done": true}`, `{"error": {...}}`, or, where the
+disk is, `{"full": true}`. Files stay in the working folder it was given.
 """
 
 import ctypes
+import errno
 import faulthandler
 import importlib
 import json
@@ -123,7 +124,10 @@ def main() -> None:
                 "remedy": "Reduce the asset, or run the worker where there is more memory.",
             }
         )
-    except Exception:
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+            say(full=True)
+            os._exit(0)
         traceback.print_exc()
         say(
             error={

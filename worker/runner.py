@@ -18,6 +18,7 @@ import structlog
 
 from core.asset.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
+from service.jobs.artifacts import StoreUnavailableError, writing
 from service.jobs.models import ArtifactKind
 from worker.child import SUFFIXES
 
@@ -86,11 +87,14 @@ def run_engine(work: Work, limits: Limits) -> Generator[Progress | Published | N
     Close the generator to stop the child. Whatever way the iteration ends, the child and what it started are killed.
 
     Raises:
+        StoreUnavailableError: the disk under the working folder is full.
         MeshmarkError: the engine's own; ``time_limit``, ``memory_limit``; ``engine_crashed`` when the child died.
     """
-    reader, writer = os.pipe()
     errors = work.folder / "stderr"
-    with os.fdopen(reader, "rb", buffering=0) as channel, errors.open("wb") as stderr:
+    with writing():
+        stderr = errors.open("wb")
+    reader, writer = os.pipe()
+    with os.fdopen(reader, "rb", buffering=0) as channel, stderr:
         with os.fdopen(writer, "wb"):  # closed here once the child has it, so that the pipe ends with the child
             child = subprocess.Popen(
                 [sys.executable, "-m", "worker.child"],
@@ -142,6 +146,8 @@ def _listen(
                 message = json.loads(line)
                 if "done" in message:
                     return
+                if "full" in message:
+                    raise StoreUnavailableError
                 if error := message.get("error"):
                     raise MeshmarkError(ErrorCode(error["code"]), error["message"], error["remedy"])
                 yield _event(message, folder)

@@ -142,11 +142,14 @@ class ArtifactStore(ABC):
             ValueError: what is there is not what was stored.
         """
         digest = hashlib.sha256()
-        with target.open("wb") as file:
+        with writing():
+            file = target.open("wb", buffering=0)
+        with file:
             for chunk in self.read(sha256, 0, size):
                 digest.update(chunk)
                 with writing():
-                    file.write(chunk)
+                    while chunk := chunk[file.write(chunk) :]:
+                        pass
         if digest.hexdigest() != sha256:
             raise ValueError(f"the stored content {sha256} is damaged")
 
