@@ -304,11 +304,14 @@ def check_workers(site: Site, ended: dict[str, dict[str, Any]]) -> dict[str, int
         assert list(Path(worker.environment["MESHMARK_DATA_DIR"], "scratch").iterdir()) == []
     ends: Counter[str] = Counter()
     put_back = 0
-    for line in "".join(worker.log.read_text() for worker in site.workers).splitlines():
+    for worker_log, line in (
+        (worker.log, line) for worker in site.workers for line in worker.log.read_text().splitlines()
+    ):
         with contextlib.suppress(json.JSONDecodeError):
             entry = json.loads(line)
             if entry["event"] in ("job succeeded", "job failed"):
                 ends[entry["job"]] += 1
+            assert not entry["event"].startswith("messages wait, there is a free place"), worker_log
             put_back += entry["event"].startswith(("job put back", "job given back", "job announced again"))
     assert set(ends.values()) <= {1}, ends
     assert {url.rsplit("/", 1)[1] for url in ended} >= set(ends)

@@ -14,13 +14,14 @@ from typing import Any, ClassVar
 from celery import Celery
 from kombu.entity import Queue as BrokerQueue
 from kombu.exceptions import OperationalError
-from kombu.transport import filesystem
+from kombu.transport import TRANSPORT_ALIASES, filesystem
 
 from service.config import Settings
 from service.jobs.models import Queue
 
 LONGEST_WAIT = 0.2  # seconds
 TASK = "meshmark.watermark"
+TRANSPORT_ALIASES |= dict.fromkeys(("redis", "rediss"), "service.jobs.redis_transport:Transport")
 
 
 class AtomicChannel(filesystem.Channel):

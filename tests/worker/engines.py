@@ -86,6 +86,10 @@ def hang(_order: dict[str, Any]) -> None:
     ctypes.PyDLL(None).sleep(600)
 
 
+def find_disk_full(_order: dict[str, Any]) -> None:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
 def eat_memory(_order: dict[str, Any]) -> None:
     hoard = []
     while True:
@@ -181,6 +185,7 @@ ACTIONS: dict[str, Callable[[dict[str, Any]], None]] = {
         segfault,
         hang,
         eat_memory,
+        find_disk_full,
         refuse,
         stumble,
         run_out_of_memory,

@@ -99,3 +99,18 @@ def test_a_worker_goes_on_after_its_broker_lost_everything_and_the_probe_tells_a
             wait_until(lambda: probe() == 1, 20)
             worker.send_signal(signal.SIGCONT)
             wait_until(lambda: probe() == 0, 20)
+
+
+def test_a_worker_whose_broker_goes_while_all_its_places_are_taken_takes_messages_again(
+    tmp_path: Path, broker_port: int
+) -> None:
+    service, go = Service(tmp_path, broker_url=f"redis://127.0.0.1:{broker_port}/0"), tmp_path / "go"
+    with service.running(API_COMMAND, WORKER):
+        with redis_server(tmp_path, broker_port):
+            url = service.start_job(wait_for=os.fspath(go))
+            wait_until(lambda: service.job(url)["stage"] == "placing")
+        go.touch()  # the job ends, and nobody is there to be told
+        service.wait_for(url, "succeeded")
+        time.sleep(1)
+        with redis_server(tmp_path, broker_port):
+            assert service.wait_for(service.start_job(), "succeeded", 40)["attempts"] == 1

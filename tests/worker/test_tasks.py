@@ -197,6 +197,14 @@ def test_a_store_that_fails_for_a_while_delays_a_job_and_does_not_end_it(s3: S3,
         worker.ledger.close()
 
 
+def test_a_job_is_put_back_when_the_engine_finds_the_disk_full(worker: Worker) -> None:
+    job_id = submit(worker, "find_disk_full")
+    worker.run(job_id)
+    waiting = job(worker, job_id)
+    assert (waiting.state, waiting.attempts, waiting.error_code) == (JobState.QUEUED, 0, None)
+    assert list(worker.scratch.iterdir()) == []
+
+
 def test_a_job_is_put_back_when_the_store_fails_for_longer_than_a_worker_waits(
     s3: S3, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
