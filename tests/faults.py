@@ -303,7 +303,7 @@ def check_workers(site: Site, ended: dict[str, dict[str, Any]]) -> dict[str, int
         worker.end(signal.SIGTERM)
         assert list(Path(worker.environment["MESHMARK_DATA_DIR"], "scratch").iterdir()) == []
     ends: Counter[str] = Counter()
-    put_back = 0
+    put_back = full = 0
     for worker_log, line in (
         (worker.log, line) for worker in site.workers for line in worker.log.read_text().splitlines()
     ):
@@ -312,12 +312,14 @@ def check_workers(site: Site, ended: dict[str, dict[str, Any]]) -> dict[str, int
             if entry["event"] in ("job succeeded", "job failed"):
                 ends[entry["job"]] += 1
             assert not entry["event"].startswith("messages wait, there is a free place"), worker_log
+            full += entry["event"] == "the disk cannot be written to"
             put_back += entry["event"].startswith(("job put back", "job given back", "job announced again"))
     assert set(ends.values()) <= {1}, ends
     assert {url.rsplit("/", 1)[1] for url in ended} >= set(ends)
     return {
         "jobs that a worker ended twice": sum(count > 1 for count in ends.values()),
         "times that jobs were put back or announced again": put_back,
+        "times that a disk was full": full,
     }
 
 

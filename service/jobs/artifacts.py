@@ -16,6 +16,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
+import structlog
+
 from core.errors import ErrorCode, MeshmarkError
 
 CHUNK = 2**20
@@ -24,6 +26,8 @@ MARKER = "meshmark-ledger"  # names the ledger whose the store is: see service.j
 NAME = re.compile("[0-9a-f]{64}")  # what else lies in a store was not put there by us
 # Content without a reference that is younger than this may be that of a request still at work.
 GRACE = 3600.0
+
+log = structlog.get_logger(__name__)
 
 
 class StoreUnavailableError(MeshmarkError):
@@ -114,7 +118,8 @@ class ArtifactStore(ABC):
             handle, temporary = tempfile.mkstemp(prefix=DRAFT, dir=self._staging)
         path = Path(temporary)
         try:
-            with os.fdopen(handle, "wb") as target:
+            # Around all of it: what could not be written is tried once more by closing the file.
+            with writing(), os.fdopen(handle, "wb") as target:
                 digest, size = hashlib.sha256(), 0
                 while chunk := stream.read(CHUNK):
                     size += len(chunk)
@@ -125,11 +130,9 @@ class ArtifactStore(ABC):
                             "Send a smaller one, or ask the operator to raise the limit.",
                         )
                     digest.update(chunk)
-                    with writing():
-                        target.write(chunk)
-                with writing():
-                    target.flush()
-                    os.fsync(target.fileno())
+                    target.write(chunk)
+                target.flush()
+                os.fsync(target.fileno())
             yield Staged(path, digest.hexdigest(), size)
         finally:
             path.unlink(missing_ok=True)
@@ -167,4 +170,5 @@ def writing() -> Iterator[None]:
     try:
         yield
     except OSError as error:
+        log.warning("the disk cannot be written to", error=str(error))
         raise StoreUnavailableError from error
