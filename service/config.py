@@ -127,9 +127,7 @@ class Settings(BaseSettings):
     outbound_networks: Annotated[
         tuple[IPv4Network | IPv6Network, ...],
         NoDecode,
-        Field(
-            description="Networks beside the public ones that users' addresses may lie in: `10.1.0.0/16,...`."
-        ),
+        Field(description="Networks beside the public ones that users' addresses may lie in: `10.1.0.0/16,...`."),
     ] = ()
     outbound_ports: Annotated[
         frozenset[int], NoDecode, Field(description="Ports that users' addresses may have: `80,443,...`.")

@@ -14,6 +14,7 @@ from typing import TypeVar
 
 import structlog
 from celery import Celery
+from sqlalchemy.engine import make_url
 from sqlalchemy.exc import OperationalError
 
 from core.errors import ErrorCode, MeshmarkError
@@ -202,7 +203,11 @@ def _explained(report: bytes, error: MeshmarkError) -> bytes:
 
 def private_folders(settings: Settings) -> tuple[Path, ...]:
     """What the engine must not see: the ledger, other jobs' files, the queue, and secrets."""
-    return (settings.data_dir.resolve(), SECRETS)
+    private = [settings.data_dir.resolve(), SECRETS]
+    url = make_url(settings.ledger_url)
+    if url.get_backend_name() == "sqlite" and url.database:
+        private += [Path(url.database + suffix).resolve() for suffix in ("", "-wal", "-shm")]
+    return tuple(private)
 
 
 def scratch_name(lease: Lease) -> str:

@@ -78,7 +78,8 @@ def test_another_request_with_the_key_is_refused(client: Client) -> None:
 def test_while_a_request_is_answered_its_key_is_in_use(client: Client) -> None:
     """Another process has the key: it reserved it for the very content that is sent here."""
     sample = send(client, "sample").json()
-    content = {"input": sample["input"]["sha256"], "parameters": sample["parameters"], "metadata": {}}
+    content = {"parameters": sample["parameters"], "metadata": {}, "priority": "normal"}
+    content["input"] = sample["input"]["sha256"]
     reserve(client.worker.ledger.sessions, "default", "a", fingerprint(content))
     response = send(client)
     assert (response.status_code, response.json()["code"]) == (409, "idempotency_key_in_use")

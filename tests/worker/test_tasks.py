@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from service.config import Settings
+from service.config import SECRETS, Settings
 from service.jobs import contents, queue
 from service.jobs.ledger import WORKER_LOST
 from service.jobs.models import Artifact, ArtifactKind, Job, JobState, Queue
 from tests.service.s3 import S3, Flaky, bucket_settings
 from tests.worker.engines import asset
 from tests.worker.waiting import wait_until
-from worker.tasks import Worker
+from worker.tasks import Worker, private_folders
 
 
 def worker_with(settings: Settings) -> Worker:
@@ -223,3 +223,12 @@ def test_a_job_is_put_back_when_the_store_fails_for_longer_than_a_worker_waits(
         worker.run(job_id)
         assert job(worker, job_id).state == JobState.SUCCEEDED
         worker.ledger.close()
+
+
+def test_the_engine_does_not_see_a_ledger_outside_the_data_folder_either(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path / "data", database_url=f"sqlite:///{tmp_path / 'jobs.sqlite3'}")
+    assert {tmp_path / "data", tmp_path / "jobs.sqlite3", tmp_path / "jobs.sqlite3-wal"} <= set(
+        private_folders(settings)
+    )
+    servers = Settings(data_dir=tmp_path, database_url="postgresql://user@host/jobs")
+    assert private_folders(servers) == (tmp_path, SECRETS)
