@@ -53,6 +53,10 @@ audit: $(VENV)/.tests ## Look the pinned packages up in PyPI's advisories; needs
 	@$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable '.[audit]'
 	@$(BIN)/python -m tests.audit
 
+faults: $(VENV)/.tests ## Let every part fail in turn while 50 jobs run, and print what came of them
+	@sh docker/system-packages.sh service tests
+	$(BIN)/python -m tests.faults
+
 openapi: $(VENV)/.service ## Write openapi.yaml from the application
 	$(BIN)/python -m service openapi > openapi.yaml
 
@@ -70,4 +74,4 @@ $(VENV)/.tests: $(VENV)/.service
 	$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable '.[test,benchmark]'
 	touch $@
 
-.PHONY: help install demo run test check survey benchmark ablation fuzz audit openapi clean
+.PHONY: help install demo run test check survey benchmark ablation fuzz faults audit openapi clean

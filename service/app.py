@@ -16,6 +16,7 @@ from service.http_metrics import HttpMetrics
 from service.jobs.artifacts import GRACE
 from service.jobs.ledger import Ledger
 from service.jobs.ledger_metrics import LedgerCollector
+from service.jobs.models import Queue
 from service.jobs.queue import create_queue, depth
 from service.jobs.stores import open_store
 from service.metrics import metrics_server
@@ -29,7 +30,7 @@ from service.state import AppState
 MAX_FIELD_BYTES = 2**16
 JSON_BYTES = 2**21  # of every request that carries no asset
 WITH_ASSET = re.compile("/v1/watermarks|/v1/uploads/[^/]+")
-FORM_FIELDS = 5
+FORM_FIELDS = 6
 # Of a request that is neither asset nor font: fields, part headers, boundaries.
 FORM_OVERHEAD = (FORM_FIELDS + 1) * MAX_FIELD_BYTES
 
@@ -92,7 +93,7 @@ def create_app(settings: Settings) -> FastAPI:
         artifacts, queue = open_store(settings), create_queue(settings)
         parts: dict[str, Callable[[], object]] = {
             "ledger": ledger.ping,
-            "broker": partial(depth, queue),
+            "broker": partial(depth, queue, Queue.SMALL),
             "store": artifacts.ping,
         }
         state = AppState(settings, ledger, artifacts, queue, Readiness(parts))

@@ -112,7 +112,24 @@ class Settings(BaseSettings):
     ] = 15.0
     job_time_limit: Annotated[float, Field(gt=0, description="Seconds a job may run.")] = 600.0
     job_memory_limit: Annotated[int, Field(gt=0, description="Resident bytes a job's process may hold.")] = 8192 * MIB
+    shutdown_seconds: Annotated[
+        float,
+        Field(ge=0, description="Seconds a worker that is told to stop goes on with its jobs, then gives them back."),
+    ] = 5.0
     worker_concurrency: Annotated[int, Field(ge=1, description="Jobs one worker runs at the same time.")] = 1
+    sandbox: Annotated[
+        str,
+        Field(
+            pattern="^(auto|required)$",
+            description="`required`: no worker starts where the engine cannot be shut in; `auto`: as far as it can be.",
+        ),
+    ] = "auto"
+    large_asset_bytes: Annotated[
+        int, Field(gt=0, description="Assets of so many bytes wait in the queue `large`, smaller ones in `small`.")
+    ] = 20 * MIB
+    gpu_asset_bytes: Annotated[
+        int, Field(ge=0, description="Assets of so many bytes wait in the queue `gpu`; 0: no worker has a GPU.")
+    ] = 0
     job_threads: Annotated[
         int, Field(ge=0, description="Threads a job may use; 0: the machine's cores divided by worker_concurrency.")
     ] = 0

@@ -1,6 +1,7 @@
-"""What a message carries beside a job's id, so that the worker's log lines and spans join those of the request.
+"""What joins the log lines and spans of a job to those of the request that it came from.
 
-Whatever arrives is only looked at for that: nothing depends on it, and a message without it is as good.
+It is kept with the job: a message may be lost, and need not be about the job that a worker then starts. It is only
+looked at for that: nothing depends on it, and a job without it is as good.
 """
 
 from collections.abc import Iterator, Mapping
@@ -13,12 +14,12 @@ from opentelemetry.trace.propagation.tracecontext import TraceContextTextMapProp
 
 from service.request_id import current_request_id, valid_request_id
 
-REQUEST = "meshmark_request"
+REQUEST = "request"
 TRACE = TraceContextTextMapPropagator()  # W3C Trace Context
 
 
-def outgoing() -> dict[str, str]:
-    """The headers of a message sent here and now."""
+def correlation() -> dict[str, str]:
+    """That of a job which is recorded here and now."""
     carrier: dict[str, str] = {}
     TRACE.inject(carrier)
     carrier.pop("tracestate", None)  # of any length, and a client's
@@ -27,9 +28,9 @@ def outgoing() -> dict[str, str]:
 
 
 @contextmanager
-def incoming(headers: Mapping[str, Any]) -> Iterator[None]:
-    """Work on behalf of the request that a message came from."""
-    request, parent = valid_request_id(headers.get(REQUEST)), headers.get("traceparent")
+def on_behalf_of(kept: Mapping[str, Any]) -> Iterator[None]:
+    """Work on behalf of the request that a job came from."""
+    request, parent = valid_request_id(kept.get(REQUEST)), kept.get("traceparent")
     trace = TRACE.extract({"traceparent": parent} if isinstance(parent, str) else {})
     token = context.attach(trace)
     try:

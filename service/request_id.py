@@ -1,8 +1,7 @@
 """One id for a request and all that is logged because of it, in every process.
 
-It comes from the client's `X-Request-ID` or is drawn here, is in the answer, goes with the message that announces a
-job, and so is in the lines of the worker and of the engine's process too. A job that a sweeper announces again has
-lost it; the line `job accepted` has both ids.
+It comes from the client's `X-Request-ID` or is drawn here, is in the answer, is kept with the
+job that is made (see :mod:`service.correlation`), and so is in the lines of the worker and of the engine's process too.
 """
 
 import re

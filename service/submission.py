@@ -18,7 +18,7 @@ from service.jobs import contents, idempotency, queue
 from service.jobs.artifacts import Staged
 from service.jobs.ledger import Submission
 from service.jobs.limits import check_active
-from service.jobs.models import ArtifactKind, Job, JobState
+from service.jobs.models import ArtifactKind, Job, JobState, Priority
 from service.state import AppState
 
 log = structlog.get_logger(__name__)
@@ -40,6 +40,7 @@ class Order:
         asset: stages the asset while it is entered; None where a worker brings it later.
         origin: where the worker brings it from, as far as it tells this order from another one.
         record: called in the transaction that records the job, with its id: what else is recorded with it.
+        priority: which of the tenant's waiting jobs goes first.
         webhook: where to tell how the job ends, if the client names it.
         font: stages the font, if there is one.
         key: the client's idempotency key.
@@ -53,6 +54,7 @@ class Order:
     asset: AbstractContextManager[Staged] | None
     origin: Mapping[str, str] = field(default_factory=dict)
     record: Callable[[Session, str], None] = _nothing
+    priority: Priority = Priority.NORMAL
     webhook: str | None = None
     font: AbstractContextManager[Staged] | None = None
     key: str | None = None
@@ -76,14 +78,19 @@ def submit(state: AppState, order: Order) -> Accepted:
     with ExitStack() as stack:
         parts = {ArtifactKind.INPUT: order.asset, ArtifactKind.FONT: order.font}
         staged = {kind: stack.enter_context(part) for kind, part in parts.items() if part is not None}
-        font = staged.get(ArtifactKind.FONT)
+        asset, font = staged.get(ArtifactKind.INPUT), staged.get(ArtifactKind.FONT)
         check_lettering(order.parameters, font.path.read_bytes() if font else None)
-        if order.asset is not None:
-            check_asset(staged[ArtifactKind.INPUT].path, state.settings.budgets)
+        if asset:
+            check_asset(asset.path, state.settings.budgets)
         wanted = order.parameters.model_dump(mode="json")
         reservation: idempotency.Reservation | None = None
         if order.key is not None:
-            content: dict[str, Any] = {"parameters": wanted, "metadata": dict(order.metadata), **order.origin}
+            content: dict[str, Any] = {
+                "parameters": wanted,
+                "metadata": dict(order.metadata),
+                "priority": order.priority,
+                **order.origin,
+            }
             content |= {"webhook": order.webhook} if order.webhook else {}
             content |= {kind.value: item.sha256 for kind, item in staged.items()}
             sessions = state.ledger.sessions
@@ -102,7 +109,13 @@ def submit(state: AppState, order: Order) -> Accepted:
 
         cache = order.cache and state.settings.cache
         submission = Submission(
-            tenant=order.tenant, metadata=order.metadata, webhook=order.webhook, cache=cache, condition=condition
+            tenant=order.tenant,
+            metadata=order.metadata,
+            webhook=order.webhook,
+            cache=cache,
+            condition=condition,
+            queue=queue.queue_for(state.settings, asset.size if asset else None),
+            priority=order.priority,
         )
         return Accepted(contents.create_job(state.ledger, state.artifacts, order.filename, wanted, staged, submission))
 
@@ -112,7 +125,7 @@ def announce(broker: Celery, job: Job) -> None:
     if job.state != JobState.QUEUED:
         return
     try:
-        queue.send(broker, job.id)
+        queue.send(broker, job.id, job.queue)
     except (KombuError, OSError) as error:
         log.error("the broker does not answer; a worker's sweeper will find the job", job=job.id, error=str(error))
 

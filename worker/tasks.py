@@ -15,11 +15,13 @@ from typing import TypeVar
 import structlog
 from celery import Celery
 from opentelemetry.trace import SpanKind, StatusCode, get_current_span
+from sqlalchemy.engine import make_url
 from sqlalchemy.exc import OperationalError
 
 from core.errors import ErrorCode, MeshmarkError
-from service.config import Settings
-from service.jobs import contents, queue
+from service.config import SECRETS, Settings
+from service.correlation import on_behalf_of
+from service.jobs import contents, queue, turns
 from service.jobs.artifacts import StoreUnavailableError, writing
 from service.jobs.ledger import Ledger
 from service.jobs.models import Artifact, ArtifactKind, Job, Lease
@@ -56,6 +58,7 @@ class Worker:
     celery: Celery
     engine: str  # "module:function"
     stopping: threading.Event = field(default_factory=threading.Event)
+    stop_by: float = 0.0  # monotonic seconds
 
     def __post_init__(self) -> None:
         self.ledger = Ledger(self.settings.ledger_url, self.settings.retention_seconds)
@@ -64,24 +67,37 @@ class Worker:
         self.scratch = self.settings.data_dir.resolve() / "scratch"
         self.scratch.mkdir(parents=True, exist_ok=True)
 
+    def stop(self) -> None:
+        """Begin no more jobs; those that run have some seconds to end before they are given back."""
+        self.stop_by = time.monotonic() + self.settings.shutdown_seconds
+        self.stopping.set()
+
     def run(self, job_id: str) -> None:
-        """Try a job if it is there to be taken; a duplicate or unknown id changes nothing."""
+        """Try the job whose turn it is in the queue of this one; where none waits, the message changes nothing."""
         if self.stopping.is_set():
-            queue.send(self.celery, job_id)
+            self.announce(job_id)
             return
-        job = self.ledger.claim(job_id, self.settings.lease_seconds)
-        if job is None:
-            log.info("message dropped: the job is not waiting", job=job_id)
+        waits_in = turns.queue_of(self.ledger.sessions, job_id)
+        job = waits_in and turns.claim_next(self.ledger, waits_in, self.settings.lease_seconds)
+        if not job:
+            log.info("message dropped: no job is waiting", job=job_id)
             return
         if job.attempts == 1 and job.started_at:
             JOB_WAIT_SECONDS.observe((job.started_at - job.created_at).total_seconds())
         ids: dict[str, str | int] = {"job": job.id, "attempt": job.attempts}
         with (
+            on_behalf_of(job.correlation),
             structlog.contextvars.bound_contextvars(**ids),
             JOB_SECONDS.time(),
             tracer.start_as_current_span("job", kind=SpanKind.CONSUMER, attributes=ids),
         ):
             self._attempt(job)
+
+    def announce(self, job_id: str) -> None:
+        """Say that a job waits."""
+        if waits_in := turns.queue_of(self.ledger.sessions, job_id):
+            log.info("job announced", job=job_id)
+            queue.send(self.celery, job_id, waits_in)
 
     def _attempt(self, job: Job) -> None:
         lease, began = job.lease, time.monotonic()
@@ -107,7 +123,7 @@ class Worker:
             log.info("job given up: it was canceled or handed to another worker")
         except StoppingError:
             if self.ledger.release(lease):
-                queue.send(self.celery, job.id)
+                queue.send(self.celery, job.id, job.queue)
             log.info("job given back: the worker is stopping")
         except Exception:
             log.exception("the worker failed")
@@ -128,6 +144,8 @@ class Worker:
             parameters=job.parameters,
             budgets=self.settings.budgets,
             folder=folder,
+            private=private_folders(self.settings),
+            sandbox=self.settings.sandbox,
         )
         threads = self.settings.job_threads or max(1, len(os.sched_getaffinity(0)) // self.settings.worker_concurrency)
         limits = Limits(self.settings.job_time_limit, self.settings.job_memory_limit, threads)
@@ -201,7 +219,7 @@ class Worker:
             pause = min(2 * pause, LONGEST_PAUSE)
 
     def _check(self, heartbeat: Heartbeat) -> None:
-        if self.stopping.is_set():
+        if self.stopping.is_set() and time.monotonic() >= self.stop_by:
             raise StoppingError
         if heartbeat.lost.is_set():
             raise LeaseLostError
@@ -214,6 +232,17 @@ def _explained(report: bytes, error: MeshmarkError) -> bytes:
         reason = {"code": error.code.value, "message": error.message, "remedy": error.remedy}
         content["metrics"]["missing"] = dict.fromkeys(content["metrics"]["missing"], reason)
     return json.dumps(content).encode()
+
+
+def private_folders(settings: Settings) -> tuple[Path, ...]:
+    """What the engine must not see: the ledger, other jobs' files, the queue, and secrets."""
+    private = [settings.data_dir.resolve(), SECRETS]
+    if settings.hooks_file:
+        private.append(settings.hooks_file.resolve())  # it has tokens and keys of buckets
+    url = make_url(settings.ledger_url)
+    if url.get_backend_name() == "sqlite" and url.database:
+        private += [Path(url.database + suffix).resolve() for suffix in ("", "-wal", "-shm")]
+    return tuple(private)
 
 
 def scratch_name(lease: Lease) -> str:

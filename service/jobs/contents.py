@@ -33,8 +33,8 @@ from service.jobs.artifacts import GRACE, ArtifactStore, Staged, StoreUnavailabl
 from service.jobs.cache import find_results, result_key
 from service.jobs.ledger import BY_DEFAULT, Content, Ledger, MissingContentError, Submission, now
 from service.jobs.models import ArtifactKind, Job, Lease
+from service.jobs.ownership import PAGE, claim
 
-PAGE = 500  # hashes in one question to the database
 TRIES = 5  # each lost one means that a remover came between two requests to the store
 
 log = structlog.get_logger(__name__)
@@ -99,7 +99,12 @@ def discard(ledger: Ledger, store: ArtifactStore, hashes: Iterable[str]) -> None
 
 
 def discard_orphans(ledger: Ledger, store: ArtifactStore, prefix: str = "", grace: float = GRACE) -> set[str]:
-    """Remove content that no row refers to and that is older than the grace period; returns what that is."""
+    """Remove content that no row refers to and that is older than the grace period; returns what that is.
+
+    Raises:
+        ForeignStoreError: the store is not this ledger's; nothing is removed.
+    """
+    claim(ledger, store)
     cutoff = now() - timedelta(seconds=grace)
     old = (item.sha256 for item in store.listing(prefix) if item.since < cutoff)
     orphans: set[str] = set()

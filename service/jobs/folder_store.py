@@ -7,7 +7,7 @@ from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from service.jobs.artifacts import CHUNK, NAME, ArtifactStore, Staged, Stored, writing
+from service.jobs.artifacts import CHUNK, DRAFT, MARKER, NAME, ArtifactStore, Staged, Stored, writing
 
 
 class FolderStore(ArtifactStore):
@@ -58,6 +58,30 @@ class FolderStore(ArtifactStore):
         """See whether the folder takes files."""
         with writing(), tempfile.TemporaryFile(dir=self.root):
             pass
+
+    def owner(self) -> str | None:
+        """What the marker file says."""
+        try:
+            return (self.root / MARKER).read_text()
+        except FileNotFoundError:
+            return None
+
+    def mark(self, ledger: str) -> None:
+        """Write the marker file and give it its name, which only the first one can."""
+        with writing(), tempfile.NamedTemporaryFile("w", prefix=DRAFT, dir=self.root) as draft:
+            draft.write(ledger)
+            draft.flush()
+            os.fsync(draft.fileno())
+            with suppress(FileExistsError):
+                os.link(draft.name, self.root / MARKER)
+
+    def unmark(self) -> None:
+        """Delete the marker file."""
+        with writing():
+            (self.root / MARKER).unlink(missing_ok=True)
+
+    def __str__(self) -> str:
+        return f"The folder {self.root}"
 
     def link(self, sha256: str) -> None:  # noqa: ARG002
         """A folder has no addresses."""

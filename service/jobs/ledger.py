@@ -26,9 +26,22 @@ from sqlalchemy.engine import Engine, make_url
 from sqlalchemy.orm import Session, sessionmaker
 
 from core.errors import ErrorCode, MeshmarkError
+from service.correlation import correlation
 from service.jobs.events import record
 from service.jobs.migrations import migrate
-from service.jobs.models import DEFAULT_TENANT, Artifact, ArtifactKind, EventType, Job, JobState, Lease, MetadataEntry
+from service.jobs.models import (
+    DEFAULT_TENANT,
+    Artifact,
+    ArtifactKind,
+    EventType,
+    Identity,
+    Job,
+    JobState,
+    Lease,
+    MetadataEntry,
+    Priority,
+    Queue,
+)
 from service.metrics import JOBS_ACCEPTED, ended
 
 ACTIVE = (JobState.QUEUED, JobState.RUNNING)
@@ -62,6 +75,8 @@ class Submission:
     webhook: str | None = None
     cache: bool = False
     condition: Callable[[Session, str], None] = lambda _session, _job_id: None
+    queue: Queue = Queue.SMALL
+    priority: Priority = Priority.NORMAL
 
 
 BY_DEFAULT = Submission()
@@ -112,6 +127,8 @@ class Ledger:
     Args:
         url: as SQLAlchemy writes it.
         retention: seconds after its end at which a job expires; 0: never.
+
+    `identity` tells this ledger from every other one.
     """
 
     def __init__(self, url: str, retention: float = 0) -> None:
@@ -122,6 +139,7 @@ class Ledger:
             with self._engine.begin() as connection:
                 _wait_for_turn(connection, {MIGRATION})
                 migrate(connection)
+                self.identity = str(connection.scalar(select(Identity.id)))
         except BaseException:
             self.close()
             raise
@@ -164,6 +182,9 @@ class Ledger:
             id=str(uuid.uuid4()),
             tenant_id=submission.tenant,
             result_key=result_key,
+            queue=submission.queue,
+            priority=submission.priority,
+            correlation=correlation(),
             filename=filename,
             parameters=parameters,
             webhook=submission.webhook,
@@ -309,10 +330,14 @@ class Ledger:
             ended(True, JobState.FAILED, error.code)
         return requeued, failed
 
-    def waiting(self, seconds: float) -> list[str]:
-        """The jobs queued and not announced for so long. They count as announced from here on, so announce them."""
-        silent = (Job.state == JobState.QUEUED, Job.enqueued_at < now() - timedelta(seconds=seconds))
-        free = select(Job.id).where(*silent).with_for_update(skip_locked=True)
+    def waiting(self, seconds: float, queue: Queue = Queue.SMALL, limit: int = 1000) -> list[str]:
+        """Jobs queued and not announced for so long. They count as announced from here on, so announce them."""
+        silent = (
+            Job.state == JobState.QUEUED,
+            Job.queue == queue,
+            Job.enqueued_at < now() - timedelta(seconds=seconds),
+        )
+        free = select(Job.id).where(*silent).limit(limit).with_for_update(skip_locked=True)
         announced = update(Job).where(Job.id.in_(free), *silent).values(enqueued_at=now()).returning(Job.id)
         with self._session.begin() as session:
             return list(session.scalars(announced))

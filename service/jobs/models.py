@@ -1,7 +1,7 @@
 """The ledger's tables."""
 
 from datetime import UTC, datetime
-from enum import StrEnum
+from enum import IntEnum, StrEnum
 from typing import Any, NamedTuple
 
 from sqlalchemy import (
@@ -66,6 +66,22 @@ class DisabledReason(StrEnum):
     GONE = "gone"  # it answered 410
 
 
+class Queue(StrEnum):
+    """Where a job waits: for any worker, for one with room for large assets, for one with a GPU."""
+
+    SMALL = "small"
+    LARGE = "large"
+    GPU = "gpu"
+
+
+class Priority(IntEnum):
+    """Which of a tenant's waiting jobs goes first."""
+
+    HIGH = 0
+    NORMAL = 1
+    LOW = 2
+
+
 class ArtifactKind(StrEnum):
     """What a stored file is to its job."""
 
@@ -111,11 +127,20 @@ class Base(DeclarativeBase):
         dict[str, Any]: JSON,
         list[str]: JSON,
         JobState: _words(JobState),
+        Queue: _words(Queue),
         ArtifactKind: _words(ArtifactKind),
         EventType: _words(EventType, 32),
         DeliveryState: _words(DeliveryState),
         DisabledReason: _words(DisabledReason),
     }
+
+
+class Identity(Base):
+    """The one row that tells this ledger from every other; see :mod:`service.jobs.ownership`."""
+
+    __tablename__ = "ledger_identity"
+
+    id: Mapped[str] = mapped_column(String(36), primary_key=True)
 
 
 class Tenant(Base):
@@ -153,10 +178,16 @@ class Job(Base):
         Index("ix_jobs_tenant_id_state", "tenant_id", "state"),
         Index("ix_jobs_tenant_id_created_at_id", "tenant_id", "created_at", "id"),
         Index("ix_jobs_tenant_id_result_key", "tenant_id", "result_key"),
+        Index(
+            "ix_jobs_state_queue_tenant_id_priority_created_at", "state", "queue", "tenant_id", "priority", "created_at"
+        ),
+        Index("ix_jobs_queue_tenant_id_started_at", "queue", "tenant_id", "started_at"),
     )
 
     id: Mapped[str] = mapped_column(String(36), primary_key=True)
     tenant_id: Mapped[str] = mapped_column(String(63), server_default=DEFAULT_TENANT)  # never changes
+    queue: Mapped[Queue] = mapped_column(default=Queue.SMALL, server_default=Queue.SMALL)
+    priority: Mapped[int] = mapped_column(default=Priority.NORMAL, server_default=str(int(Priority.NORMAL)))
     state: Mapped[JobState] = mapped_column(default=JobState.QUEUED)
     stage: Mapped[str | None] = mapped_column(String(32))
     progress: Mapped[float] = mapped_column(default=0.0)
@@ -176,6 +207,7 @@ class Job(Base):
     error_code: Mapped[str | None] = mapped_column(String(64))
     error_message: Mapped[str | None]
     error_remedy: Mapped[str | None]
+    correlation: Mapped[dict[str, Any]] = mapped_column(default=dict, server_default="{}")  # see service.correlation
     webhook: Mapped[str | None] = mapped_column(String(2048))  # where the client wants to be told how this job ends
     event_count: Mapped[int] = mapped_column(default=0, server_default="0")  # the number of its latest event
     artifacts: Mapped[list["Artifact"]] = relationship(lazy="selectin", order_by="Artifact.kind")

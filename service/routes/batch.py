@@ -11,10 +11,11 @@ from core.parameters import parse_parameters
 from service import access
 from service.access import Admitted, Client, GuardedRoute, take_request
 from service.idempotency_key import parse_idempotency_key
+from service.jobs.models import Priority
 from service.metadata import parse_metadata
 from service.orders import order_from
 from service.problems import Problem, ledger_unavailable, problem_of, problem_responses
-from service.routes.schemas import EXAMPLE, JobView, view
+from service.routes.schemas import EXAMPLE, JobView, PriorityName, view
 from service.state import AppState, State
 from service.submission import Accepted, announce, submit
 
@@ -40,6 +41,7 @@ class BatchItem(BaseModel):
     source_url: Annotated[str | None, Field(description="Or the asset's https address, where that is allowed.")] = None
     parameters: Annotated[dict[str, Any], Field(description="What to emboss and how: a `Parameters` object.")]
     metadata: Annotated[dict[str, Any], Field(description="What you want to find the job by.")] = {}
+    priority: Annotated[PriorityName, Field(description="Which of your waiting jobs goes first.")] = "normal"
     webhook: Annotated[
         str | None, Field(description="Where to send a webhook when the job ends, as in POST /v1/watermarks.")
     ] = None
@@ -123,6 +125,7 @@ def _submit(state: AppState, client: Client, item: BatchItem) -> Accepted:
         source_url=item.source_url,
         upload_id=item.upload_id,
         webhook=item.webhook,
+        priority=Priority[item.priority.upper()],
         key=None if item.idempotency_key is None else parse_idempotency_key(item.idempotency_key),
         cache=item.cache,
     )

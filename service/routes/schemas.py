@@ -2,7 +2,7 @@
 
 import re
 from datetime import UTC, datetime
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self, get_args
 
 from fastapi import Request
 from pydantic import AfterValidator, AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field
@@ -10,7 +10,7 @@ from pydantic.config import JsonDict
 
 from core.errors import ErrorCode
 from core.parameters import Parameters
-from service.jobs.models import ArtifactKind, Job, JobState
+from service.jobs.models import ArtifactKind, Job, JobState, Priority
 from service.problems import title
 
 EXAMPLE: JsonDict = {
@@ -32,6 +32,7 @@ EXAMPLE: JsonDict = {
     "parameters": {"text": "SAMPLE", "seed": 7},
     "metadata": {"order": "4711"},
     "webhook": None,
+    "priority": "normal",
     "error": None,
     "links": {
         "self": "/v1/watermarks/6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11",
@@ -60,6 +61,9 @@ def _rfc_3339(sent: object) -> object:
 
 
 Moment = Annotated[AwareDatetime, BeforeValidator(_rfc_3339), AfterValidator(_utc)]
+
+
+PriorityName = Literal["high", "normal", "low"]  # in the order of Priority
 
 
 class InputView(BaseModel):
@@ -110,6 +114,7 @@ class JobView(BaseModel):
     parameters: Parameters
     metadata: Annotated[dict[str, str], Field(description="What the client noted when it sent the asset.")]
     webhook: Annotated[str | None, Field(description="Where a webhook is sent when the job ends.")]
+    priority: Annotated[PriorityName, Field(description="Which of your waiting jobs goes first.")]
     error: ErrorView | None
     links: LinksView
 
@@ -142,6 +147,7 @@ class JobView(BaseModel):
             parameters=Parameters.model_validate(job.parameters),
             metadata={entry.key: entry.value for entry in job.metadata_entries},
             webhook=job.webhook,
+            priority=get_args(PriorityName)[Priority(job.priority)],
             error=error,
             links=LinksView(self=url, events=f"{url}/events", **parts),
         )

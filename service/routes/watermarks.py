@@ -13,11 +13,11 @@ from service.delivery import deliver, disposition
 from service.idempotency_key import parse_idempotency_key
 from service.jobs import contents
 from service.jobs.listing import Filters, list_jobs
-from service.jobs.models import ArtifactKind, Job, JobState
+from service.jobs.models import ArtifactKind, Job, JobState, Priority
 from service.metadata import PAIR, parse_metadata, parse_pair
 from service.orders import order_from
 from service.problems import problem_responses
-from service.routes.schemas import JobPage, JobView, Moment, view
+from service.routes.schemas import JobPage, JobView, Moment, PriorityName, view
 from service.state import AppState, State
 from service.submission import announce, submit
 
@@ -148,6 +148,12 @@ WebhookField = Annotated[
         examples=["https://shop.example/hooks/4711"],
     ),
 ]
+PriorityField = Annotated[
+    PriorityName,
+    Form(
+        description="Which of your own waiting jobs goes first; other tenants' are not overtaken.", examples=["normal"]
+    ),
+]
 IdempotencyKeyHeader = Annotated[
     str | None,
     Header(
@@ -181,6 +187,7 @@ def create_watermark(
     font: FontPart = None,
     metadata: MetadataField = "{}",
     webhook: WebhookField = None,
+    priority: PriorityField = "normal",
     idempotency_key: IdempotencyKeyHeader = None,
     cache: CacheQuery = True,
 ) -> JobView:
@@ -195,6 +202,7 @@ def create_watermark(
         source_url=source_url,
         upload_id=upload_id,
         webhook=webhook,
+        priority=Priority[priority.upper()],
         font=font and state.artifacts.stage(font.file, limit=state.settings.max_font_bytes, name="font"),
         key=None if idempotency_key is None else parse_idempotency_key(idempotency_key),
         cache=cache,

@@ -12,7 +12,7 @@ from sqlalchemy import update
 from core.lettering.fonts import DEFAULT_FONT
 from service.config import Settings
 from service.jobs import cache, queue
-from service.jobs.models import Job
+from service.jobs.models import Job, Queue
 from service.jobs.tenants import Scope, create_key
 from tests.service.conftest import Client, client_with
 from tests.worker.engines import asset
@@ -55,7 +55,7 @@ def done(client: Client, **request: Any) -> dict[str, Any]:
 
 def test_the_same_again_has_succeeded_at_once_with_the_same_results(on_both: Client) -> None:
     first = done(on_both)
-    waiting = queue.depth(on_both.worker.celery)
+    waiting = queue.depth(on_both.worker.celery, Queue.SMALL)
     again = send(on_both)
     assert (again["state"], again["cached"], again["attempts"], again["progress"]) == ("succeeded", True, 0, 1)
     assert again["id"] != first["id"]
@@ -63,7 +63,7 @@ def test_the_same_again_has_succeeded_at_once_with_the_same_results(on_both: Cli
     for part in ("model", "report", "preview"):
         old, new = (on_both.http.get(job["links"][part]) for job in (first, again))
         assert (new.content, new.headers["ETag"]) == (old.content, old.headers["ETag"])
-    assert queue.depth(on_both.worker.celery) == waiting, "no worker is told"
+    assert queue.depth(on_both.worker.celery, Queue.SMALL) == waiting, "no worker is told"
     assert send(on_both)["cached"] is True
 
 

@@ -8,6 +8,7 @@ from httpx2 import Response
 
 from service.config import Settings
 from service.jobs import queue
+from service.jobs.models import Queue
 from service.jobs.tenants import Scope, create_key
 from tests.service.conftest import Client, client_with
 from tests.service.outbound.servers import replying, response, serving
@@ -42,7 +43,7 @@ def test_each_item_is_a_job_of_its_own(client: Client) -> None:
     texts = ["ONE", "TWO", "THREE"]
     results = send(client, *(item(name, text, metadata={"order": text}) for text in texts))
     assert [outcome(result) for result in results] == [(202, None)] * 3
-    assert queue.depth(client.worker.celery) == 3
+    assert queue.depth(client.worker.celery, Queue.SMALL) == 3
     for text, result in zip(texts, results, strict=True):
         url = result["job"]["links"]["self"]
         client.run(url)
@@ -99,7 +100,7 @@ def test_a_batch_sent_again_makes_no_job_twice(client: Client) -> None:
     assert [result["replayed"] for result in first + again] == [False, False, True, True, False]
     assert [result["job"]["id"] for result in again[:2]] == [result["job"]["id"] for result in first]
     assert outcome(again[2]) == (422, "idempotency_key_reused")
-    assert queue.depth(client.worker.celery) == 2
+    assert queue.depth(client.worker.celery, Queue.SMALL) == 2
 
 
 def test_assets_may_be_at_addresses(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from service.config import Settings
 from service.jobs import dropped, queue
 from service.jobs.dropped import Output
 from service.jobs.ledger import now
-from service.jobs.models import DroppedObject
+from service.jobs.models import DroppedObject, Queue
 from tests.service.conftest import Client, client_with
 from tests.service.harness import EMBEDDED_COMMAND, Service
 from tests.service.s3 import KEYS, S3, Bucket, Flaky
@@ -144,7 +144,7 @@ def test_a_dropped_file_is_watermarked_and_written_back(on_both: Client, watched
     key = "incoming/a shop/my chair+é.obj"
     watched.drop(key, asset())
     [job_id] = accepted(on_both, watched.notification(key))
-    assert queue.depth(on_both.worker.celery) == 1
+    assert queue.depth(on_both.worker.celery, Queue.LARGE) == 1
     write_outputs(on_both.worker)
     assert outputs(on_both) == ["pending"], "there is nothing to write yet"
     job = run(on_both, job_id)

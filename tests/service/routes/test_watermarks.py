@@ -10,7 +10,7 @@ from httpx2 import Response
 
 from service.config import Settings
 from service.jobs import queue
-from service.jobs.models import ArtifactKind
+from service.jobs.models import ArtifactKind, Queue
 from tests.service.conftest import Client, client_with
 from tests.worker.engines import asset
 from worker.sweeper import sweep
@@ -35,7 +35,7 @@ def refused(client: Client, response: Response, status: int, code: str) -> dict[
     assert problem["detail"].endswith(".")
     assert problem["remedy"].endswith(".")
     assert stored(client) == []
-    assert queue.depth(client.worker.celery) == 0
+    assert queue.depth(client.worker.celery, Queue.SMALL) == 0
     return problem
 
 
@@ -50,7 +50,7 @@ def test_an_accepted_asset_is_a_queued_job_at_its_location(client: Client) -> No
     assert job["created_at"].endswith("Z")
     assert datetime.fromisoformat(job["created_at"]).tzinfo is not None
     assert client.http.get(response.headers["Location"]).json() == job
-    assert queue.depth(client.worker.celery) == 1
+    assert queue.depth(client.worker.celery, Queue.SMALL) == 1
 
 
 def glb(text: bytes, version: int = 2) -> bytes:
@@ -129,7 +129,7 @@ def test_a_body_that_is_no_form_is_refused(client: Client) -> None:
 def test_too_many_or_too_large_parts_are_refused(client: Client) -> None:
     three = [("file", ("a", b"1")), ("file", ("b", b"1")), ("font", ("c", b"1"))]
     refused(client, post(client, files=three), 400, "invalid_request")
-    refused(client, post(client, data=dict.fromkeys("abcdef", "{}")), 400, "invalid_request")
+    refused(client, post(client, data=dict.fromkeys("abcdefg", "{}")), 400, "invalid_request")
     refused(client, post(client, data={"params": " " * 70_000}), 400, "invalid_request")
 
 
@@ -336,3 +336,20 @@ def test_a_tenant_who_has_too_many_jobs_waits_and_leaves_nothing(tmp_path: Path)
         response = post(client, files={"file": ("asset.obj", asset("other"))}, headers={"Idempotency-Key": "a"})
         assert response.status_code == 202
         assert "Idempotent-Replayed" not in response.headers
+
+
+def test_jobs_wait_by_size_and_have_a_priority(tmp_path: Path) -> None:
+    with client_with(Settings(data_dir=tmp_path, large_asset_bytes=1000)) as client:
+        large = asset() + b"#" * 1000 + b"\n"
+        sent = {"file": ("asset.obj", large)}, {"params": '{"text": "HI"}', "priority": "high"}
+        response = client.http.post("/v1/watermarks", files=sent[0], data=sent[1])
+        assert (response.status_code, response.json()["priority"]) == (202, "high")
+        assert [queue.depth(client.worker.celery, each) for each in Queue] == [0, 1, 0]
+        url = client.submit()
+        assert client.http.get(url).json()["priority"] == "normal"
+        client.run(url)
+        assert client.http.get(response.headers["Location"]).json()["state"] == "queued"
+        client.run(response.headers["Location"])
+        assert client.http.get(response.headers["Location"]).json()["state"] == "succeeded"
+        refused = client.http.post("/v1/watermarks", files=sent[0], data=sent[1] | {"priority": "urgent"})
+        assert (refused.status_code, refused.json()["code"]) == (400, "invalid_request")
