@@ -49,6 +49,14 @@ fuzz: $(VENV)/.tests ## Run 10,000 mutated files through the engine
 	@npm ci --prefix tests --silent --no-audit --no-fund
 	$(BIN)/python -m tests.fuzz
 
+audit: $(VENV)/.tests ## Look the pinned packages up in PyPI's advisories; needs the network
+	@$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable '.[audit]'
+	@$(BIN)/python -m tests.audit
+
+faults: $(VENV)/.tests ## Let every part fail in turn while 50 jobs run, and print what came of them
+	@sh docker/system-packages.sh service tests
+	$(BIN)/python -m tests.faults
+
 openapi: $(VENV)/.service ## Write openapi.yaml from the application
 	$(BIN)/python -m service openapi > openapi.yaml
 
@@ -66,4 +74,4 @@ $(VENV)/.tests: $(VENV)/.service
 	$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable '.[test,benchmark]'
 	touch $@
 
-.PHONY: help install demo run test check survey benchmark ablation fuzz openapi clean
+.PHONY: help install demo run test check survey benchmark ablation fuzz faults audit openapi clean

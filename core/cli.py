@@ -37,6 +37,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_attack(commands)
     _add_benchmark(commands)
     _add_profile(commands)
+    _add_sizing(commands)
     _add_models(commands)
     return parser
 
@@ -185,6 +186,30 @@ def _add_profile(commands: Commands) -> None:
     profile.add_argument("--metrics", action="store_true", help="time the preview and all metrics too")
 
 
+def _add_sizing(commands: Commands) -> None:
+    sizing = commands.add_parser(
+        "sizing",
+        help="how many workers so many uploads take",
+        description="Simulate a queue before workers that take as long as a profile says. Prints a Markdown table.",
+    )
+    sizing.set_defaults(run=_sizing)
+    sizing.add_argument(
+        "--profile", type=Path, required=True, metavar="profile.json", help="what `meshmark profile` wrote"
+    )
+    sizing.add_argument("--arrivals", type=_numbers, required=True, metavar="N,...", help="uploads an hour")
+    sizing.add_argument(
+        "--mix", default="inf:1", metavar="FACES:SHARE,...", help="shares by faces (default: every asset alike)"
+    )
+    sizing.add_argument("--p95-wait", type=float, default=30.0, metavar="S", help="seconds (default %(default)s)")
+    sizing.add_argument(
+        "--busy", type=float, default=0.9, metavar="SHARE", help="most that workers may be busy (default %(default)s)"
+    )
+    sizing.add_argument(
+        "--overhead", type=float, default=0.0, metavar="S", help="seconds of a job beside the engine (default 0)"
+    )
+    sizing.add_argument("--seed", type=int, default=0, help="seed of every random draw (default 0)")
+
+
 def _region(text: str) -> dict[str, Any]:
     """``node=Head`` as the region it stands for; what is wrong with it is found with all other parameters."""
     kind, _, value = text.partition("=")
@@ -292,6 +317,21 @@ def _profile(options: argparse.Namespace) -> None:
     print(markdown(found), end="")
     if options.out:
         write_profile(found, options.out)
+
+
+def _sizing(options: argparse.Namespace) -> None:
+    from core.benchmark.sizing import markdown, parse_mix, sizing
+
+    try:
+        profile = json.loads(_read(options.profile))
+    except ValueError:
+        raise MeshmarkError(
+            ErrorCode.INVALID_PARAMETERS, f"{options.profile} is no JSON.", "Give what `meshmark profile` wrote."
+        ) from None
+    mix, wait = parse_mix(options.mix), options.p95_wait
+    rest = {name: getattr(options, name) for name in ("busy", "overhead", "seed")}
+    found = sizing(profile, options.arrivals, mix=mix, wait=wait, **rest)
+    print(markdown(found, wait, options.busy), end="")
 
 
 def _models(options: argparse.Namespace) -> None:

@@ -1,4 +1,4 @@
-"""`python -m service [all|api|openapi|keys]`: the service with its workers, the API alone, its OpenAPI document, keys.
+"""`python -m service [all|api|openapi|keys|jobs|adopt-store]`: the service with its workers, the API alone, and tools.
 
 `python -m service --show-settings` prints every setting with its value and where that comes from.
 """
@@ -19,12 +19,15 @@ from fastapi import FastAPI
 
 from service.app import create_app
 from service.config import Settings, load_settings
+from service.dead_jobs import add_jobs_commands, run_jobs_command
 from service.keys import add_keys_commands, run_keys_command
 from service.logs import configure_logs
 from service.show_settings import show_settings
+from service.stores import require_own_store, run_adopt_store
+from service.tracing import configure_tracing
 
 RESTART_DELAY = 1.0  # seconds; a worker that cannot start shall not be started in a busy loop
-STOP_TIMEOUT = 10.0
+STOP_MARGIN = 5.0  # seconds beyond those that a worker takes for its jobs
 
 log = structlog.get_logger("service")
 
@@ -32,8 +35,8 @@ log = structlog.get_logger("service")
 class Supervisor:
     """Keeps one process running: starts it again when it dies, until told to stop."""
 
-    def __init__(self, command: Sequence[str]) -> None:
-        self._command = command
+    def __init__(self, command: Sequence[str], stop_timeout: float) -> None:
+        self._command, self._stop_timeout = command, stop_timeout
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="supervisor", daemon=True)
 
@@ -57,20 +60,19 @@ class Supervisor:
             while process.poll() is None and not self._stopping.wait(0.2):
                 pass
             if self._stopping.is_set():
-                _end(process)
+                self._end(process)
             else:
                 log.error("the worker died and is started again", exit_code=process.returncode)
                 self._stopping.wait(RESTART_DELAY)
 
-
-def _end(process: "subprocess.Popen[bytes]") -> None:
-    if process.poll() is None:
-        process.send_signal(signal.SIGTERM)
-    try:
-        process.wait(STOP_TIMEOUT)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
+    def _end(self, process: "subprocess.Popen[bytes]") -> None:
+        if process.poll() is None:
+            process.send_signal(signal.SIGTERM)
+        try:
+            process.wait(self._stop_timeout)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
 
 
 class Server(uvicorn.Server):
@@ -89,9 +91,18 @@ class Server(uvicorn.Server):
 def serve(settings: Settings, *workers: Sequence[str]) -> None:
     """Run the API, and beside it workers started by these commands, until SIGINT or SIGTERM."""
     configure_logs(settings.log_level)
+    configure_tracing("meshmark-api")
+    require_own_store(settings)
     app = create_app(settings)
-    config = uvicorn.Config(app, settings.host, settings.port, log_config=None, timeout_graceful_shutdown=5)
-    supervisors = [Supervisor(command) for command in workers]
+    config = uvicorn.Config(
+        app,
+        settings.host,
+        settings.port,
+        log_config=None,
+        access_log=False,  # service.request_id logs each answer
+        timeout_graceful_shutdown=5,
+    )
+    supervisors = [Supervisor(command, settings.shutdown_seconds + STOP_MARGIN) for command in workers]
     for supervisor in supervisors:
         supervisor.start()
     for number in (signal.SIGINT, signal.SIGTERM):  # uvicorn raises the signal again once it has shut down
@@ -114,10 +125,12 @@ def main() -> None:
     """Run what the command line asks for."""
     parser = argparse.ArgumentParser(prog="python -m service", description=__doc__)
     parser.add_argument("--show-settings", action="store_true", help="print the settings in effect and end")
-    commands = parser.add_subparsers(dest="what", metavar="all|api|openapi|keys")
+    commands = parser.add_subparsers(dest="what", metavar="all|api|openapi|keys|jobs|adopt-store")
     for name, meaning in (("all", "API and workers"), ("api", "the API alone"), ("openapi", "print its document")):
         commands.add_parser(name, help=meaning)
     add_keys_commands(commands.add_parser("keys", help="create, list and revoke API keys"))
+    add_jobs_commands(commands.add_parser("jobs", help="list jobs whose workers died, and try them again"))
+    commands.add_parser("adopt-store", help="make another database's artifact store this one's")
     arguments = parser.parse_args()
     if arguments.show_settings:
         rows = show_settings(load_settings())
@@ -130,6 +143,10 @@ def main() -> None:
             sys.stdout.write(openapi())
         case "keys":
             sys.exit(run_keys_command(load_settings(), arguments))
+        case "jobs":
+            sys.exit(run_jobs_command(load_settings(), arguments))
+        case "adopt-store":
+            sys.exit(run_adopt_store(load_settings()))
         case "api":
             serve(load_settings())
         case _:

@@ -14,7 +14,7 @@ from service.jobs.limits import spend
 from service.jobs.models import DEFAULT_TENANT
 from service.jobs.tenants import Scope, authenticate, note_use
 from service.problems import ProblemError
-from service.state import state_of
+from service.state import AppState, state_of
 
 SCHEME = "api_key"  # its name in the OpenAPI document
 REFUSALS = (ErrorCode.INVALID_API_KEY, ErrorCode.MISSING_SCOPE, ErrorCode.RATE_LIMITED)
@@ -27,6 +27,7 @@ class Client:
     """On whose behalf a request is answered."""
 
     tenant: str = DEFAULT_TENANT
+    key_id: str | None = None
 
 
 class GuardedRoute(APIRoute):
@@ -37,7 +38,7 @@ class GuardedRoute(APIRoute):
 
     def __init__(self, path: str, endpoint: Callable[..., Any], **options: Any) -> None:
         scope = required_scope(options["methods"])
-        options["openapi_extra"] = {"security": [{}, {SCHEME: [scope]}]}
+        options["openapi_extra"] = {**(options.get("openapi_extra") or {}), "security": [{}, {SCHEME: [scope]}]}
         super().__init__(path, endpoint, **options)
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
@@ -77,14 +78,8 @@ def let_in(request: Request) -> Client:
             "Send the header `Authorization: Bearer mm_...` with a key that the operator created for you.",
             CLOSE | {"WWW-Authenticate": "Bearer" if shown is None else 'Bearer error="invalid_token"'},
         )
-    allowed = state.settings.requests_per_minute
-    if allowed and (wait := spend(state.ledger.sessions, key.id, allowed)):
-        raise ProblemError(
-            ErrorCode.RATE_LIMITED,
-            f"The API key {key.id} makes more than {allowed:,} requests a minute.",
-            "Send the request again after the seconds in Retry-After.",
-            CLOSE | {"Retry-After": str(math.ceil(wait))},
-        )
+    client = Client(key.tenant_id, key.id)
+    take_request(state, client)
     scope = required_scope([request.method])
     if scope not in key.scopes:
         raise ProblemError(
@@ -94,7 +89,25 @@ def let_in(request: Request) -> Client:
             CLOSE | {"WWW-Authenticate": f'Bearer error="insufficient_scope", scope="{scope}"'},
         )
     note_use(state.ledger.sessions, key)
-    return Client(key.tenant_id)
+    return client
+
+
+def take_request(state: AppState, client: Client) -> None:
+    """Count one more request of a key.
+
+    Raises:
+        ProblemError: ``rate_limited``.
+    """
+    allowed = state.settings.requests_per_minute
+    if not allowed or client.key_id is None:
+        return
+    if wait := spend(state.ledger.sessions, client.key_id, allowed):
+        raise ProblemError(
+            ErrorCode.RATE_LIMITED,
+            f"The API key {client.key_id} makes more than {allowed:,} requests a minute.",
+            "Send the request again after the seconds in Retry-After.",
+            CLOSE | {"Retry-After": str(math.ceil(wait))},
+        )
 
 
 async def _client(request: Request) -> Client:

@@ -1,7 +1,9 @@
 """The HTTP application."""
 
-from collections.abc import AsyncIterator
+import re
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from functools import partial
 from typing import Any
 
 from fastapi import FastAPI
@@ -10,17 +12,27 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from service.access import SCHEME
 from service.config import Settings
+from service.http_metrics import HttpMetrics
 from service.jobs.artifacts import GRACE
 from service.jobs.ledger import Ledger
-from service.jobs.queue import create_queue
+from service.jobs.ledger_metrics import LedgerCollector
+from service.jobs.models import Queue
+from service.jobs.queue import create_queue, depth
 from service.jobs.stores import open_store
-from service.json_route import MAX_BODY_BYTES
+from service.metrics import metrics_server
+from service.present_or_absent import without_null
 from service.problems import Problem, install_problem_handlers, problem_response, upload_too_large
-from service.routes import events, health, watermarks, webhook_endpoints
+from service.readiness import Readiness
+from service.request_id import RequestId
+from service.routes import batch, events, health, hooks, uploads, watermarks, webhook_endpoints
 from service.state import AppState
 
 MAX_FIELD_BYTES = 2**16
-FORM_OVERHEAD = 4 * MAX_FIELD_BYTES  # of a request that is neither asset nor font: fields, part headers, boundaries
+JSON_BYTES = 2**21  # of every request that carries no asset
+WITH_ASSET = re.compile("/v1/watermarks|/v1/uploads/[^/]+")
+FORM_FIELDS = 6
+# Of a request that is neither asset nor font: fields, part headers, boundaries.
+FORM_OVERHEAD = (FORM_FIELDS + 1) * MAX_FIELD_BYTES
 
 
 class DeclaredSizeLimit:
@@ -30,21 +42,25 @@ class DeclaredSizeLimit:
     tells, it would answer in plain text.
     """
 
-    def __init__(self, app: ASGIApp, limit: int, under: str = "/") -> None:
+    def __init__(self, app: ASGIApp, limit: int) -> None:
         self.app = app
         self.limit = limit
-        self.under = under
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer, or pass the request on."""
+        limit = self.limit if WITH_ASSET.fullmatch(scope.get("path", "")) else JSON_BYTES
         declared = dict(scope.get("headers", ())).get(b"content-length", b"0")
-        if declared.isdigit() and int(declared) > self.limit and scope["path"].startswith(self.under):
-            return await problem_response(upload_too_large(self.limit))(scope, receive, send)
+        if declared.isdigit() and int(declared) > limit:
+            return await problem_response(upload_too_large(limit))(scope, receive, send)
         return await self.app(scope, receive, send)
 
 
 class Application(FastAPI):
     """FastAPI whose OpenAPI document knows that every error is a problem."""
+
+    def build_middleware_stack(self) -> ASGIApp:
+        """All middleware, and around it what sees every answer, that to an unexpected error too."""
+        return RequestId(HttpMetrics(super().build_middleware_stack()))
 
     def openapi(self) -> dict[str, Any]:
         """The OpenAPI document."""
@@ -58,6 +74,7 @@ class Application(FastAPI):
             document["components"]["securitySchemes"] = {
                 SCHEME: {"type": "http", "scheme": "bearer", "description": "Needed where the service is set up so."}
             }
+            without_null(document)
             for path in document["paths"].values():
                 for operation in path.values():
                     if "HTTPValidationError" in str(operation["responses"].get("422")):
@@ -72,15 +89,18 @@ def create_app(settings: Settings) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        state = AppState(
-            settings,
-            Ledger(settings.ledger_url, settings.retention_seconds),
-            open_store(settings),
-            create_queue(settings),
-        )
+        ledger = Ledger(settings.ledger_url, settings.retention_seconds)
+        artifacts, queue = open_store(settings), create_queue(settings)
+        parts: dict[str, Callable[[], object]] = {
+            "ledger": ledger.ping,
+            "broker": partial(depth, queue, Queue.SMALL),
+            "store": artifacts.ping,
+        }
+        state = AppState(settings, ledger, artifacts, queue, Readiness(parts))
         state.artifacts.clear_staging(GRACE)
         app.state.meshmark = state
-        yield
+        with metrics_server(settings.metrics_host, settings.metrics_port, LedgerCollector(ledger.sessions)):
+            yield
         state.queue.close()
         state.ledger.close()
 
@@ -91,14 +111,19 @@ def create_app(settings: Settings) -> FastAPI:
         "Errors are RFC 9457 problem details with a stable `code` and a `remedy`.",
         version="1",
         lifespan=lifespan,
+        # One span a request, where service.tracing is asked for any.
+        telemetry={"auto_configure": False, "metrics": False, "logs": False, "operation_spans": False},
         generate_unique_id_function=lambda route: route.name,  # a client generator's method names
-        form_limits={"max_files": 2, "max_fields": 3, "max_part_size": MAX_FIELD_BYTES},
+        form_limits={"max_files": 2, "max_fields": FORM_FIELDS, "max_part_size": MAX_FIELD_BYTES},
     )
     app.include_router(watermarks.router, max_body_size=body_limit)
+    app.include_router(batch.router, max_body_size=JSON_BYTES)
+    app.include_router(uploads.router, max_body_size=JSON_BYTES)
+    app.include_router(uploads.sending, max_body_size=body_limit)
+    app.include_router(hooks.router, max_body_size=JSON_BYTES)
     app.include_router(events.router)
-    app.include_router(webhook_endpoints.router, max_body_size=MAX_BODY_BYTES)
+    app.include_router(webhook_endpoints.router, max_body_size=JSON_BYTES)
     app.include_router(health.router)
     install_problem_handlers(app, body_limit)
     app.add_middleware(DeclaredSizeLimit, limit=body_limit)
-    app.add_middleware(DeclaredSizeLimit, limit=MAX_BODY_BYTES, under=webhook_endpoints.router.prefix)
     return app

@@ -2,7 +2,9 @@
 
 import os
 import sys
+from collections.abc import Mapping
 from dataclasses import replace
+from functools import cached_property
 from ipaddress import IPv4Network, IPv6Network, ip_address, ip_network
 from pathlib import Path
 from typing import Annotated, Self
@@ -14,6 +16,7 @@ from sqlalchemy.exc import ArgumentError
 
 from core.asset.budgets import DEFAULT_BUDGETS, Budgets
 from core.lettering.fonts import MAX_FONT_BYTES
+from service.hooks.config import HookSource, load_hooks
 from service.outbound.policy import PORTS, Policy
 
 MIB = 2**20
@@ -38,9 +41,21 @@ class Settings(BaseSettings):
         int, Field(ge=0, description="Requests a minute each API key may make, at once or evenly; 0: any number.")
     ] = 6000
     max_active_jobs: Annotated[
-        int, Field(ge=0, description="Jobs of a tenant that may wait and run at a time; 0: any number.")
+        int,
+        Field(
+            ge=0,
+            description="Jobs of a tenant that may wait and run at a time, and uploads it may have; 0: any number.",
+        ),
     ] = 10_000
     port: Annotated[int, Field(ge=0, le=65535, description="Port the API listens on; 0 takes any free one.")] = 8080
+    metrics_host: Annotated[
+        str, Field(description="Address of the metrics, which need no key: one that only your Prometheus reaches.")
+    ] = "127.0.0.1"
+    metrics_port: Annotated[int, Field(ge=0, le=65535, description="Port of the API's metrics; 0: none.")] = 0
+    worker_metrics_port: Annotated[int, Field(ge=0, le=65535, description="Port of a worker's metrics; 0: none.")] = 0
+    webhooks_metrics_port: Annotated[
+        int, Field(ge=0, le=65535, description="Port of the metrics of a sender of webhooks; 0: none.")
+    ] = 0
     data_dir: Annotated[
         Path, Field(description="Folder of scratch files, and of the default ledger, broker and artifact store.")
     ] = Path("data")
@@ -76,7 +91,7 @@ class Settings(BaseSettings):
     s3_secret_access_key: Annotated[SecretStr, Field(description="The access key's secret.")] = SecretStr("")
     s3_presign: Annotated[
         bool,
-        Field(description="Redirect downloads to the bucket by presigned links; clients must reach its endpoint."),
+        Field(description="Let clients download and upload by presigned links to the bucket, which they must reach."),
     ] = False
     max_upload_bytes: Annotated[int, Field(gt=0, description="Largest asset accepted, in bytes.")] = (
         DEFAULT_BUDGETS.bytes
@@ -100,19 +115,40 @@ class Settings(BaseSettings):
     ] = 15.0
     job_time_limit: Annotated[float, Field(gt=0, description="Seconds a job may run.")] = 600.0
     job_memory_limit: Annotated[int, Field(gt=0, description="Resident bytes a job's process may hold.")] = 8192 * MIB
+    shutdown_seconds: Annotated[
+        float,
+        Field(ge=0, description="Seconds a worker that is told to stop goes on with its jobs, then gives them back."),
+    ] = 5.0
     worker_concurrency: Annotated[int, Field(ge=1, description="Jobs one worker runs at the same time.")] = 1
+    sandbox: Annotated[
+        str,
+        Field(
+            pattern="^(auto|required)$",
+            description="`required`: no worker starts where the engine cannot be shut in; `auto`: as far as it can be.",
+        ),
+    ] = "auto"
+    large_asset_bytes: Annotated[
+        int, Field(gt=0, description="Assets of so many bytes wait in the queue `large`, smaller ones in `small`.")
+    ] = 20 * MIB
+    gpu_asset_bytes: Annotated[
+        int, Field(ge=0, description="Assets of so many bytes wait in the queue `gpu`; 0: no worker has a GPU.")
+    ] = 0
     job_threads: Annotated[
         int, Field(ge=0, description="Threads a job may use; 0: the machine's cores divided by worker_concurrency.")
     ] = 0
     retention_seconds: Annotated[
         float, Field(ge=0, description="Seconds after its end at which a job's files are deleted; 0: never.")
     ] = 0.0
+    cache: Annotated[
+        bool, Field(description="Answer an asset sent again with the same parameters with the results there are.")
+    ] = True
+    source_urls: Annotated[
+        bool, Field(description="Let users give the address of an asset, `source_url`, in place of the asset.")
+    ] = False
     outbound_networks: Annotated[
         tuple[IPv4Network | IPv6Network, ...],
         NoDecode,
-        Field(
-            description="Networks beside the public ones that users' addresses may lie in: `10.1.0.0/16,...`."
-        ),
+        Field(description="Networks beside the public ones that users' addresses may lie in: `10.1.0.0/16,...`."),
     ] = ()
     outbound_ports: Annotated[
         frozenset[int], NoDecode, Field(description="Ports that users' addresses may have: `80,443,...`.")
@@ -120,6 +156,9 @@ class Settings(BaseSettings):
     outbound_http: Annotated[
         bool, Field(description="Let users give addresses that begin with `http://`, unencrypted.")
     ] = False
+    hooks_file: Annotated[
+        Path | None, Field(description="TOML file of the buckets to watch, for API and workers; empty: none.")
+    ] = None
     device: Annotated[
         str,
         Field(
@@ -138,6 +177,13 @@ class Settings(BaseSettings):
     @classmethod
     def _ports(cls, listed: object) -> object:
         return frozenset(_split(listed)) if isinstance(listed, str) else listed
+
+    @field_validator("hooks_file")
+    @classmethod
+    def _can_be_watched(cls, path: Path | None) -> Path | None:
+        if path:
+            load_hooks(path)
+        return path
 
     @field_validator("database_url")
     @classmethod
@@ -187,6 +233,11 @@ class Settings(BaseSettings):
         """Where requests to addresses that users name may go."""
         schemes = {"https", "http"} if self.outbound_http else {"https"}
         return Policy(self.outbound_networks, frozenset(schemes), self.outbound_ports)
+
+    @cached_property
+    def hooks(self) -> Mapping[str, HookSource]:
+        """The buckets to watch, by the names of their hooks."""
+        return load_hooks(self.hooks_file) if self.hooks_file else {}
 
     @property
     def ledger_url(self) -> str:

@@ -1,7 +1,7 @@
 """What clients may note about a job: a few short strings by name, kept and given back as they are."""
 
 from itertools import groupby
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import Field, StringConstraints, TypeAdapter, ValidationError
 
@@ -11,17 +11,20 @@ Key = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_.-]{1,40}$")]
 Value = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]{0,256}$")]  # PostgreSQL keeps no NUL
 Metadata = Annotated[dict[Key, Value], Field(max_length=16)]
 
+PAIR = r"^[A-Za-z0-9_.-]{1,40}:[^\x00-\x1f\x7f]{0,256}$"  # of both, for OpenAPI
 METADATA = TypeAdapter[dict[str, str]](Metadata)
 
 
-def parse_metadata(text: str) -> dict[str, str]:
-    """Metadata from a JSON object.
+def parse_metadata(data: str | dict[str, Any]) -> dict[str, str]:
+    """Metadata from a mapping or a JSON text.
 
     Raises:
         MeshmarkError: ``invalid_metadata``.
     """
     try:
-        return METADATA.validate_json(text, strict=True)
+        if isinstance(data, dict):
+            return METADATA.validate_python(data, strict=True)
+        return METADATA.validate_json(data, strict=True)
     except ValidationError as error:
         problems = "; ".join(
             f"{'.'.join(str(part) for part, _ in groupby(item['loc'])) or 'metadata'}: {item['msg']}"

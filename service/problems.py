@@ -5,19 +5,22 @@ from http import HTTPStatus
 from typing import Annotated, Any
 
 import structlog
-from fastapi import FastAPI, Request
+from fastapi import FastAPI, Request, params
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy.exc import OperationalError
 from starlette.exceptions import HTTPException
+from starlette.middleware.body_limit import MAX_BODY_SIZE_SCOPE_KEY
 from starlette.routing import compile_path
 
 from core.errors import ErrorCode, MeshmarkError
+from service.metrics import PROBLEMS
 
 MEDIA_TYPE = "application/problem+json"
 FORMS = ("multipart/form-data", "application/x-www-form-urlencoded")
 HOW_TO_SEND = "Send multipart/form-data with the asset as the file part `file` and JSON in the field `params`."
+HOW_TO_SEND_JSON = "Send what /docs describes, as application/json."
 
 STATUS: dict[ErrorCode, int] = {
     ErrorCode.EMPTY_FILE: 422,
@@ -49,7 +52,12 @@ STATUS: dict[ErrorCode, int] = {
     ErrorCode.ENGINE_CRASHED: 500,
     ErrorCode.WORKER_LOST: 500,
     ErrorCode.UPLOAD_TOO_LARGE: 413,
+    ErrorCode.UPLOAD_NOT_SENT: 409,
+    ErrorCode.UPLOAD_MISMATCH: 422,
+    ErrorCode.UPLOAD_EXPIRED: 410,
+    ErrorCode.TOO_MANY_UPLOADS: 429,
     ErrorCode.MISSING_FILE: 422,
+    ErrorCode.SOURCE_URL_DISABLED: 422,
     ErrorCode.ADDRESS_REFUSED: 422,
     ErrorCode.DOWNLOAD_FAILED: 422,
     ErrorCode.DOWNLOAD_TOO_LARGE: 422,
@@ -59,6 +67,7 @@ STATUS: dict[ErrorCode, int] = {
     ErrorCode.ENDPOINT_DISABLED: 409,
     ErrorCode.NO_WEBHOOK_SECRET: 422,
     ErrorCode.INVALID_API_KEY: 401,
+    ErrorCode.INVALID_HOOK_TOKEN: 401,
     ErrorCode.MISSING_SCOPE: 403,
     ErrorCode.RATE_LIMITED: 429,
     ErrorCode.TOO_MANY_JOBS: 429,
@@ -117,8 +126,10 @@ HEADERS: dict[ErrorCode, dict[str, str]] = {
     ErrorCode.IDEMPOTENCY_KEY_IN_USE: {"Retry-After": "1"},
     ErrorCode.TOO_MANY_JOBS: {"Retry-After": "5"},
     ErrorCode.TOO_MANY_STREAMS: {"Retry-After": "5"},
+    ErrorCode.TOO_MANY_UPLOADS: {"Retry-After": "3600"},
     ErrorCode.SERVICE_UNAVAILABLE: {"Retry-After": "5"},
     ErrorCode.UPLOAD_TOO_LARGE: {"Connection": "close"},  # nobody will read what is still being sent
+    ErrorCode.UPLOAD_MISMATCH: {"Connection": "close"},
 }
 
 
@@ -135,9 +146,9 @@ class ProblemError(MeshmarkError):
         self.headers = headers
 
 
-def problem_response(error: MeshmarkError, headers: Mapping[str, str] | None = None) -> JSONResponse:
-    """The response that tells a client about an error."""
-    problem = Problem(
+def problem_of(error: MeshmarkError) -> Problem:
+    """An error as clients see it."""
+    return Problem(
         type=f"urn:meshmark:problem:{error.code}",
         title=title(error.code),
         status=STATUS[error.code],
@@ -145,7 +156,13 @@ def problem_response(error: MeshmarkError, headers: Mapping[str, str] | None = N
         code=error.code,
         remedy=error.remedy,
     )
+
+
+def problem_response(error: MeshmarkError, headers: Mapping[str, str] | None = None) -> JSONResponse:
+    """The response that tells a client about an error."""
+    problem = problem_of(error)
     headers = {**HEADERS.get(error.code, {}), **(headers or {})}
+    PROBLEMS.labels(error.code).inc()
     return JSONResponse(problem.model_dump(mode="json"), problem.status, headers, MEDIA_TYPE)
 
 
@@ -203,6 +220,8 @@ def install_problem_handlers(app: FastAPI, body_limit: int) -> None:
                 )
             )
         sent_as = request.headers.get("Content-Type", "")
+        if not _takes_form(request):
+            return problem_response(_invalid_json(sent_as, error))
         if not sent_as.startswith(FORMS):
             return problem_response(
                 MeshmarkError(
@@ -246,15 +265,27 @@ def install_problem_handlers(app: FastAPI, body_limit: int) -> None:
         )
 
 
+def _takes_form(request: Request) -> bool:
+    body = getattr(request.scope.get("route"), "body_field", None)
+    return body is not None and isinstance(body.field_info, params.Form)
+
+
+def _invalid_json(sent_as: str, error: RequestValidationError) -> MeshmarkError:
+    if sent_as.partition(";")[0].strip().lower() != "application/json":
+        return MeshmarkError(
+            ErrorCode.UNSUPPORTED_MEDIA_TYPE,
+            f"The body is {sent_as[:100] or 'of no declared type'}, not application/json.",
+            HOW_TO_SEND_JSON,
+        )
+    listed = "; ".join(f"{'.'.join(map(str, item['loc'][1:])) or 'body'}: {item['msg']}" for item in error.errors())
+    return MeshmarkError(ErrorCode.INVALID_REQUEST, f"The body is not as it should be: {listed}.", HOW_TO_SEND_JSON)
+
+
 def _methods_of(app: FastAPI, path: str) -> list[str]:
     """What is possible on a path of the API; the framework itself names the methods of its first route alone."""
-    described = app.openapi()["paths"].items()
-    return sorted(
-        method.upper()
-        for template, operations in described
-        if compile_path(template)[0].match(path)
-        for method in operations
-    )
+    described = app.openapi()["paths"]
+    templates = [path] if path in described else [each for each in described if compile_path(each)[0].match(path)]
+    return sorted(method.upper() for template in templates for method in described[template])
 
 
 def _from_status(request: Request, error: HTTPException, body_limit: int) -> MeshmarkError:
@@ -271,7 +302,7 @@ def _from_status(request: Request, error: HTTPException, body_limit: int) -> Mes
                 "See the Allow header for what is.",
             )
         case HTTPStatus.REQUEST_ENTITY_TOO_LARGE:
-            return upload_too_large(body_limit)
+            return upload_too_large(request.scope.get(MAX_BODY_SIZE_SCOPE_KEY, body_limit))
     return MeshmarkError(
         ErrorCode.INVALID_REQUEST,
         f"The request could not be read: {error.detail.rstrip('.')}.",

@@ -35,7 +35,7 @@ def as_variable(value: object) -> str:
     """A setting's value as its variable says it."""
     if isinstance(value, tuple | frozenset):
         return ",".join(map(str, sorted(value) if isinstance(value, frozenset) else value))
-    return str(value)
+    return "" if value is None else str(value)
 
 
 def without_secrets(value: str) -> str:

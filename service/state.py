@@ -10,6 +10,7 @@ from service.config import Settings
 from service.event_stream import Streams
 from service.jobs.artifacts import ArtifactStore
 from service.jobs.ledger import Ledger
+from service.readiness import Readiness
 
 
 @dataclass(frozen=True)
@@ -20,6 +21,7 @@ class AppState:
     ledger: Ledger
     artifacts: ArtifactStore
     queue: Celery
+    readiness: Readiness
     streams: Streams = field(default_factory=Streams)
 
 

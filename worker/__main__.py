@@ -1,24 +1,46 @@
-"""`python -m worker [PID]`: a worker; given a process, it ends with it, as that of the embedded service does."""
+"""`python -m worker [--queues small,large] [PID]`: a worker, for all queues or for some; `--check` looks after it.
 
+Given a process, it ends with it, as that of the embedded service does.
+"""
+
+import argparse
 import sys
 import warnings
 
 from celery import Celery
 from celery.exceptions import SecurityWarning
 
+from service.config import load_settings
+from service.jobs.models import Queue
+from service.jobs.queue import name
 from worker.child import die_with_parent
+from worker.pulse import check
 
 
-def main(app: Celery, parent: int | None) -> None:
-    """Run the worker until a signal ends it or its parent, where one is given, is gone."""
-    if parent is not None:
-        die_with_parent(parent)
+def main(app: Celery) -> None:
+    """Run a worker as the command line says, until a signal ends it."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--queues", type=_queues, help=f"which to serve, of {','.join(Queue)}; by default all")
+    parser.add_argument("parent", type=int, nargs="?", metavar="PID", help="end with this process")
+    parser.add_argument("--check", action="store_true", help="say whether the workers here take messages, and end")
+    arguments = parser.parse_args()
+    if arguments.check:
+        sys.exit(check(load_settings()))  # 0, or 1 and a sentence on stderr
+    if arguments.parent is not None:
+        die_with_parent(arguments.parent)
     # Harmless here, where messages are JSON and never pickles; Celery still refuses to start as root with pickles.
     warnings.filterwarnings("ignore", "You're running the worker with superuser privileges", SecurityWarning)
-    app.worker_main(["--quiet", "worker", "--without-gossip", "--without-mingle", "--without-heartbeat"])
+    options = ["--without-gossip", "--without-mingle", "--without-heartbeat"]
+    if arguments.queues:
+        options += ["--queues", ",".join(map(name, arguments.queues))]
+    app.worker_main(["--quiet", "worker", *options])
+
+
+def _queues(text: str) -> list[Queue]:
+    return [Queue(word) for word in text.split(",")]
 
 
 if __name__ == "__main__":
     from worker.app import app
 
-    main(app, int(sys.argv[1]) if sys.argv[1:] else None)
+    main(app)

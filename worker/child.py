@@ -1,11 +1,12 @@
 """The process that runs the engine once: `python -m worker.child`, started by :mod:`worker.runner`.
 
 It reads one JSON object from stdin and answers in JSON lines on a pipe of its own, since native libraries print on
-stdout: `{"stage", "progress"}`, `{"artifact", "path"}`, and last `{"done": true}` or `{"error": {...}}`. Files stay in
-the working folder it was given.
+stdout: `{"stage", "progress"}`, `{"artifact", "path"}`, and last `{"done": true}`, `{"error": {...}}`, or, where the
+disk is, `{"full": true}`. Files stay in the working folder it was given.
 """
 
 import ctypes
+import errno
 import faulthandler
 import importlib
 import json
@@ -19,8 +20,11 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from core.errors import ErrorCode, MeshmarkError
+from worker import sandbox
 
 PR_SET_PDEATHSIG = 1
+LARGEST_FILE = 2**31  # bytes; results are far smaller
+CPU_MARGIN = 60  # seconds beyond what all cores can give in the job's time: for a worker that does not look any more
 SUFFIXES = {"model": ".glb", "report": ".json", "preview": ".png"}
 
 
@@ -73,11 +77,32 @@ def run(request: dict[str, Any], say: Callable[..., None]) -> None:
     publish("report", json.dumps(result.report, allow_nan=False).encode())
 
 
+def limit(seconds: float) -> None:
+    """Bound what the kernel can bound.
+
+    Memory is not: address space says nothing about it where CUDA or ONNX reserve it, so the worker watches what is
+    resident.
+    """
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # a crash is reported, not written to disk with the asset in it
+    resource.setrlimit(resource.RLIMIT_FSIZE, (LARGEST_FILE, LARGEST_FILE))
+    processor_seconds = int(seconds * (os.cpu_count() or 1)) + CPU_MARGIN
+    resource.setrlimit(resource.RLIMIT_CPU, (processor_seconds, processor_seconds))
+
+
+def confine(request: dict[str, Any]) -> dict[str, bool]:
+    """Enter the sandbox; returns what of it is in force."""
+    caches = [
+        Path(os.environ.get("WARP_CACHE_PATH") or Path.home() / ".cache" / "warp")
+    ]  # kernels compiled for the GPU
+    return sandbox.enter(Path(request["folder"]), map(Path, request["private"]), caches)
+
+
 def main() -> None:
     """Serve one request and exit without the teardown of native libraries, which adds nothing but time and crashes."""
     request = json.load(sys.stdin)
     die_with_parent(request["parent"])
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # a crash is reported, not written to disk with the asset in it
+    limit(request["seconds"])
+    in_force = confine(request)
     faulthandler.enable()
     channel: TextIO = os.fdopen(request["channel"], "w", buffering=1)
 
@@ -85,6 +110,8 @@ def main() -> None:
         channel.write(json.dumps(message) + "\n")
 
     try:
+        if request["sandbox"] == "required" and not all(in_force.values()):
+            raise RuntimeError(f"the sandbox is not whole: {in_force}")
         run(request, say)
         say(done=True)
     except MeshmarkError as error:
@@ -97,7 +124,10 @@ def main() -> None:
                 "remedy": "Reduce the asset, or run the worker where there is more memory.",
             }
         )
-    except Exception:
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+            say(full=True)
+            os._exit(0)
         traceback.print_exc()
         say(
             error={

@@ -1,18 +1,48 @@
 """Build the Celery app that runs jobs."""
 
+import sys
+import threading
+from contextlib import ExitStack
 from functools import cache
+from logging import INFO, WARNING
 from typing import Any
 
+import structlog
 from celery import Celery
-from celery.signals import setup_logging, worker_ready, worker_shutting_down
+from celery.signals import setup_logging, task_postrun, task_prerun, worker_init, worker_ready, worker_shutting_down
 
 from service.config import Settings
 from service.jobs.queue import TASK, create_queue
 from service.logs import configure_logs
+from service.metrics import metrics_server
+from service.stores import require_own_store
+from service.tracing import configure_tracing
+from worker import sandbox
+from worker.hook_outputs import start_writer
+from worker.pulse import Pulse
 from worker.sweeper import start_sweeper
-from worker.tasks import Worker
+from worker.tasks import Worker, private_folders
 
+log = structlog.get_logger(__name__)
 ENGINE = "core.pipeline:watermark"
+
+
+def require_sandbox(worker: Worker) -> None:
+    """Say what shuts the engine in here.
+
+    Raises:
+        SystemExit: with code 2 and a sentence on stderr, where something is missing and must not be.
+    """
+    in_force = sandbox.probe(worker.scratch, private_folders(worker.settings))
+    lacking = ", ".join(part for part, there in in_force.items() if not there)
+    log.log(WARNING if lacking else INFO, "what the engine's process is shut off from", **in_force)
+    if lacking and worker.settings.sandbox == "required":
+        print(
+            f"This system cannot shut the engine off from: {lacking}. It takes Linux 5.13 with Landlock and seccomp on "
+            "x86-64 or ARM64; or set MESHMARK_SANDBOX=auto.",
+            file=sys.stderr,
+        )
+        sys.exit(2)
 
 
 def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
@@ -34,6 +64,10 @@ def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
         worker_cancel_long_running_tasks_on_connection_loss=False,  # the lease decides, not the connection
     )
 
+    @cache
+    def pulse() -> Pulse:
+        return Pulse(settings, app)
+
     @cache  # made when the worker runs: whoever only imports the app shall not create folders and tables
     def worker() -> Worker:
         return Worker(settings, app, engine)
@@ -41,14 +75,28 @@ def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
     def watermark(job_id: str) -> None:
         worker().run(job_id)
 
+    figures = ExitStack()  # never closed: they are served until the process ends
+
+    def prepare(**_: Any) -> None:
+        configure_tracing("meshmark-worker")
+        require_own_store(settings)
+        require_sandbox(worker())
+        beating = threading.Thread(target=pulse().beat_until, args=(worker().stopping,), name="pulse", daemon=True)
+        beating.start()
+
     def start(**_: Any) -> None:
+        figures.enter_context(metrics_server(settings.metrics_host, settings.worker_metrics_port))
         start_sweeper(worker())
+        start_writer(worker())
 
     def stop(**_: Any) -> None:
-        worker().stopping.set()
+        worker().stop()
 
     app.task(watermark, name=TASK)
     setup_logging.connect(lambda **_: configure_logs(settings.log_level), weak=False)
+    worker_init.connect(prepare, weak=False)
+    task_prerun.connect(lambda **_: pulse().began(), weak=False)
+    task_postrun.connect(lambda **_: pulse().ended(), weak=False)
     worker_ready.connect(start, weak=False)
     worker_shutting_down.connect(stop, weak=False)
     return app

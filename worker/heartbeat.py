@@ -2,6 +2,7 @@
 
 import threading
 import time
+from contextvars import copy_context
 from types import TracebackType
 from typing import Self
 
@@ -28,7 +29,7 @@ class Heartbeat:
         self._at = ("reading", 0.0)
         self._wake = threading.Event()
         self._over = False
-        self._thread = threading.Thread(target=self._run, name="heartbeat", daemon=True)
+        self._thread = threading.Thread(target=copy_context().run, args=(self._run,), name="heartbeat", daemon=True)
 
     def __enter__(self) -> Self:
         self._thread.start()

@@ -18,6 +18,7 @@ import structlog
 
 from core.asset.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
+from service.jobs.artifacts import StoreUnavailableError, writing
 from service.jobs.models import ArtifactKind
 from worker.child import SUFFIXES
 
@@ -40,7 +41,10 @@ log = structlog.get_logger(__name__)
 
 @dataclass(frozen=True)
 class Work:
-    """One call of the engine: its import path, its input files, and a folder that is its own."""
+    """One call of the engine: its import path, its input files, and a folder that is its own.
+
+    Of the private folders it sees nothing else; with `sandbox` "required" it does not run without being shut in.
+    """
 
     engine: str
     input: Path
@@ -48,6 +52,8 @@ class Work:
     parameters: dict[str, Any]
     budgets: Budgets
     folder: Path
+    private: tuple[Path, ...] = ()
+    sandbox: str = "required"
 
 
 @dataclass(frozen=True)
@@ -81,11 +87,14 @@ def run_engine(work: Work, limits: Limits) -> Generator[Progress | Published | N
     Close the generator to stop the child. Whatever way the iteration ends, the child and what it started are killed.
 
     Raises:
+        StoreUnavailableError: the disk under the working folder is full.
         MeshmarkError: the engine's own; ``time_limit``, ``memory_limit``; ``engine_crashed`` when the child died.
     """
-    reader, writer = os.pipe()
     errors = work.folder / "stderr"
-    with os.fdopen(reader, "rb", buffering=0) as channel, errors.open("wb") as stderr:
+    with writing():
+        stderr = errors.open("wb")
+    reader, writer = os.pipe()
+    with os.fdopen(reader, "rb", buffering=0) as channel, stderr:
         with os.fdopen(writer, "wb"):  # closed here once the child has it, so that the pipe ends with the child
             child = subprocess.Popen(
                 [sys.executable, "-m", "worker.child"],
@@ -97,14 +106,14 @@ def run_engine(work: Work, limits: Limits) -> Generator[Progress | Published | N
                 start_new_session=True,  # out of reach of Ctrl-C, and one group to kill
             )
         try:
-            _order(child, work, writer)
+            _order(child, work, limits, writer)
             yield from _listen(child, channel.fileno(), limits, work.folder)
         finally:
             _kill(child)
             _log_stderr(errors)
 
 
-def _order(child: "subprocess.Popen[bytes]", work: Work, channel: int) -> None:
+def _order(child: "subprocess.Popen[bytes]", work: Work, limits: Limits, channel: int) -> None:
     request = {
         "engine": work.engine,
         "input": os.fspath(work.input),
@@ -112,6 +121,9 @@ def _order(child: "subprocess.Popen[bytes]", work: Work, channel: int) -> None:
         "parameters": work.parameters,
         "budgets": asdict(work.budgets),
         "folder": os.fspath(work.folder),
+        "private": [os.fspath(path) for path in work.private],
+        "sandbox": work.sandbox,
+        "seconds": limits.seconds,
         "parent": os.getpid(),
         "channel": channel,
     }
@@ -134,6 +146,8 @@ def _listen(
                 message = json.loads(line)
                 if "done" in message:
                     return
+                if "full" in message:
+                    raise StoreUnavailableError
                 if error := message.get("error"):
                     raise MeshmarkError(ErrorCode(error["code"]), error["message"], error["remedy"])
                 yield _event(message, folder)

@@ -7,9 +7,10 @@ import time
 
 import structlog
 
-from service.jobs import contents, events, idempotency, queue
+from service.jobs import contents, events, idempotency, queue, sources, uploads
 from service.jobs.artifacts import GRACE
 from service.jobs.ledger import WORKER_LOST, now
+from service.jobs.models import Queue
 from worker.tasks import Worker, scratch_name
 
 SHARES = 256  # of the store, by the first two digits of the hash; all are swept once in a grace period
@@ -21,18 +22,22 @@ def sweep(worker: Worker) -> None:
     """One pass over the ledger. Any number of workers may sweep at the same time."""
     settings = worker.settings
     requeued, failed = worker.ledger.recover(settings.max_attempts, WORKER_LOST)
+    for job_id in requeued:
+        worker.announce(job_id)
     for job_id in failed:
         log.warning("job failed: its worker disappeared", job=job_id)
-    # While messages wait in the broker, a job that waits long is one of many and not a lost one.
-    lost = [] if queue.depth(worker.celery) else worker.ledger.waiting(settings.lease_seconds)
-    for job_id in [*requeued, *lost]:
-        log.warning("job announced again", job=job_id)
-        queue.send(worker.celery, job_id)
+    for each in Queue:
+        # While messages wait in the broker, a job that waits long is one of many and not a lost one.
+        lost = [] if queue.depth(worker.celery, each) else worker.ledger.waiting(settings.lease_seconds, each)
+        for job_id in lost:
+            log.warning("job announced again", job=job_id)
+            queue.send(worker.celery, job_id, each)
     for job_id in worker.ledger.overdue():
         contents.discard(worker.ledger, worker.artifacts, worker.ledger.drop_artifacts(job_id))
         log.info("job expired: its files are deleted", job=job_id)
     idempotency.forget(worker.ledger.sessions)
     events.forget(worker.ledger.sessions, now() - events.KEPT)
+    sources.forget(worker.ledger.sessions)
     folders = list(worker.scratch.iterdir())  # before the leases: a folder is made after its claim
     held = {scratch_name(lease) for lease in worker.ledger.running()}
     for folder in folders:
@@ -43,6 +48,7 @@ def sweep(worker: Worker) -> None:
 def sweep_store(worker: Worker, share: int) -> None:
     """Remove content that no job refers to from one of 256 shares of the store, and what killed processes left here."""
     worker.artifacts.clear_staging(GRACE)
+    uploads.remove_expired(worker.ledger.sessions, worker.artifacts)
     for sha256 in contents.discard_orphans(worker.ledger, worker.artifacts, f"{share % SHARES:02x}"):
         log.warning("content removed: no job refers to it", sha256=sha256)
 

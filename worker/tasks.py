@@ -14,18 +14,25 @@ from typing import TypeVar
 
 import structlog
 from celery import Celery
+from opentelemetry.trace import SpanKind, StatusCode, get_current_span
+from sqlalchemy.engine import make_url
 from sqlalchemy.exc import OperationalError
 
 from core.errors import ErrorCode, MeshmarkError
-from service.config import Settings
-from service.jobs import contents, queue
+from service.config import SECRETS, Settings
+from service.correlation import on_behalf_of
+from service.jobs import contents, queue, turns
 from service.jobs.artifacts import StoreUnavailableError, writing
 from service.jobs.ledger import Ledger
 from service.jobs.models import Artifact, ArtifactKind, Job, Lease
 from service.jobs.stores import open_store
+from service.metrics import ARTIFACT_BYTES, JOB_SECONDS, JOB_WAIT_SECONDS
+from service.tracing import tracer
 from worker.child import SUFFIXES
 from worker.heartbeat import Heartbeat
 from worker.runner import Limits, Progress, Published, Work, run_engine
+from worker.sources import Sources
+from worker.stage_clock import StageClock
 
 # Seconds: how long to go on trying where store or ledger do not answer, and the pauses between.
 PATIENCE = 60.0
@@ -51,24 +58,46 @@ class Worker:
     celery: Celery
     engine: str  # "module:function"
     stopping: threading.Event = field(default_factory=threading.Event)
+    stop_by: float = 0.0  # monotonic seconds
 
     def __post_init__(self) -> None:
         self.ledger = Ledger(self.settings.ledger_url, self.settings.retention_seconds)
         self.artifacts = open_store(self.settings)
+        self.sources = Sources(self.settings, self.ledger.sessions)
         self.scratch = self.settings.data_dir.resolve() / "scratch"
         self.scratch.mkdir(parents=True, exist_ok=True)
 
+    def stop(self) -> None:
+        """Begin no more jobs; those that run have some seconds to end before they are given back."""
+        self.stop_by = time.monotonic() + self.settings.shutdown_seconds
+        self.stopping.set()
+
     def run(self, job_id: str) -> None:
-        """Try a job if it is there to be taken; a duplicate or unknown id changes nothing."""
+        """Try the job whose turn it is in the queue of this one; where none waits, the message changes nothing."""
         if self.stopping.is_set():
-            queue.send(self.celery, job_id)
+            self.announce(job_id)
             return
-        job = self.ledger.claim(job_id, self.settings.lease_seconds)
-        if job is None:
-            log.info("message dropped: the job is not waiting", job=job_id)
+        waits_in = turns.queue_of(self.ledger.sessions, job_id)
+        job = waits_in and turns.claim_next(self.ledger, waits_in, self.settings.lease_seconds)
+        if not job:
+            log.info("message dropped: no job is waiting", job=job_id)
             return
-        with structlog.contextvars.bound_contextvars(job=job.id, attempt=job.attempts):
+        if job.attempts == 1 and job.started_at:
+            JOB_WAIT_SECONDS.observe((job.started_at - job.created_at).total_seconds())
+        ids: dict[str, str | int] = {"job": job.id, "attempt": job.attempts}
+        with (
+            on_behalf_of(job.correlation),
+            structlog.contextvars.bound_contextvars(**ids),
+            JOB_SECONDS.time(),
+            tracer.start_as_current_span("job", kind=SpanKind.CONSUMER, attributes=ids),
+        ):
             self._attempt(job)
+
+    def announce(self, job_id: str) -> None:
+        """Say that a job waits."""
+        if waits_in := turns.queue_of(self.ledger.sessions, job_id):
+            log.info("job announced", job=job_id)
+            queue.send(self.celery, job_id, waits_in)
 
     def _attempt(self, job: Job) -> None:
         lease, began = job.lease, time.monotonic()
@@ -88,21 +117,24 @@ class Worker:
             log.warning("job put back: the artifact store or the ledger does not answer", reason=str(error))
         except MeshmarkError as error:
             self.ledger.fail(lease, error)
+            get_current_span().set_status(StatusCode.ERROR, error.code)
             log.info("job failed", code=error.code.value, reason=error.message)
         except LeaseLostError:
             log.info("job given up: it was canceled or handed to another worker")
         except StoppingError:
             if self.ledger.release(lease):
-                queue.send(self.celery, job.id)
+                queue.send(self.celery, job.id, job.queue)
             log.info("job given back: the worker is stopping")
         except Exception:
             log.exception("the worker failed")
+            get_current_span().set_status(StatusCode.ERROR, INTERNAL.code)
             self.ledger.fail(lease, INTERNAL)
         finally:
             shutil.rmtree(folder, ignore_errors=True)
 
     def _work(self, job: Job, folder: Path, heartbeat: Heartbeat) -> None:
         source, font = job.artifact(ArtifactKind.INPUT), job.artifact(ArtifactKind.FONT)
+        source = source or self._bring(job, folder, heartbeat)
         if source is None:  # canceled between the claim and here
             raise LeaseLostError
         work = Work(
@@ -112,6 +144,8 @@ class Worker:
             parameters=job.parameters,
             budgets=self.settings.budgets,
             folder=folder,
+            private=private_folders(self.settings),
+            sandbox=self.settings.sandbox,
         )
         threads = self.settings.job_threads or max(1, len(os.sched_getaffinity(0)) // self.settings.worker_concurrency)
         limits = Limits(self.settings.job_time_limit, self.settings.job_memory_limit, threads)
@@ -130,17 +164,31 @@ class Worker:
 
     def _follow(self, job: Job, work: Work, limits: Limits, heartbeat: Heartbeat) -> None:
         """Run the engine, publish what it makes but the report, and pass on how it goes."""
-        with closing(run_engine(work, limits)) as events:
+        with closing(run_engine(work, limits)) as events, StageClock() as clock:
             for event in events:
                 self._check(heartbeat)
                 if isinstance(event, Published) and event.kind is not ArtifactKind.REPORT:
                     self._publish(job.lease, event, heartbeat)
                 if isinstance(event, Progress):
                     heartbeat.at(event.stage, event.fraction)
+                    clock.at(event.stage)
+
+    def _bring(self, job: Job, folder: Path, heartbeat: Heartbeat) -> Artifact | None:
+        """Take an asset that the client did not send into the store, as if it had been sent."""
+        path = folder / "source"
+        heartbeat.at("fetching", 0.0)
+        if not self._patiently(
+            heartbeat, lambda: self.sources.bring(job.id, path, lambda: self._check(heartbeat), heartbeat.lost.wait)
+        ):
+            return None
+        self._publish(job.lease, Published(ArtifactKind.INPUT, path), heartbeat)
+        brought = self.ledger.get(job.id, job.tenant_id)
+        return brought.artifact(ArtifactKind.INPUT) if brought else None
 
     def _fetch(self, artifact: Artifact, folder: Path, heartbeat: Heartbeat) -> Path:
         path = folder / artifact.kind
         self._patiently(heartbeat, lambda: self.artifacts.fetch(artifact.sha256, artifact.size, path))
+        ARTIFACT_BYTES.labels(artifact.kind).inc(artifact.size)
         return path
 
     def _publish(self, lease: Lease, event: Published, heartbeat: Heartbeat) -> None:
@@ -154,6 +202,7 @@ class Worker:
 
         if not self._patiently(heartbeat, publish):
             raise LeaseLostError
+        ARTIFACT_BYTES.labels(event.kind).inc(event.path.stat().st_size)
 
     def _patiently(self, heartbeat: Heartbeat, call: Callable[[], T]) -> T:
         """Call again and again while store or ledger do not answer, as long as the lease holds and PATIENCE lasts."""
@@ -170,7 +219,7 @@ class Worker:
             pause = min(2 * pause, LONGEST_PAUSE)
 
     def _check(self, heartbeat: Heartbeat) -> None:
-        if self.stopping.is_set():
+        if self.stopping.is_set() and time.monotonic() >= self.stop_by:
             raise StoppingError
         if heartbeat.lost.is_set():
             raise LeaseLostError
@@ -183,6 +232,17 @@ def _explained(report: bytes, error: MeshmarkError) -> bytes:
         reason = {"code": error.code.value, "message": error.message, "remedy": error.remedy}
         content["metrics"]["missing"] = dict.fromkeys(content["metrics"]["missing"], reason)
     return json.dumps(content).encode()
+
+
+def private_folders(settings: Settings) -> tuple[Path, ...]:
+    """What the engine must not see: the ledger, other jobs' files, the queue, and secrets."""
+    private = [settings.data_dir.resolve(), SECRETS]
+    if settings.hooks_file:
+        private.append(settings.hooks_file.resolve())  # it has tokens and keys of buckets
+    url = make_url(settings.ledger_url)
+    if url.get_backend_name() == "sqlite" and url.database:
+        private += [Path(url.database + suffix).resolve() for suffix in ("", "-wal", "-shm")]
+    return tuple(private)
 
 
 def scratch_name(lease: Lease) -> str:

@@ -9,20 +9,25 @@ import re
 import tempfile
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
+
+import structlog
 
 from core.errors import ErrorCode, MeshmarkError
 
 CHUNK = 2**20
 DRAFT = ".staged-"
+MARKER = "meshmark-ledger"  # names the ledger whose the store is: see service.jobs.ownership
 NAME = re.compile("[0-9a-f]{64}")  # what else lies in a store was not put there by us
 # Content without a reference that is younger than this may be that of a request still at work.
 GRACE = 3600.0
+
+log = structlog.get_logger(__name__)
 
 
 class StoreUnavailableError(MeshmarkError):
@@ -87,23 +92,64 @@ class ArtifactStore(ABC):
         """All content, or that whose hash begins with these two hexadecimal digits."""
 
     @abstractmethod
+    def owner(self) -> str | None:
+        """The ledger that the store is marked with; None where it is not."""
+
+    @abstractmethod
+    def mark(self, ledger: str) -> None:
+        """Mark the store as a ledger's, unless it is marked already; of any number at once, one succeeds."""
+
+    @abstractmethod
+    def unmark(self) -> None:
+        """Remove the mark if there is one."""
+
+    @abstractmethod
     def link(self, sha256: str) -> str | None:
         """An address, good for some minutes, where anyone may fetch the content; None where there is no such thing."""
 
-    @contextmanager
-    def stage(self, stream: BinaryIO, *, limit: int, name: str) -> Iterator[Staged]:
+    @abstractmethod
+    def ping(self) -> None:
+        """Raise StoreUnavailableError where the store does not answer or does not exist."""
+
+    @abstractmethod
+    def put_upload(self, name: str, staged: Staged) -> None:
+        """Keep what a client sent ahead under a name, in place of what was there; see :mod:`service.jobs.uploads`."""
+
+    @abstractmethod
+    def read_upload(self, name: str) -> Iterator[bytes]:
+        """What was sent ahead under a name.
+
+        Raises:
+            FileNotFoundError: at the first chunk, where nothing was.
+        """
+
+    @abstractmethod
+    def remove_upload(self, name: str) -> None:
+        """Delete what was sent ahead under a name, if anything was."""
+
+    @abstractmethod
+    def upload_link(self, name: str, lifetime: timedelta) -> str | None:
+        """An address to which anyone may PUT an upload for so long; None where there is no such thing."""
+
+    def stage(self, stream: BinaryIO, *, limit: int, name: str) -> AbstractContextManager[Staged]:
         """Copy a stream to the local disk, hashing as it goes; the copy is removed after the block.
 
         Raises:
             MeshmarkError: ``upload_too_large`` as soon as more than `limit` bytes came.
         """
+        return self.stage_chunks(iter(lambda: stream.read(CHUNK), b""), limit=limit, name=name)
+
+    @contextmanager
+    def stage_chunks(self, chunks: Iterable[bytes], *, limit: int, name: str) -> Iterator[Staged]:
+        """As :meth:`stage`, from chunks."""
         with writing():
             handle, temporary = tempfile.mkstemp(prefix=DRAFT, dir=self._staging)
         path = Path(temporary)
         try:
-            with os.fdopen(handle, "wb") as target:
+            # Around all of it: what could not be written is tried once more by closing the file.
+            with writing(), os.fdopen(handle, "wb") as target:
                 digest, size = hashlib.sha256(), 0
-                while chunk := stream.read(CHUNK):
+                for chunk in chunks:
                     size += len(chunk)
                     if size > limit:
                         raise MeshmarkError(
@@ -112,11 +158,9 @@ class ArtifactStore(ABC):
                             "Send a smaller one, or ask the operator to raise the limit.",
                         )
                     digest.update(chunk)
-                    with writing():
-                        target.write(chunk)
-                with writing():
-                    target.flush()
-                    os.fsync(target.fileno())
+                    target.write(chunk)
+                target.flush()
+                os.fsync(target.fileno())
             yield Staged(path, digest.hexdigest(), size)
         finally:
             path.unlink(missing_ok=True)
@@ -129,11 +173,14 @@ class ArtifactStore(ABC):
             ValueError: what is there is not what was stored.
         """
         digest = hashlib.sha256()
-        with target.open("wb") as file:
+        with writing():
+            file = target.open("wb", buffering=0)
+        with file:
             for chunk in self.read(sha256, 0, size):
                 digest.update(chunk)
                 with writing():
-                    file.write(chunk)
+                    while chunk := chunk[file.write(chunk) :]:
+                        pass
         if digest.hexdigest() != sha256:
             raise ValueError(f"the stored content {sha256} is damaged")
 
@@ -151,4 +198,5 @@ def writing() -> Iterator[None]:
     try:
         yield
     except OSError as error:
+        log.warning("the disk cannot be written to", error=str(error))
         raise StoreUnavailableError from error

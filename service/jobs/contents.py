@@ -23,7 +23,6 @@ counted as failed).
 from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import suppress
 from datetime import timedelta
-from functools import partial
 from itertools import islice
 from typing import Any, TypeVar
 
@@ -31,10 +30,11 @@ import structlog
 
 from core.errors import MeshmarkError
 from service.jobs.artifacts import GRACE, ArtifactStore, Staged, StoreUnavailableError
+from service.jobs.cache import find_results, result_key
 from service.jobs.ledger import BY_DEFAULT, Content, Ledger, MissingContentError, Submission, now
 from service.jobs.models import ArtifactKind, Job, Lease
+from service.jobs.ownership import PAGE, claim
 
-PAGE = 500  # hashes in one question to the database
 TRIES = 5  # each lost one means that a remover came between two requests to the store
 
 log = structlog.get_logger(__name__)
@@ -56,14 +56,24 @@ def create_job(
         MeshmarkError: what the submission's condition raises; then nothing is recorded and nothing kept.
     """
     contents = {kind: Content(item.sha256, item.size) for kind, item in staged.items()}
+    key = result_key(parameters, contents)
+    may_reuse = submission.cache
+
+    def record() -> Job:
+        nonlocal may_reuse
+        results = find_results(ledger.sessions, submission.tenant, key) if may_reuse else {}
+        may_reuse = False  # what was found may be on its way out, with its job: then the work is done anew
+        return ledger.create(filename, parameters, contents, store.has, submission, key, results)
+
     try:
-        record = partial(ledger.create, filename, parameters, contents, store.has, submission)
-        return _keep(store, staged.values(), record)
+        job = _keep(store, staged.values(), record)
     except StoreUnavailableError:
         raise
     except MeshmarkError:
         discard(ledger, store, {item.sha256 for item in staged.values()})
         raise
+    log.info("job accepted", job=job.id)
+    return job
 
 
 def publish(ledger: Ledger, store: ArtifactStore, lease: Lease, kind: ArtifactKind, staged: Staged) -> bool:
@@ -89,7 +99,12 @@ def discard(ledger: Ledger, store: ArtifactStore, hashes: Iterable[str]) -> None
 
 
 def discard_orphans(ledger: Ledger, store: ArtifactStore, prefix: str = "", grace: float = GRACE) -> set[str]:
-    """Remove content that no row refers to and that is older than the grace period; returns what that is."""
+    """Remove content that no row refers to and that is older than the grace period; returns what that is.
+
+    Raises:
+        ForeignStoreError: the store is not this ledger's; nothing is removed.
+    """
+    claim(ledger, store)
     cutoff = now() - timedelta(seconds=grace)
     old = (item.sha256 for item in store.listing(prefix) if item.since < cutoff)
     orphans: set[str] = set()

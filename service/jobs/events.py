@@ -63,6 +63,7 @@ def snapshot(job: Job) -> dict[str, Any]:
         "finished_at": job.finished_at and rfc3339(job.finished_at),
         "expires_at": job.expires_at and rfc3339(job.expires_at),
         "attempts": job.attempts,
+        "cached": job.cached,
         "metadata": {entry.key: entry.value for entry in job.metadata_entries},
         "error": error if job.error_code else None,
     }

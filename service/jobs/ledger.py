@@ -12,31 +12,39 @@ canceled, given to another worker, or finished.
 What happens to a job is told by the transaction that makes it happen: see :mod:`service.jobs.events`.
 """
 
-import sqlite3
-import time
 import uuid
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 from typing import Any, NamedTuple
 
-from sqlalchemy import ColumnElement, Connection, create_engine, delete, event, select, text, update
-from sqlalchemy.engine import Engine, make_url
+from sqlalchemy import ColumnElement, Connection, delete, select, text, update
 from sqlalchemy.orm import Session, sessionmaker
 
 from core.errors import ErrorCode, MeshmarkError
+from service.correlation import correlation
+from service.jobs.database import connect
 from service.jobs.events import record
 from service.jobs.migrations import migrate
-from service.jobs.models import DEFAULT_TENANT, Artifact, ArtifactKind, EventType, Job, JobState, Lease, MetadataEntry
+from service.jobs.models import (
+    DEFAULT_TENANT,
+    Artifact,
+    ArtifactKind,
+    EventType,
+    Identity,
+    Job,
+    JobState,
+    Lease,
+    MetadataEntry,
+    Priority,
+    Queue,
+)
+from service.metrics import JOBS_ACCEPTED, ended
 
 ACTIVE = (JobState.QUEUED, JobState.RUNNING)
 # What a transaction begins with that no other one with the same key shall run beside. SQLite has one lock for all.
 ONE_AT_A_TIME = {"sqlite": text("BEGIN IMMEDIATE"), "postgresql": text("SELECT pg_advisory_xact_lock(:key)")}
 MIGRATION = 7239017  # a key of its own: any constant
-# What libpq is told, so that a server that vanished without a word is noticed. Seconds; the last in milliseconds.
-PATIENCE = {"connect_timeout": 5, "keepalives_idle": 10, "keepalives_interval": 5, "tcp_user_timeout": 20_000}
-BUSY = 10.0  # seconds to wait for another process's lock on a SQLite file
 OUTPUTS = (ArtifactKind.MODEL, ArtifactKind.REPORT, ArtifactKind.PREVIEW)
 
 
@@ -51,6 +59,7 @@ class Content(NamedTuple):
 class Submission:
     """On whose behalf a job is recorded, and what comes with it.
 
+    `cache` lets the results of an earlier job be its own: see :mod:`service.jobs.cache`.
     `condition` is called in the transaction that records the job, with its id, once the job is there for it to see.
     What it raises undoes everything.
     """
@@ -58,7 +67,10 @@ class Submission:
     tenant: str = DEFAULT_TENANT
     metadata: Mapping[str, str] = field(default_factory=dict)
     webhook: str | None = None
+    cache: bool = False
     condition: Callable[[Session, str], None] = lambda _session, _job_id: None
+    queue: Queue = Queue.SMALL
+    priority: Priority = Priority.NORMAL
 
 
 BY_DEFAULT = Submission()
@@ -73,52 +85,25 @@ def now() -> datetime:
     return datetime.now(UTC)
 
 
-def _connect(url: str) -> Engine:
-    if make_url(url).get_backend_name() != "sqlite":
-        # The locks below are reasoned for this level, whatever the server's own default is.
-        return create_engine(
-            url,
-            pool_pre_ping=True,
-            isolation_level="READ COMMITTED",
-            connect_args=PATIENCE,
-            hide_parameters=True,  # in error messages: they may be secrets, or addresses that hold a signature
-        )
-    if database := make_url(url).database:
-        Path(database).parent.mkdir(parents=True, exist_ok=True)
-    engine = create_engine(url, connect_args={"timeout": BUSY}, hide_parameters=True)
-
-    @event.listens_for(engine, "connect")
-    def _tune(connection: Any, _record: Any) -> None:
-        connection.execute("PRAGMA foreign_keys=ON")
-        deadline = time.monotonic() + BUSY
-        while True:
-            try:
-                connection.execute("PRAGMA journal_mode=WAL")  # readers never wait for the writer
-                return
-            except sqlite3.OperationalError:  # the one statement that does not wait for another process's lock
-                if time.monotonic() > deadline:
-                    raise
-            time.sleep(0.01)
-
-    return engine
-
-
 class Ledger:
     """Jobs in a SQL database. Safe to share between threads; each call is one short transaction.
 
     Args:
         url: as SQLAlchemy writes it.
         retention: seconds after its end at which a job expires; 0: never.
+
+    `identity` tells this ledger from every other one.
     """
 
     def __init__(self, url: str, retention: float = 0) -> None:
         self._retention = retention
-        self._engine = _connect(url)
+        self._engine = connect(url)
         self._session = sessionmaker(self._engine, expire_on_commit=False)
         try:
             with self._engine.begin() as connection:
                 _wait_for_turn(connection, {MIGRATION})
                 migrate(connection)
+                self.identity = str(connection.scalar(select(Identity.id)))
         except BaseException:
             self.close()
             raise
@@ -144,17 +129,26 @@ class Ledger:
         contents: Mapping[ArtifactKind, Content],
         stored: Callable[[str], bool],
         submission: Submission = BY_DEFAULT,
+        result_key: str | None = None,
+        results: Mapping[ArtifactKind, Content] | None = None,
     ) -> Job:
         """A new queued job that refers to its inputs; `stored` says whether the store has them.
+
+        With `results`, those of an earlier job with the same `result_key`, it has succeeded from the beginning.
 
         Raises:
             MissingContentError: it does not; nothing is recorded. See :mod:`service.jobs.contents`.
         """
         moment = now()
+        contents = {**contents, **(results or {})}
+        done = {"state": JobState.SUCCEEDED, "progress": 1.0, "cached": True, **self._finished()}
         job = Job(
             id=str(uuid.uuid4()),
             tenant_id=submission.tenant,
-            state=JobState.QUEUED,
+            result_key=result_key,
+            queue=submission.queue,
+            priority=submission.priority,
+            correlation=correlation(),
             filename=filename,
             parameters=parameters,
             webhook=submission.webhook,
@@ -162,6 +156,7 @@ class Ledger:
             enqueued_at=moment,
             artifacts=[Artifact(kind=kind, sha256=item.sha256, size=item.size) for kind, item in contents.items()],
             metadata_entries=[MetadataEntry(key=key, value=value) for key, value in submission.metadata.items()],
+            **(done if results else {"state": JobState.QUEUED}),
         )
         with self._session.begin() as session:
             _lock_content(session, contents.values(), stored)
@@ -169,6 +164,8 @@ class Ledger:
             session.flush()
             record(session, job.id, EventType.into(job.state), moment)
             submission.condition(session, job.id)
+        JOBS_ACCEPTED.inc()
+        ended(bool(results), JobState.SUCCEEDED)
         return job
 
     def get(self, job_id: str, tenant: str = DEFAULT_TENANT) -> Job | None:
@@ -222,12 +219,14 @@ class Ledger:
         """running -> succeeded; False when the lease is void."""
         with self._session.begin() as session:
             values = {"progress": 1.0, **self._finished()}
-            return self._move(session, lease.job_id, _held(lease), JobState.SUCCEEDED, **values)
+            done = self._move(session, lease.job_id, _held(lease), JobState.SUCCEEDED, **values)
+        return ended(done, JobState.SUCCEEDED)
 
     def fail(self, lease: Lease, error: MeshmarkError) -> bool:
         """running -> failed; False when the lease is void."""
         with self._session.begin() as session:
-            return self._move(session, lease.job_id, _held(lease), JobState.FAILED, **self._finished(error))
+            done = self._move(session, lease.job_id, _held(lease), JobState.FAILED, **self._finished(error))
+        return ended(done, JobState.FAILED, error.code)
 
     def release(self, lease: Lease) -> bool:
         """running -> queued without counting the attempt, for a worker that stops; False when the lease is void."""
@@ -239,7 +238,8 @@ class Ledger:
         """queued or running -> canceled; False when the job had already ended, or is not the tenant's."""
         condition = (Job.tenant_id == tenant, Job.state.in_(ACTIVE))
         with self._session.begin() as session:
-            return self._move(session, job_id, condition, JobState.CANCELED, **self._finished())
+            done = self._move(session, job_id, condition, JobState.CANCELED, **self._finished())
+        return ended(done, JobState.CANCELED)
 
     def drop_artifacts(self, job_id: str) -> set[str]:
         """Forget an ended job's files (succeeded -> expired); returns their hashes: other jobs may have the same."""
@@ -290,12 +290,18 @@ class Ledger:
                 state = JobState.QUEUED if again else JobState.FAILED
                 if self._move(session, job.id, condition, state, **(_queued() if again else self._finished(error))):
                     (requeued if again else failed).append(job.id)
+        for _ in failed:
+            ended(True, JobState.FAILED, error.code)
         return requeued, failed
 
-    def waiting(self, seconds: float) -> list[str]:
-        """The jobs queued and not announced for so long. They count as announced from here on, so announce them."""
-        silent = (Job.state == JobState.QUEUED, Job.enqueued_at < now() - timedelta(seconds=seconds))
-        free = select(Job.id).where(*silent).with_for_update(skip_locked=True)
+    def waiting(self, seconds: float, queue: Queue = Queue.SMALL, limit: int = 1000) -> list[str]:
+        """Jobs queued and not announced for so long. They count as announced from here on, so announce them."""
+        silent = (
+            Job.state == JobState.QUEUED,
+            Job.queue == queue,
+            Job.enqueued_at < now() - timedelta(seconds=seconds),
+        )
+        free = select(Job.id).where(*silent).limit(limit).with_for_update(skip_locked=True)
         announced = update(Job).where(Job.id.in_(free), *silent).values(enqueued_at=now()).returning(Job.id)
         with self._session.begin() as session:
             return list(session.scalars(announced))

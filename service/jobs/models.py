@@ -1,7 +1,7 @@
 """The ledger's tables."""
 
 from datetime import UTC, datetime
-from enum import StrEnum
+from enum import IntEnum, StrEnum
 from typing import Any, NamedTuple
 
 from sqlalchemy import (
@@ -16,6 +16,7 @@ from sqlalchemy import (
     Integer,
     String,
     TypeDecorator,
+    false,
 )
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 
@@ -65,6 +66,22 @@ class DisabledReason(StrEnum):
     GONE = "gone"  # it answered 410
 
 
+class Queue(StrEnum):
+    """Where a job waits: for any worker, for one with room for large assets, for one with a GPU."""
+
+    SMALL = "small"
+    LARGE = "large"
+    GPU = "gpu"
+
+
+class Priority(IntEnum):
+    """Which of a tenant's waiting jobs goes first."""
+
+    HIGH = 0
+    NORMAL = 1
+    LOW = 2
+
+
 class ArtifactKind(StrEnum):
     """What a stored file is to its job."""
 
@@ -110,11 +127,20 @@ class Base(DeclarativeBase):
         dict[str, Any]: JSON,
         list[str]: JSON,
         JobState: _words(JobState),
+        Queue: _words(Queue),
         ArtifactKind: _words(ArtifactKind),
         EventType: _words(EventType, 32),
         DeliveryState: _words(DeliveryState),
         DisabledReason: _words(DisabledReason),
     }
+
+
+class Identity(Base):
+    """The one row that tells this ledger from every other; see :mod:`service.jobs.ownership`."""
+
+    __tablename__ = "ledger_identity"
+
+    id: Mapped[str] = mapped_column(String(36), primary_key=True)
 
 
 class Tenant(Base):
@@ -151,10 +177,17 @@ class Job(Base):
         Index("ix_jobs_state_enqueued_at", "state", "enqueued_at"),
         Index("ix_jobs_tenant_id_state", "tenant_id", "state"),
         Index("ix_jobs_tenant_id_created_at_id", "tenant_id", "created_at", "id"),
+        Index("ix_jobs_tenant_id_result_key", "tenant_id", "result_key"),
+        Index(
+            "ix_jobs_state_queue_tenant_id_priority_created_at", "state", "queue", "tenant_id", "priority", "created_at"
+        ),
+        Index("ix_jobs_queue_tenant_id_started_at", "queue", "tenant_id", "started_at"),
     )
 
     id: Mapped[str] = mapped_column(String(36), primary_key=True)
     tenant_id: Mapped[str] = mapped_column(String(63), server_default=DEFAULT_TENANT)  # never changes
+    queue: Mapped[Queue] = mapped_column(default=Queue.SMALL, server_default=Queue.SMALL)
+    priority: Mapped[int] = mapped_column(default=Priority.NORMAL, server_default=str(int(Priority.NORMAL)))
     state: Mapped[JobState] = mapped_column(default=JobState.QUEUED)
     stage: Mapped[str | None] = mapped_column(String(32))
     progress: Mapped[float] = mapped_column(default=0.0)
@@ -166,12 +199,15 @@ class Job(Base):
     finished_at: Mapped[datetime | None]
     expires_at: Mapped[datetime | None]
     purge_at: Mapped[datetime | None] = mapped_column(index=True)  # as expires_at, until the files are deleted
+    result_key: Mapped[str | None] = mapped_column(String(64))  # see service.jobs.cache
+    cached: Mapped[bool] = mapped_column(default=False, server_default=false())
     attempts: Mapped[int] = mapped_column(default=0)
     lease_token: Mapped[int] = mapped_column(default=0)
     lease_expires_at: Mapped[datetime | None]
     error_code: Mapped[str | None] = mapped_column(String(64))
     error_message: Mapped[str | None]
     error_remedy: Mapped[str | None]
+    correlation: Mapped[dict[str, Any]] = mapped_column(default=dict, server_default="{}")  # see service.correlation
     webhook: Mapped[str | None] = mapped_column(String(2048))  # where the client wants to be told how this job ends
     event_count: Mapped[int] = mapped_column(default=0, server_default="0")  # the number of its latest event
     artifacts: Mapped[list["Artifact"]] = relationship(lazy="selectin", order_by="Artifact.kind")
@@ -281,6 +317,49 @@ class WebhookAttempt(Base):
     error: Mapped[str | None]
     snippet: Mapped[str]
     seconds: Mapped[float]
+
+
+class JobSource(Base):
+    """Where the asset of a job lies that a worker is to download; see :mod:`service.jobs.sources`."""
+
+    __tablename__ = "job_sources"
+
+    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id", ondelete="CASCADE"), primary_key=True)
+    url: Mapped[str] = mapped_column(String(2048))
+
+
+class Upload(Base):
+    """An asset that a client sends ahead; see :mod:`service.jobs.uploads`."""
+
+    __tablename__ = "uploads"
+    __table_args__ = (Index("ix_uploads_tenant_id_expires_at", "tenant_id", "expires_at"),)
+
+    id: Mapped[str] = mapped_column(String(36), primary_key=True)
+    tenant_id: Mapped[str] = mapped_column(ForeignKey("tenants.id"))
+    filename: Mapped[str] = mapped_column(String(255))
+    size: Mapped[int] = mapped_column(BigInteger().with_variant(Integer, "sqlite"))
+    sha256: Mapped[str | None] = mapped_column(String(64))  # as the client declares it
+    created_at: Mapped[datetime]
+    expires_at: Mapped[datetime] = mapped_column(index=True)
+
+
+class DroppedObject(Base):
+    """A version of an object in a watched bucket, and its job; see :mod:`service.jobs.dropped`."""
+
+    __tablename__ = "dropped_objects"
+    __table_args__ = (
+        Index("ix_dropped_objects_output_due_at", "output", "due_at"),
+        Index("ix_dropped_objects_source_key", "source", "key"),
+    )
+
+    id: Mapped[str] = mapped_column(String(64), primary_key=True)
+    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id", ondelete="CASCADE"), unique=True)
+    source: Mapped[str] = mapped_column(String(63))
+    key: Mapped[str] = mapped_column(String(1024))
+    output: Mapped[str] = mapped_column(String(16))
+    tries: Mapped[int] = mapped_column(default=0)
+    due_at: Mapped[datetime]
+    created_at: Mapped[datetime]
 
 
 class IdempotencyKey(Base):

@@ -1,6 +1,7 @@
-"""The queue between service and worker: its name, the task's name, and how to reach the broker.
+"""The queues between service and worker: their names, the task's name, and how to reach the broker.
 
-A message is a job's id and nothing else; it may be lost or arrive twice, because the ledger alone decides.
+A message is a job's id and nothing else, and says that in this job's queue there is something to do. It may be lost or
+arrive twice, because the ledger alone decides what is started: see :mod:`service.jobs.turns`.
 """
 
 import json
@@ -11,13 +12,16 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from celery import Celery
-from kombu.transport import filesystem
+from kombu.entity import Queue as BrokerQueue
+from kombu.exceptions import OperationalError
+from kombu.transport import TRANSPORT_ALIASES, filesystem
 
 from service.config import Settings
+from service.jobs.models import Queue
 
 LONGEST_WAIT = 0.2  # seconds
-QUEUE = "meshmark"
 TASK = "meshmark.watermark"
+TRANSPORT_ALIASES |= dict.fromkeys(("redis", "rediss"), "service.jobs.redis_transport:Transport")
 
 
 class AtomicChannel(filesystem.Channel):
@@ -48,7 +52,8 @@ def create_queue(settings: Settings) -> Celery:
     """A Celery app that can send; the worker adds what it needs to receive."""
     queue = Celery("meshmark", broker=settings.broker_url, set_as_current=False)
     queue.conf.update(
-        task_default_queue=QUEUE,
+        task_queues=[*map(BrokerQueue, map(name, Queue))],
+        task_default_queue=name(Queue.SMALL),
         task_serializer="json",
         accept_content=["json"],
         task_ignore_result=True,
@@ -71,22 +76,45 @@ def create_queue(settings: Settings) -> Celery:
         queue.conf.broker_transport_options = {
             # Redis hands an unacknowledged message out again after this long; by then no job can still run.
             "visibility_timeout": 2 * settings.job_time_limit + 600,
+            "priority_steps": [0],  # one list each queue: priorities are the ledger's
             "socket_timeout": 10,
             "socket_connect_timeout": 3,
         }
     return queue
 
 
-def send(queue: Celery, job_id: str) -> None:
-    """Announce a queued job to the workers.
+def name(queue: Queue) -> str:
+    """What the broker calls a queue."""
+    return f"meshmark.{queue}"
+
+
+def queue_for(settings: Settings, size: int | None) -> Queue:
+    """Where a job waits whose asset has so many bytes; None: nobody knows yet, so it may be large."""
+    if size is None:
+        return Queue.LARGE
+    if settings.gpu_asset_bytes and size >= settings.gpu_asset_bytes:
+        return Queue.GPU
+    return Queue.LARGE if size >= settings.large_asset_bytes else Queue.SMALL
+
+
+def send(broker: Celery, job_id: str, queue: Queue) -> None:
+    """Announce to the workers that a job waits in a queue.
 
     Raises:
         kombu.exceptions.OperationalError: the broker cannot be reached.
     """
-    queue.send_task(TASK, args=[job_id], queue=QUEUE)
+    broker.send_task(TASK, args=[job_id], queue=name(queue))
 
 
-def depth(queue: Celery) -> int:
-    """How many messages wait in the broker."""
-    with queue.connection_for_write() as connection, connection.channel() as channel:
-        return int(channel.queue_declare(QUEUE, durable=True, auto_delete=False).message_count)
+def depth(broker: Celery, queue: Queue) -> int:
+    """How many messages wait in the broker.
+
+    Raises:
+        kombu.exceptions.OperationalError: the broker cannot be reached.
+    """
+    with broker.connection_for_write() as connection:
+        try:
+            with connection.channel() as channel:
+                return int(channel.queue_declare(name(queue), durable=True, auto_delete=False).message_count)
+        except connection.connection_errors as error:
+            raise OperationalError(str(error)) from error

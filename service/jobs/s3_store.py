@@ -1,17 +1,17 @@
 """Content in a bucket of Amazon S3 or of another store that speaks its protocol (MinIO, Ceph, R2, ...)."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import timedelta
 from typing import Any
 
 import obstore
 import structlog
-from obstore.exceptions import BaseError
+from obstore.exceptions import AlreadyExistsError, BaseError
 from obstore.store import S3Store as Bucket
 
 from service.config import Settings
-from service.jobs.artifacts import NAME, ArtifactStore, Staged, Stored, StoreUnavailableError
+from service.jobs.artifacts import CHUNK, MARKER, NAME, ArtifactStore, Staged, Stored, StoreUnavailableError
 
 PIECE = 8 * 2**20  # bytes asked for at a time: a client that reads slowly holds no connection to the store
 LINK_LIFETIME = timedelta(minutes=5)
@@ -34,6 +34,7 @@ class S3Store(ArtifactStore):
             "access_key_id": settings.s3_access_key_id.get_secret_value(),
             "secret_access_key": settings.s3_secret_access_key.get_secret_value(),
         }
+        self._url = settings.store_url
         self._presign = settings.s3_presign
         self._bucket = Bucket(
             bucket,
@@ -84,12 +85,66 @@ class S3Store(ArtifactStore):
                     if NAME.fullmatch(name) and item["path"] == _key(name):
                         yield Stored(name, item["last_modified"])
 
+    def ping(self) -> None:
+        """Look whether the bucket lists anything; whether one object is there would not tell of a missing bucket."""
+        with _asking():
+            next(iter(obstore.list(self._bucket, "ping", chunk_size=1)), None)
+
+    def owner(self) -> str | None:
+        """What the marker object says."""
+        try:
+            with _asking(may_be_missing=True):
+                return bytes(obstore.get(self._bucket, MARKER).bytes()).decode()
+        except FileNotFoundError:
+            return None
+
+    def mark(self, ledger: str) -> None:
+        """Write the marker object by a conditional request (`If-None-Match: *`)."""
+        with _asking(), suppress(AlreadyExistsError):
+            obstore.put(self._bucket, MARKER, ledger.encode(), mode="create")
+
+    def unmark(self) -> None:
+        """Delete the marker object."""
+        with _asking():
+            obstore.delete(self._bucket, MARKER)
+
+    def __str__(self) -> str:
+        return f"The bucket {self._url}"
+
     def link(self, sha256: str) -> str | None:
         """A presigned address, where the settings allow them."""
         if not self._presign:
             return None
         with _asking():
             return obstore.sign(self._bucket, "GET", _key(sha256), LINK_LIFETIME)
+
+    def put_upload(self, name: str, staged: Staged) -> None:
+        """Upload the staged file."""
+        with _asking():
+            obstore.put(self._bucket, _upload_key(name), staged.path)
+
+    def read_upload(self, name: str) -> Iterator[bytes]:
+        """The object's content, of one version of it however often it is put meanwhile."""
+        with _asking(may_be_missing=True):
+            chunks = obstore.get(self._bucket, _upload_key(name)).stream(min_chunk_size=CHUNK)
+            for chunk in chunks:
+                yield bytes(chunk)
+
+    def remove_upload(self, name: str) -> None:
+        """Delete the object."""
+        with _asking():
+            obstore.delete(self._bucket, _upload_key(name))
+
+    def upload_link(self, name: str, lifetime: timedelta) -> str | None:
+        """A presigned address, where the settings allow them."""
+        if not self._presign:
+            return None
+        with _asking():
+            return obstore.sign(self._bucket, "PUT", _upload_key(name), lifetime)
+
+
+def _upload_key(name: str) -> str:
+    return f"uploads/{name}"
 
 
 def _key(sha256: str) -> str:

@@ -1,5 +1,6 @@
 """Fetch a file from an address that a user gave."""
 
+from collections.abc import Callable
 from typing import BinaryIO
 
 from core.errors import ErrorCode, MeshmarkError
@@ -8,16 +9,26 @@ from service.outbound.errors import Unreachable
 
 OK = 200
 REDIRECTS = range(300, 400)
+TRANSIENT = (408, 425, 429, 500, 502, 503, 504)
 
 
-def download(client: OutboundClient, url: str, target: BinaryIO, limit: int) -> int:
+class TransientDownloadError(MeshmarkError):
+    """The same request may succeed in a while."""
+
+
+def download(
+    client: OutboundClient, url: str, target: BinaryIO, limit: int, check: Callable[[], None] = lambda: None
+) -> int:
     """Write the file at a URL to an open file, and return how many bytes it has.
 
     Only a whole file counts: one whose end the server marks neither by its length nor by chunks is not accepted, for
     it could have been cut off unnoticed. After an error, the target holds a part that is to be thrown away.
 
+    `check` is called before each part is written; what it raises ends the download.
+
     Raises:
         MeshmarkError: ``address_refused``, ``download_failed``, ``download_too_large``.
+        TransientDownloadError: ``download_failed``, where trying again makes sense.
     """
     try:
         with client.send("GET", url) as answer:
@@ -27,11 +38,14 @@ def download(client: OutboundClient, url: str, target: BinaryIO, limit: int) -> 
                 size += len(chunk)
                 if size > limit:
                     raise _too_large(limit)
+                check()
                 target.write(chunk)
             return size
     except Unreachable as trouble:
-        raise _failed(
-            f"The server at this address could not be used: {trouble}.", "Check the address, or try again later."
+        raise TransientDownloadError(
+            ErrorCode.DOWNLOAD_FAILED,
+            f"The server at this address could not be used: {trouble}.",
+            "Check the address, or try again later.",
         ) from trouble
 
 
@@ -40,6 +54,10 @@ def _check(answer: Answer, limit: int) -> None:
         raise _failed(
             f"The server redirects to another address (status {answer.status}).",
             "Give the final address; redirects are not followed.",
+        )
+    if answer.status in TRANSIENT:
+        raise TransientDownloadError(
+            ErrorCode.DOWNLOAD_FAILED, f"The server answered with status {answer.status}.", "Try again later."
         )
     if answer.status != OK:
         raise _failed(

@@ -9,7 +9,7 @@ from threading import Thread
 from service.outbound.addresses import Address, refusal
 from service.outbound.errors import Unreachable, address_refused
 from service.outbound.policy import Policy
-from service.outbound.target import Target
+from service.outbound.target import Target, parse_target
 
 Resolver = Callable[[str], Sequence[str]]
 
@@ -23,6 +23,17 @@ def system_resolver(host: str) -> list[str]:
     return [str(found[4][0]) for found in socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)]
 
 
+def check_address(url: str, policy: Policy) -> None:
+    """Refuse a URL that is not permitted whatever addresses its host has. Nobody is asked for them.
+
+    Raises:
+        MeshmarkError: ``address_refused``.
+    """
+    target = parse_target(url, policy)
+    if target.address:
+        _refuse([target.address], target, policy)
+
+
 def resolve(target: Target, policy: Policy, resolver: Resolver, seconds: float) -> list[Address]:
     """Ask once for a target's addresses; all of them must be permitted, or none is.
 
@@ -33,10 +44,14 @@ def resolve(target: Target, policy: Policy, resolver: Resolver, seconds: float) 
         Unreachable: the host has no address, or none was found in time.
     """
     addresses = [target.address] if target.address else _ask(target.host, resolver, seconds)
+    _refuse(addresses, target, policy)
+    return addresses
+
+
+def _refuse(addresses: Sequence[Address], target: Target, policy: Policy) -> None:
     for address in addresses:
         if kind := refusal(address, policy.allow):
             raise address_refused(f"The host {target.host} has an address that is not public, but {kind}.")
-    return addresses
 
 
 def _ask(host: str, resolver: Resolver, seconds: float) -> list[Address]:

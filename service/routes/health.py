@@ -1,11 +1,11 @@
-"""Whether the service can do its work."""
+"""Whether the process lives, and whether the service can do its work."""
 
 from typing import Literal
 
 from fastapi import APIRouter
 from pydantic import BaseModel
 
-from core.errors import ErrorCode
+from core.errors import ErrorCode, MeshmarkError
 from service.problems import problem_responses
 from service.state import State
 
@@ -13,13 +13,30 @@ router = APIRouter(tags=["health"])
 
 
 class Health(BaseModel):
-    """The service is up and reaches its ledger."""
+    """The process answers."""
 
     status: Literal["ok"] = "ok"
 
 
-@router.get("/healthz", responses=problem_responses(ErrorCode.SERVICE_UNAVAILABLE))
-def health(state: State) -> Health:
-    """Answer 200 while the ledger can be reached."""
-    state.ledger.ping()
+class Ready(BaseModel):
+    """Ledger, broker and artifact store answer."""
+
+    status: Literal["ready"] = "ready"
+
+
+@router.get("/healthz")
+async def health() -> Health:
+    """Answer 200 as long as the process serves; for what starts it again when it does not."""
     return Health()
+
+
+@router.get("/readyz", responses=problem_responses(ErrorCode.SERVICE_UNAVAILABLE))
+async def ready(state: State) -> Ready:
+    """Answer 200 while ledger, broker and artifact store answer; for what sends requests here or elsewhere."""
+    if failing := await state.readiness.failing():
+        raise MeshmarkError(
+            ErrorCode.SERVICE_UNAVAILABLE,
+            f"The service is not ready. What does not answer: {', '.join(failing)}.",
+            "Try again later; the operator can look at the log.",
+        )
+    return Ready()

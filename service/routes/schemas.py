@@ -1,14 +1,16 @@
 """What the watermark routes answer, as clients see it."""
 
+import re
 from datetime import UTC, datetime
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self, get_args
 
-from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict, Field
+from fastapi import Request
+from pydantic import AfterValidator, AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field
 from pydantic.config import JsonDict
 
 from core.errors import ErrorCode
 from core.parameters import Parameters
-from service.jobs.models import ArtifactKind, Job, JobState
+from service.jobs.models import ArtifactKind, Job, JobState, Priority
 from service.problems import title
 
 EXAMPLE: JsonDict = {
@@ -21,6 +23,7 @@ EXAMPLE: JsonDict = {
     "finished_at": None,
     "expires_at": None,
     "attempts": 1,
+    "cached": False,
     "input": {
         "filename": "lantern.glb",
         "size": 9563016,
@@ -29,6 +32,7 @@ EXAMPLE: JsonDict = {
     "parameters": {"text": "SAMPLE", "seed": 7},
     "metadata": {"order": "4711"},
     "webhook": None,
+    "priority": "normal",
     "error": None,
     "links": {
         "self": "/v1/watermarks/6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11",
@@ -40,6 +44,9 @@ EXAMPLE: JsonDict = {
 }
 
 
+DATE = re.compile(r"\d{4}-\d\d-\d\d")
+
+
 def _utc(moment: datetime) -> datetime:
     try:
         return moment.astimezone(UTC)
@@ -47,7 +54,16 @@ def _utc(moment: datetime) -> datetime:
         raise ValueError("it is out of range") from None
 
 
-Moment = Annotated[AwareDatetime, AfterValidator(_utc)]
+def _rfc_3339(sent: object) -> object:
+    if isinstance(sent, str) and not DATE.match(sent):  # pydantic would read seconds since 1970 too
+        raise ValueError("it is not a time as in RFC 3339")
+    return sent
+
+
+Moment = Annotated[AwareDatetime, BeforeValidator(_rfc_3339), AfterValidator(_utc)]
+
+
+PriorityName = Literal["high", "normal", "low"]  # in the order of Priority
 
 
 class InputView(BaseModel):
@@ -93,10 +109,12 @@ class JobView(BaseModel):
         datetime | None, Field(description="When the job's files are deleted; null: never, or not yet known.")
     ]
     attempts: Annotated[int, Field(description="How often the job was started.")]
+    cached: Annotated[bool, Field(description="Whether the results are those of an earlier job of yours.")]
     input: Annotated[InputView | None, Field(description="The uploaded asset; null once it is deleted.")]
     parameters: Parameters
     metadata: Annotated[dict[str, str], Field(description="What the client noted when it sent the asset.")]
     webhook: Annotated[str | None, Field(description="Where a webhook is sent when the job ends.")]
+    priority: Annotated[PriorityName, Field(description="Which of your waiting jobs goes first.")]
     error: ErrorView | None
     links: LinksView
 
@@ -124,10 +142,12 @@ class JobView(BaseModel):
             finished_at=job.finished_at,
             expires_at=job.expires_at,
             attempts=job.attempts,
+            cached=job.cached,
             input=InputView(filename=job.filename, size=source.size, sha256=source.sha256) if source else None,
             parameters=Parameters.model_validate(job.parameters),
             metadata={entry.key: entry.value for entry in job.metadata_entries},
             webhook=job.webhook,
+            priority=get_args(PriorityName)[Priority(job.priority)],
             error=error,
             links=LinksView(self=url, events=f"{url}/events", **parts),
         )
@@ -142,3 +162,8 @@ class JobPage(BaseModel):
 
     items: list[JobView]
     next: Annotated[str | None, Field(description="Where the list goes on; null: this is its end.")]
+
+
+def view(request: Request, job: Job) -> JobView:
+    """A job as clients see it."""
+    return JobView.of(job, request.app.url_path_for("read_watermark", job_id=job.id))

@@ -1,15 +1,9 @@
 """The watermark jobs: send an asset, follow its job, fetch what came of it, delete it."""
 
-from contextlib import ExitStack
-from functools import partial
 from pathlib import PurePath
 from typing import Annotated, Any
 
-import structlog
-from celery import Celery
 from fastapi import APIRouter, BackgroundTasks, File, Form, Header, Query, Request, Response, UploadFile, status
-from kombu.exceptions import KombuError
-from sqlalchemy.orm import Session
 
 from core.errors import ErrorCode, MeshmarkError
 from core.parameters import parse_parameters
@@ -17,25 +11,31 @@ from service import access
 from service.access import Admitted, Client, GuardedRoute
 from service.delivery import deliver, disposition
 from service.idempotency_key import parse_idempotency_key
-from service.intake import check_asset, check_lettering
-from service.jobs import contents, idempotency, queue
-from service.jobs.ledger import Submission
-from service.jobs.limits import check_active
+from service.jobs import contents
 from service.jobs.listing import Filters, list_jobs
-from service.jobs.models import ArtifactKind, Job, JobState
-from service.metadata import parse_metadata, parse_pair
+from service.jobs.models import ArtifactKind, Job, JobState, Priority
+from service.metadata import PAIR, parse_metadata, parse_pair
+from service.orders import order_from
 from service.problems import problem_responses
-from service.routes.schemas import JobPage, JobView, Moment
+from service.routes.schemas import JobPage, JobView, Moment, PriorityName, view
 from service.state import AppState, State
-from service.webhooks.endpoints import check_job_webhook
+from service.submission import announce, submit
 
 router = APIRouter(prefix="/v1/watermarks", tags=["watermarks"], route_class=GuardedRoute)
-log = structlog.get_logger(__name__)
 
 MEDIA_TYPES = {
     ArtifactKind.MODEL: "model/gltf-binary",
     ArtifactKind.REPORT: "application/json",
     ArtifactKind.PREVIEW: "image/png",
+}
+CONTENT: dict[ArtifactKind, dict[str, Any]] = {
+    ArtifactKind.MODEL: {"type": "string", "format": "binary"},
+    ArtifactKind.REPORT: {
+        "type": "object",
+        "description": "`meshmark.report/1`, as the README describes it.",
+        "examples": [{"schema": "meshmark.report/1", "watermarks": [], "metrics": None, "warnings": []}],
+    },
+    ArtifactKind.PREVIEW: {"type": "string", "format": "binary"},
 }
 SUFFIXES = {ArtifactKind.MODEL: ".glb", ArtifactKind.REPORT: ".report.json", ArtifactKind.PREVIEW: ".png"}
 
@@ -59,13 +59,18 @@ REFUSALS = problem_responses(
     ErrorCode.UNKNOWN_FORMAT,
     ErrorCode.UNSUPPORTED_FORMAT,
     ErrorCode.MISSING_FILE,
+    ErrorCode.NOT_FOUND,
+    ErrorCode.UPLOAD_NOT_SENT,
+    ErrorCode.UPLOAD_MISMATCH,
+    ErrorCode.UPLOAD_EXPIRED,
+    ErrorCode.SOURCE_URL_DISABLED,
+    ErrorCode.ADDRESS_REFUSED,
     ErrorCode.EMPTY_FILE,
     ErrorCode.INVALID_PARAMETERS,
     ErrorCode.EMPTY_TEXT,
     ErrorCode.MISSING_GLYPHS,
     ErrorCode.INVALID_FONT,
     ErrorCode.INVALID_METADATA,
-    ErrorCode.ADDRESS_REFUSED,
     ErrorCode.NO_WEBHOOK_SECRET,
     ErrorCode.IDEMPOTENCY_KEY_IN_USE,
     ErrorCode.IDEMPOTENCY_KEY_REUSED,
@@ -97,10 +102,25 @@ NOT_THERE = problem_responses(
 
 
 AssetPart = Annotated[
-    UploadFile,
+    UploadFile | None,
     File(description="The asset: GLB, glTF, OBJ, STL, PLY, OFF, 3MF or DAE; with its other files as a ZIP."),
 ]
+SourceUrlField = Annotated[
+    str | None,
+    Form(
+        description="In place of `file`: the https address of the asset, where the service is set up so. It is "
+        "fetched by a worker; redirects are not followed. The address is not shown again to anybody.",
+        examples=["https://files.example/lantern.glb?signature=..."],
+    ),
+]
 FontPart = Annotated[UploadFile | None, File(description="A TrueType or OpenType font for the text.")]
+UploadIdField = Annotated[
+    str | None,
+    Form(
+        description="In place of `file`: the id of an upload, see POST /v1/uploads.",
+        examples=["4c8a9d52-9a0e-4d57-8c39-5d8f4c1f0a11"],
+    ),
+]
 ParamsField = Annotated[
     str,
     Form(
@@ -132,6 +152,12 @@ WebhookField = Annotated[
         examples=["https://shop.example/hooks/4711"],
     ),
 ]
+PriorityField = Annotated[
+    PriorityName,
+    Form(
+        description="Which of your own waiting jobs goes first; other tenants' are not overtaken.", examples=["normal"]
+    ),
+]
 IdempotencyKeyHeader = Annotated[
     str | None,
     Header(
@@ -139,6 +165,14 @@ IdempotencyKeyHeader = Annotated[
         description="A text of your own, such as a UUID. For 24 hours, the same request with the same key is answered "
         "with the same job, and with `Idempotent-Replayed: true`.",
         examples=['"8e03978e-40d5-43dd-bc93-6894a57f9324"'],
+    ),
+]
+
+CacheQuery = Annotated[
+    bool,
+    Query(
+        description="Whether results will do that exist already: where you had the same asset watermarked with the "
+        "same parameters and font, and still have the results, the new job has succeeded at once."
     ),
 ]
 
@@ -150,48 +184,41 @@ def create_watermark(
     background: BackgroundTasks,
     state: State,
     client: Admitted,
-    file: AssetPart,
     params: ParamsField,
+    file: AssetPart = None,
+    source_url: SourceUrlField = None,
+    upload_id: UploadIdField = None,
     font: FontPart = None,
     metadata: MetadataField = "{}",
     webhook: WebhookField = None,
+    priority: PriorityField = "normal",
     idempotency_key: IdempotencyKeyHeader = None,
+    cache: CacheQuery = True,
 ) -> JobView:
     """Accept an asset for watermarking. What can be seen to be wrong at once is refused at once."""
     parameters, notes = parse_parameters(params), parse_metadata(metadata)
-    key = None if idempotency_key is None else parse_idempotency_key(idempotency_key)
-    settings, artifacts, sessions = state.settings, state.artifacts, state.ledger.sessions
-    if webhook is not None:
-        check_job_webhook(sessions, client.tenant, webhook, settings.outbound)
-    with ExitStack() as stack:
-        staged = {
-            ArtifactKind.INPUT: stack.enter_context(
-                artifacts.stage(file.file, limit=settings.max_upload_bytes, name="file")
-            )
-        }
-        if font is not None:
-            staged[ArtifactKind.FONT] = stack.enter_context(
-                artifacts.stage(font.file, limit=settings.max_font_bytes, name="font")
-            )
-        check_lettering(parameters, staged[ArtifactKind.FONT].path.read_bytes() if font is not None else None)
-        check_asset(staged[ArtifactKind.INPUT].path, settings.budgets)
-        wanted = parameters.model_dump(mode="json")
-        reservation: idempotency.Reservation | None = None
-        if key is not None:
-            content: dict[str, Any] = {"parameters": wanted, "metadata": notes}
-            content |= {"webhook": webhook} if webhook else {}
-            content |= {kind.value: item.sha256 for kind, item in staged.items()}
-            reserved = idempotency.reserve(sessions, client.tenant, key, idempotency.fingerprint(content))
-            if isinstance(reserved, str):
-                response.headers["Idempotent-Replayed"] = "true"
-                return _accepted(request, response, find_job(state, client, reserved))
-            reservation = reserved
-            stack.enter_context(idempotency.given_back_on_failure(sessions, reservation))
-        condition = partial(_check_and_settle, settings.max_active_jobs, client.tenant, reservation)
-        submission = Submission(client.tenant, notes, webhook, condition)
-        job = contents.create_job(state.ledger, artifacts, _plain_name(file.filename), wanted, staged, submission)
-    background.add_task(_announce, state.queue, job.id)  # a broker that does not answer delays no client
-    return _accepted(request, response, job)
+    order = order_from(
+        state,
+        client.tenant,
+        parameters,
+        notes,
+        file=file,
+        source_url=source_url,
+        upload_id=upload_id,
+        webhook=webhook,
+        priority=Priority[priority.upper()],
+        font=font and state.artifacts.stage(font.file, limit=state.settings.max_font_bytes, name="font"),
+        key=None if idempotency_key is None else parse_idempotency_key(idempotency_key),
+        cache=cache,
+    )
+    job, replayed = submit(state, order)
+    if replayed:
+        response.headers["Idempotent-Replayed"] = "true"
+    else:
+        background.add_task(announce, state.queue, job)  # a broker that does not answer delays no client
+    accepted = view(request, job)
+    response.headers["Location"] = accepted.links.self
+    return accepted
 
 
 @router.get("", responses=LISTING)
@@ -204,7 +231,11 @@ def list_watermarks(
     created_before: Annotated[Moment | None, Query(description="Only jobs sent before this moment.")] = None,
     metadata: Annotated[
         str | None,
-        Query(description="Only jobs with this in their metadata, written `name:value`.", examples=["order:4711"]),
+        Query(
+            description="Only jobs with this in their metadata, written `name:value`.",
+            examples=["order:4711"],
+            json_schema_extra={"pattern": PAIR},
+        ),
     ] = None,
     limit: Annotated[int, Query(ge=1, le=100, description="Most jobs to list.")] = 20,
     cursor: Annotated[str | None, Query(max_length=200, description="As `next` has it.")] = None,
@@ -215,7 +246,7 @@ def list_watermarks(
     page = list_jobs(state.ledger.sessions, client.tenant, filters, limit, cursor)
     following = request.url.include_query_params(cursor=page.cursor)
     return JobPage(
-        items=[_view(request, job) for job in page.jobs],
+        items=[view(request, job) for job in page.jobs],
         next=f"{following.path}?{following.query}" if page.cursor else None,
     )
 
@@ -223,7 +254,7 @@ def list_watermarks(
 @router.get("/{job_id}", responses=UNKNOWN)
 def read_watermark(request: Request, state: State, client: Admitted, job_id: str) -> JobView:
     """Where the job stands."""
-    return _view(request, find_job(state, client, job_id))
+    return view(request, find_job(state, client, job_id))
 
 
 @router.delete("/{job_id}", status_code=status.HTTP_204_NO_CONTENT, responses=UNKNOWN)
@@ -235,7 +266,7 @@ def delete_watermark(state: State, client: Admitted, job_id: str) -> None:
 
 
 def _download(kind: ArtifactKind) -> dict[str, Any]:
-    content = {MEDIA_TYPES[kind]: {"schema": {"type": "string", "format": "binary"}}}
+    content: dict[str, Any] = {MEDIA_TYPES[kind]: {"schema": CONTENT[kind]}}
     return {
         "response_class": Response,
         "responses": {
@@ -269,23 +300,6 @@ def read_preview(request: Request, state: State, client: Admitted, job_id: str) 
     return _deliver(request, state, client, job_id, ArtifactKind.PREVIEW)
 
 
-def _check_and_settle(
-    most: int, tenant: str, reservation: idempotency.Reservation | None, session: Session, job_id: str
-) -> None:
-    """What must hold for a job to be recorded, and what is recorded with it."""
-    if most:
-        check_active(session, tenant, most)
-    if reservation is not None:
-        idempotency.settle(session, reservation, job_id)
-
-
-def _announce(broker: Celery, job_id: str) -> None:
-    try:
-        queue.send(broker, job_id)
-    except (KombuError, OSError) as error:
-        log.error("the broker does not answer; a worker's sweeper will find the job", job=job_id, error=str(error))
-
-
 def find_job(state: AppState, client: Client, job_id: str) -> Job:
     """The client's job of an id.
 
@@ -298,22 +312,6 @@ def find_job(state: AppState, client: Client, job_id: str) -> Job:
             ErrorCode.NOT_FOUND, f"There is no job {job_id[:64]!r}.", "Use the id or the Location that POST gave."
         )
     return job
-
-
-def _accepted(request: Request, response: Response, job: Job) -> JobView:
-    view = _view(request, job)
-    response.headers["Location"] = view.links.self
-    return view
-
-
-def _view(request: Request, job: Job) -> JobView:
-    return JobView.of(job, request.app.url_path_for("read_watermark", job_id=job.id))
-
-
-def _plain_name(filename: str | None) -> str:
-    """The last part of what the client calls its file, without anything that does not print."""
-    name = PurePath((filename or "").replace("\\", "/")).name
-    return "".join(character for character in name if character.isprintable())[-120:] or "asset"
 
 
 def _deliver(request: Request, state: AppState, client: Client, job_id: str, kind: ArtifactKind) -> Response:

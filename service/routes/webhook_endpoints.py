@@ -6,9 +6,9 @@ from fastapi import APIRouter, Query, Request, Response, status
 
 from core.errors import ErrorCode
 from service import access
-from service.access import Admitted
+from service.access import Admitted, GuardedRoute
 from service.jobs.models import DeliveryState
-from service.json_route import JsonRoute
+from service.outbound.resolve import check_address
 from service.problems import problem_responses
 from service.routes.webhook_schemas import (
     Delivery,
@@ -23,11 +23,11 @@ from service.routes.webhook_schemas import (
 from service.state import State
 from service.webhooks import deliveries, endpoints
 
-router = APIRouter(prefix="/v1/webhook-endpoints", tags=["webhooks"], route_class=JsonRoute)
+router = APIRouter(prefix="/v1/webhook-endpoints", tags=["webhooks"], route_class=GuardedRoute)
 
 READING = (*access.REFUSALS, ErrorCode.SERVICE_UNAVAILABLE)
 OF_ONE = (*READING, ErrorCode.NOT_FOUND)
-WITH_BODY = (ErrorCode.INVALID_REQUEST, ErrorCode.UPLOAD_TOO_LARGE)
+WITH_BODY = (ErrorCode.INVALID_REQUEST, ErrorCode.UNSUPPORTED_MEDIA_TYPE, ErrorCode.UPLOAD_TOO_LARGE)
 CREATED: dict[int | str, dict[str, Any]] = {
     201: {
         "description": "The new endpoint.",
@@ -54,7 +54,7 @@ def create_webhook_endpoint(
 ) -> WebhookEndpointWithSecret:
     """Make a webhook endpoint. The answer has the secret by which it verifies what it is sent."""
     if body.url is not None:
-        endpoints.check_url(body.url, state.settings.outbound)
+        check_address(body.url, state.settings.outbound)
     row = endpoints.create_endpoint(state.ledger.sessions, client.tenant, body.url, body.events, body.secret)
     response.headers["Location"] = request.app.url_path_for("read_webhook_endpoint", endpoint_id=row.id)
     return WebhookEndpointWithSecret.of(row, secret=row.secret)
@@ -77,7 +77,7 @@ def read_webhook_endpoint(state: State, client: Admitted, endpoint_id: str) -> W
 def change_webhook_endpoint(state: State, client: Admitted, endpoint_id: str, body: EndpointChange) -> WebhookEndpoint:
     """Change a webhook endpoint. What waits for one that is disabled is given up, and can be redelivered later."""
     if body.url is not None:
-        endpoints.check_url(body.url, state.settings.outbound)
+        check_address(body.url, state.settings.outbound)
     events = None if body.events is None else [str(event) for event in body.events]
     row = endpoints.change_endpoint(state.ledger.sessions, client.tenant, endpoint_id, body.url, events, body.disabled)
     return WebhookEndpoint.of(row)

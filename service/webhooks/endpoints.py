@@ -15,8 +15,7 @@ from core.errors import ErrorCode, MeshmarkError
 from service.jobs.ledger import now
 from service.jobs.models import DeliveryState, DisabledReason, Tenant, WebhookDelivery, WebhookEndpoint
 from service.outbound.policy import Policy
-from service.outbound.resolve import resolve, system_resolver
-from service.outbound.target import parse_target
+from service.outbound.resolve import check_address
 from service.webhooks.signing import new_secret, parse_secret
 
 MOST = 20  # endpoints of a tenant
@@ -25,24 +24,13 @@ OVERLAP = timedelta(hours=24)  # for which messages are signed with the former s
 Sessions = sessionmaker[Session]
 
 
-def check_url(url: str, policy: Policy) -> None:
-    """Refuse a URL to which no webhook can ever be sent. A name is looked up only when one is.
-
-    Raises:
-        MeshmarkError: ``address_refused``.
-    """
-    target = parse_target(url, policy)
-    if target.address:
-        resolve(target, policy, system_resolver, 0)
-
-
 def check_job_webhook(sessions: Sessions, tenant: str, url: str, policy: Policy) -> None:
     """Refuse the webhook of a job that cannot be sent, or not be signed.
 
     Raises:
         MeshmarkError: ``address_refused`` or ``no_webhook_secret``.
     """
-    check_url(url, policy)
+    check_address(url, policy)
     signing = (_of(tenant), WebhookEndpoint.url.is_(None), WebhookEndpoint.disabled_reason.is_(None))
     with sessions() as session:
         if session.scalar(select(WebhookEndpoint.id).where(*signing)) is None:

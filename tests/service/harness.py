@@ -77,7 +77,8 @@ class Service:
 
     def __init__(self, folder: Path, **settings: str) -> None:
         port = free_port()
-        values = {"port": str(port), "data_dir": os.fspath(folder / "data"), "lease_seconds": "1.5", **settings}
+        values = {"port": str(port), "data_dir": os.fspath(folder / "data"), "lease_seconds": "1.5"}
+        values |= {"shutdown_seconds": "0", **settings}
         self.environment = {f"MESHMARK_{name.upper()}": value for name, value in values.items()}
         self.url = f"http://127.0.0.1:{port}"
 

@@ -23,7 +23,8 @@ OPERATIONS = [
     for path, operations in DOCUMENT["paths"].items()
     for method, operation in operations.items()
 ]
-OPEN = {"/healthz"}  # what anybody may ask
+OPEN = {"/healthz", "/readyz"}  # what anybody may ask
+OWN_TOKEN = {"/v1/hooks/{source}"}  # what asks for a token that is no API key: see tests/service/routes/test_hooks.py
 
 
 @pytest.fixture
@@ -40,10 +41,10 @@ def bearer(client: Client, tenant: str = "acme", *scopes: Scope) -> dict[str, st
 
 
 BODIES: dict[tuple[str, str], dict[str, Any]] = {
-    ("POST", "/v1/watermarks"): {
-        "files": {"file": ("asset.obj", asset())},
-        "data": {"params": '{"text": "HI"}'},
-    },
+    ("POST", "/v1/watermarks"): {"files": {"file": ("asset.obj", asset())}, "data": {"params": '{"text": "HI"}'}},
+    ("POST", "/v1/watermarks/batch"): {"json": {"items": [{"upload_id": "none", "parameters": {"text": "HI"}}]}},
+    ("POST", "/v1/uploads"): {"json": {"size": len(asset())}},
+    ("PUT", "/v1/uploads/{upload_id}"): {"content": asset()},
     ("POST", "/v1/webhook-endpoints"): {"json": {"url": "https://shop.example/hook"}},
     ("PATCH", "/v1/webhook-endpoints/{endpoint_id}"): {"json": {}},
 }
@@ -53,23 +54,24 @@ class Ids(NamedTuple):
     """What the paths name."""
 
     job_id: str = "0" * 36
-    endpoint_id: str = "1" * 36
-    delivery_id: str = "2" * 36
+    upload_id: str = "1" * 36
+    endpoint_id: str = "2" * 36
+    delivery_id: str = "3" * 36
 
 
 def call(client: Client, method: str, path: str, ids: Ids, headers: dict[str, str]) -> Response:
-    return client.http.request(
-        method, path.format_map(ids._asdict()), headers=headers, **BODIES.get((method, path), {})
-    )
+    address = path.format(**ids._asdict(), source="incoming")
+    return client.http.request(method, address, headers=headers, **BODIES.get((method, path), {}))
 
 
 def things_of(client: Client, headers: dict[str, str]) -> Ids:
-    """A finished job of a tenant, their webhook endpoint, and a delivery of the one to the other."""
+    """A finished job of a tenant, their webhook endpoint, a delivery of the one to the other, and an upload."""
     endpoint = call(client, "POST", "/v1/webhook-endpoints", Ids(), headers)
     job_id = finished_job(client, headers)
     address = endpoint.headers["Location"]
     [delivery] = client.http.get(f"{address}/deliveries", headers=headers).json()["items"]
-    return Ids(job_id, endpoint.json()["id"], delivery["id"])
+    upload = call(client, "POST", "/v1/uploads", Ids(), headers)
+    return Ids(job_id, upload.json()["id"], endpoint.json()["id"], delivery["id"])
 
 
 def finished_job(client: Client, headers: dict[str, str]) -> str:
@@ -93,7 +95,7 @@ def test_another_tenants_things_are_not_there_on_any_route(client: Client) -> No
             met += 1
             assert response.status_code == 404, (method, path)
             assert told == call(client, method, path, Ids(), theirs).text, "as if it had never been"
-    assert met >= 15
+    assert met >= 16
     address = f"/v1/webhook-endpoints/{ids.endpoint_id}"
     assert client.http.get(address, headers=ours).json()["former_secret_until"] is None
     [delivery] = client.http.get(f"{address}/deliveries", headers=ours).json()["items"]
@@ -102,6 +104,18 @@ def test_another_tenants_things_are_not_there_on_any_route(client: Client) -> No
     job = client.http.get(f"/v1/watermarks/{job_id}", headers=ours).json()
     assert job["state"] == "succeeded"
     assert client.http.get(job["links"]["model"], headers=ours).content == b"glTF of HI"
+
+
+def test_another_tenants_upload_cannot_be_used(client: Client) -> None:
+    ours, theirs = bearer(client, "acme"), bearer(client, "beta")
+    ids = Ids(upload_id=call(client, "POST", "/v1/uploads", Ids(), ours).json()["id"])
+    assert call(client, "PUT", "/v1/uploads/{upload_id}", ids, ours).status_code == 204
+    for headers, status in ((theirs, 404), (ours, 202)):
+        data = {"params": '{"text": "HI"}', "upload_id": ids.upload_id}
+        assert client.http.post("/v1/watermarks", headers=headers, data=data).status_code == status
+        batch = {"items": [{"upload_id": ids.upload_id, "parameters": {"text": "HI"}}]}
+        results = client.http.post("/v1/watermarks/batch", headers=headers, json=batch).json()["items"]
+        assert [result["status"] for result in results] == [status]
 
 
 def test_without_a_key_every_route_but_the_open_ones_is_closed(client: Client) -> None:
@@ -119,6 +133,9 @@ def test_without_a_key_every_route_but_the_open_ones_is_closed(client: Client) -
     for method, path, _ in OPERATIONS:
         for headers in wrong:
             response = call(client, method, path, ids, headers)  # type: ignore[arg-type]
+            if path in OWN_TOKEN:
+                assert response.status_code in (401, 404)
+                continue
             if path in OPEN:
                 assert response.status_code == 200
                 continue
@@ -134,7 +151,7 @@ def test_a_key_does_what_its_scopes_say_and_nothing_else(client: Client) -> None
     for scope, other in ((Scope.READ, Scope.WRITE), (Scope.WRITE, Scope.READ)):
         headers = bearer(client, "acme", scope)
         for method, path, operation in OPERATIONS:
-            if path in OPEN or method == "DELETE":
+            if path in OPEN | OWN_TOKEN or method == "DELETE":
                 continue
             response = call(client, method, path, ids, headers)
             needed = operation["security"][1]["api_key"]
@@ -164,7 +181,7 @@ def test_a_key_that_asks_too_often_is_told_when_to_come_again(database_url: str,
 
 def test_every_guarded_operation_lists_how_access_is_refused() -> None:
     for method, path, operation in OPERATIONS:
-        if path not in OPEN:
+        if path not in OPEN | OWN_TOKEN:
             assert {"401", "403", "429"} <= set(operation["responses"]), (method, path)
     assert DOCUMENT["components"]["securitySchemes"]["api_key"]["scheme"] == "bearer"
 

@@ -14,6 +14,7 @@ import pytest
 
 from service.config import Settings
 from service.jobs import queue
+from service.jobs.models import Queue
 from tests.service.harness import API_COMMAND, WORKER_COMMAND, Service, redis_server, running
 from tests.service.s3 import Bucket
 from tests.worker.waiting import gone, wait_until
@@ -54,8 +55,8 @@ def test_a_message_that_arrives_again_changes_nothing(service: Service) -> None:
     before = service.wait_for(url, "succeeded")
     client = queue.create_queue(settings(service))
     for _ in range(3):
-        queue.send(client, before["id"])
-    queue.send(client, "00000000-0000-0000-0000-000000000000")
+        queue.send(client, before["id"], Queue.SMALL)
+    queue.send(client, "00000000-0000-0000-0000-000000000000", Queue.SMALL)
     other = service.wait_for(service.start_job(), "succeeded")
     client.close()
     assert other["attempts"] == 1

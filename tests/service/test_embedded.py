@@ -71,11 +71,11 @@ def test_a_crash_of_the_engine_ends_that_job_and_nothing_else(service: Service) 
     service.wait_for(sound, "succeeded")
 
 
-def test_a_running_job_that_is_deleted_is_stopped_and_leaves_no_file(service: Service, tmp_path: Path) -> None:
-    pid_file = tmp_path / "pid"
-    url = service.start_job("hang", pid_file=os.fspath(pid_file))
-    wait_until(lambda: pid_file.exists() and pid_file.read_text())
-    engine = psutil.Process(int(pid_file.read_text()))
+def test_a_running_job_that_is_deleted_is_stopped_and_leaves_no_file(service: Service) -> None:
+    url = service.start_job("hang")
+    scratch = Path(service.environment["MESHMARK_DATA_DIR"], "scratch")
+    wait_until(lambda: any(path.read_text() for path in scratch.glob("*/pid")))
+    engine = psutil.Process(int(next(scratch.glob("*/pid")).read_text()))
     digest = service.job(url)["input"]["sha256"]
     stored = Path(service.environment["MESHMARK_DATA_DIR"]) / "artifacts" / digest[:2] / digest
     assert stored.exists()
@@ -87,8 +87,9 @@ def test_a_running_job_that_is_deleted_is_stopped_and_leaves_no_file(service: Se
     assert service.client.delete(url).status_code == 204
 
 
-def test_a_job_survives_the_death_of_its_worker(service: Service, tmp_path: Path) -> None:
-    url = service.start_job("kill_parent", once=os.fspath(tmp_path / "killed"))
+def test_a_job_survives_the_death_of_its_worker(service: Service) -> None:
+    [worker] = [each for each in psutil.Process().children(recursive=True) if "tests.worker.apps" in each.cmdline()]
+    url = service.start_job("kill_parent", pid=worker.pid)
     assert service.wait_for(url, "succeeded")["attempts"] == 2
 
 

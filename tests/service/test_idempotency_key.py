@@ -14,6 +14,7 @@ from service.idempotency_key import parse_idempotency_key
 from service.jobs import queue
 from service.jobs.idempotency import fingerprint, reserve
 from service.jobs.listing import Filters, list_jobs
+from service.jobs.models import Priority, Queue
 from tests.service.conftest import Client, client_with
 from tests.service.s3 import S3, Flaky, bucket_settings
 from tests.worker.engines import asset
@@ -54,7 +55,7 @@ def test_a_request_sent_again_is_answered_with_the_same_job(client: Client) -> N
     assert (first.headers.get("Idempotent-Replayed"), again.headers["Idempotent-Replayed"]) == (None, "true")
     assert again.json()["state"] == "succeeded"
     assert jobs(client) == [first.json()["id"]]
-    assert queue.depth(client.worker.celery) == 1
+    assert queue.depth(client.worker.celery, Queue.SMALL) == 1
 
 
 def test_without_a_key_each_request_is_a_job(client: Client) -> None:
@@ -77,7 +78,8 @@ def test_another_request_with_the_key_is_refused(client: Client) -> None:
 def test_while_a_request_is_answered_its_key_is_in_use(client: Client) -> None:
     """Another process has the key: it reserved it for the very content that is sent here."""
     sample = send(client, "sample").json()
-    content = {"input": sample["input"]["sha256"], "parameters": sample["parameters"], "metadata": {}}
+    content = {"parameters": sample["parameters"], "metadata": {}, "priority": Priority.NORMAL}
+    content["input"] = sample["input"]["sha256"]
     reserve(client.worker.ledger.sessions, "default", "a", fingerprint(content))
     response = send(client)
     assert (response.status_code, response.json()["code"]) == (409, "idempotency_key_in_use")

@@ -36,7 +36,7 @@ def test_every_accepted_job_ends_once_though_database_and_store_fail_meanwhile(s
             )
             time.sleep(1)
             database.start()
-            wait_until(service.is_up)
+            wait_until(lambda: service.client.get("/readyz").status_code == 200)
             for job_url in accepted:
                 job = service.wait_for(job_url, "succeeded", 60)
                 assert job["attempts"] == 1

@@ -4,8 +4,12 @@ import json
 import re
 from pathlib import Path
 
+from prometheus_client import REGISTRY
+
 from core.parameters import Parameters
+from service.app import create_app
 from service.config import Settings
+from service.jobs.ledger_metrics import LedgerCollector
 from service.jobs.models import JobState
 from service.routes import events, watermarks
 from service.show_settings import as_variable
@@ -42,6 +46,18 @@ def test_the_table_of_parameters_names_each_with_its_default() -> None:
             assert default in ("preset", "`null`")
 
 
+def test_the_table_of_metrics_is_that_of_the_processes(client: Client) -> None:
+    ledger = LedgerCollector(client.worker.ledger.sessions)
+    families = [family for collector in (REGISTRY, ledger) for family in collector.collect()]
+    named = {row[0].strip("`") for row in rows("Observability")}
+    ours = {
+        family.name + {"counter": "_total", "info": "_info"}.get(family.type, "")
+        for family in families
+        if family.name.startswith("meshmark_")
+    }
+    assert named == ours
+
+
 def test_the_example_of_an_error_is_what_the_service_answers(client: Client) -> None:
     example = re.search(r"```json\n(.*?)```", README, re.DOTALL)
     assert example is not None
@@ -59,4 +75,5 @@ def test_every_state_of_a_job_is_named() -> None:
 def test_the_addresses_in_the_examples_exist() -> None:
     named = {re.sub(r"\$ID", "{job_id}", path) for path in re.findall(r"127\.0\.0\.1:8080(/v1\S*)", README)}
     routes = [*watermarks.router.routes, *events.router.routes]
-    assert named == {route.path for route in routes}  # type: ignore[attr-defined]
+    assert {route.path for route in routes} <= named  # type: ignore[attr-defined]
+    assert named <= set(create_app(Settings()).openapi()["paths"])

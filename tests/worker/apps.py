@@ -1,6 +1,4 @@
-"""A worker with the tests' engine: `celery -A tests.worker.apps worker`, or `python -m tests.worker.apps PID`."""
-
-import sys
+"""A worker with the tests' engine: `celery -A tests.worker.apps worker`, or `python -m tests.worker.apps [PID]`."""
 
 from service.config import Settings
 from worker.__main__ import main
@@ -9,4 +7,4 @@ from worker.factory import create_worker
 app = create_worker(Settings(), engine="tests.worker.engines:directed")
 
 if __name__ == "__main__":
-    main(app, int(sys.argv[1]))
+    main(app)

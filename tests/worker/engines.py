@@ -1,9 +1,11 @@
 """An engine that does what the asset tells it to: the first line of an OBJ is `# {"do": ..., ...}`."""
 
 import ctypes
+import errno
 import json
 import os
 import signal
+import socket
 import subprocess
 import time
 from collections.abc import Callable
@@ -47,6 +49,8 @@ def directed(
     progress("placing", 0.5)
     ACTIONS[order["do"]](order)
     model = b"glTF of " + parameters.text.encode()
+    if "sign" in order:
+        model += b" by %d" % os.getpid()
     publish("model", model)
     missing = {"ocr": {"code": "not_measured", "message": "Not yet.", "remedy": "Wait."}}
     publish("report", json.dumps({"metrics": {"ocr": None, "missing": missing}}).encode())
@@ -71,11 +75,19 @@ def segfault(_order: dict[str, Any]) -> None:
     ctypes.string_at(0)
 
 
-def hang(order: dict[str, Any]) -> None:
+def tell_pid(pid: int) -> None:
+    """In the attempt's own folder: nowhere else may an engine write."""
+    Path(os.environ["TMPDIR"], "pid").write_text(str(pid))
+
+
+def hang(_order: dict[str, Any]) -> None:
     """In native code, without giving up the interpreter's lock: no Python thread runs any more."""
-    if "pid_file" in order:
-        Path(order["pid_file"]).write_text(str(os.getpid()))
+    tell_pid(os.getpid())
     ctypes.PyDLL(None).sleep(600)
+
+
+def find_disk_full(_order: dict[str, Any]) -> None:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def eat_memory(_order: dict[str, Any]) -> None:
@@ -105,10 +117,54 @@ def chatter(_order: dict[str, Any]) -> None:
     os.write(1, b'{"done": true}\n' * 10_000)
 
 
-def spawn(order: dict[str, Any]) -> None:
-    process = subprocess.Popen(["sleep", "600"])
-    Path(order["pid_file"]).write_text(str(process.pid))
+def spawn(_order: dict[str, Any]) -> None:
+    tell_pid(subprocess.Popen(["sleep", "600"]).pid)
     time.sleep(600)
+
+
+def reach_out(order: dict[str, Any]) -> None:
+    """Try what the sandbox forbids, and tell what came of it."""
+    found = {attempt.__name__: _outcome(attempt, order) for attempt in (connect, listen, read_private, write_outside)}
+    found |= {attempt.__name__: _outcome(attempt, order) for attempt in (read_worker, write_much, write_own)}
+    raise MeshmarkError(ErrorCode.NO_PLACEMENT, json.dumps(found), ".")
+
+
+def _outcome(attempt: Callable[[dict[str, Any]], object], order: dict[str, Any]) -> str:
+    try:
+        attempt(order)
+    except OSError as error:
+        return errno.errorcode[error.errno or 0]
+    return "done"
+
+
+def connect(order: dict[str, Any]) -> None:
+    socket.create_connection(("127.0.0.1", order["port"]), timeout=2)
+
+
+def listen(_order: dict[str, Any]) -> None:
+    socket.socket(socket.AF_UNIX)
+
+
+def read_private(order: dict[str, Any]) -> None:
+    Path(order["private"]).read_bytes()
+
+
+def write_outside(order: dict[str, Any]) -> None:
+    Path(order["outside"]).write_bytes(b"1")
+
+
+def read_worker(_order: dict[str, Any]) -> None:
+    Path(f"/proc/{os.getppid()}/environ").read_bytes()
+
+
+def write_much(_order: dict[str, Any]) -> None:
+    with Path(os.environ["TMPDIR"], "much").open("wb") as file:
+        file.seek(2**31)
+        file.write(b"1")
+
+
+def write_own(_order: dict[str, Any]) -> None:
+    Path(os.environ["TMPDIR"], "own").write_bytes(b"1")
 
 
 def tell_environment(_order: dict[str, Any]) -> None:
@@ -116,11 +172,8 @@ def tell_environment(_order: dict[str, Any]) -> None:
 
 
 def kill_parent(order: dict[str, Any]) -> None:
-    """Kill the worker: each time, or with a marker file only the first time."""
-    marker = Path(order["once"]) if "once" in order else None
-    if marker is None or not marker.exists():
-        if marker:
-            marker.touch()
+    """Kill the worker: each one, or only that with a process id."""
+    if order.get("pid", os.getppid()) == os.getppid():
         os.kill(os.getppid(), signal.SIGKILL)
         time.sleep(600)
 
@@ -132,12 +185,14 @@ ACTIONS: dict[str, Callable[[dict[str, Any]], None]] = {
         segfault,
         hang,
         eat_memory,
+        find_disk_full,
         refuse,
         stumble,
         run_out_of_memory,
         leave,
         chatter,
         spawn,
+        reach_out,
         tell_environment,
         kill_parent,
     )

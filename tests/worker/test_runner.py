@@ -121,8 +121,9 @@ def test_the_engine_is_told_where_to_compute(tmp_path: Path, monkeypatch: pytest
 
 
 def test_closing_the_run_kills_the_child_and_what_it_started(tmp_path: Path) -> None:
-    pid_file = tmp_path / "pid"
-    run = run_engine(order(tmp_path, "spawn", pid_file=os.fspath(pid_file)), GENEROUS)
+    work = order(tmp_path, "spawn")
+    pid_file = work.folder / "pid"
+    run = run_engine(work, GENEROUS)
     for _ in run:
         if pid_file.exists() and pid_file.read_text():
             break
@@ -132,8 +133,8 @@ def test_closing_the_run_kills_the_child_and_what_it_started(tmp_path: Path) -> 
 
 
 def test_the_child_dies_with_a_worker_that_is_killed(tmp_path: Path) -> None:
-    pid_file = tmp_path / "pid"
-    work = order(tmp_path, "hang", pid_file=os.fspath(pid_file))
+    work = order(tmp_path, "hang")
+    pid_file = work.folder / "pid"
     script = (
         "import sys; from pathlib import Path; from worker.runner import *\n"
         "from core.asset.budgets import DEFAULT_BUDGETS\n"

@@ -11,7 +11,8 @@ from sqlalchemy import select
 from service.config import Settings
 from service.jobs import idempotency, queue
 from service.jobs.artifacts import GRACE
-from service.jobs.models import IdempotencyKey, JobState
+from service.jobs.models import IdempotencyKey, JobState, Queue
+from service.jobs.ownership import claim
 from worker.sweeper import sweep, sweep_store
 from worker.tasks import Worker, scratch_name
 
@@ -40,7 +41,7 @@ def test_the_job_of_a_vanished_worker_is_announced_again_and_in_the_end_fails(wo
         assert worker.ledger.claim(job_id, 0.001)
         time.sleep(0.01)
         sweep(worker)
-        assert queue.depth(worker.celery) == 1, attempt
+        assert queue.depth(worker.celery, Queue.SMALL) == 1, attempt
     assert state(worker, job_id) == "worker_lost"
 
 
@@ -57,20 +58,20 @@ def test_a_key_that_its_client_may_use_again_is_forgotten(worker: Worker, monkey
 def test_a_job_whose_message_was_lost_is_announced_again(worker: Worker) -> None:
     job_id = create(worker)
     sweep(worker)
-    assert queue.depth(worker.celery) == 0
+    assert queue.depth(worker.celery, Queue.SMALL) == 0
     time.sleep(0.06)
     sweep(worker)
-    assert queue.depth(worker.celery) == 1
+    assert queue.depth(worker.celery, Queue.SMALL) == 1
     assert state(worker, job_id) == JobState.QUEUED
 
 
 def test_a_long_queue_is_not_made_longer(worker: Worker) -> None:
     jobs = [create(worker) for _ in range(3)]
-    queue.send(worker.celery, jobs[0])
+    queue.send(worker.celery, jobs[0], Queue.SMALL)
     time.sleep(0.06)
     for _ in range(3):
         sweep(worker)
-    assert queue.depth(worker.celery) == 1
+    assert queue.depth(worker.celery, Queue.SMALL) == 1
 
 
 def test_working_folders_of_attempts_that_are_over_are_removed(worker: Worker) -> None:
@@ -85,6 +86,7 @@ def test_working_folders_of_attempts_that_are_over_are_removed(worker: Worker) -
 
 
 def test_content_that_no_job_refers_to_is_removed_when_it_is_old(worker: Worker) -> None:
+    claim(worker.ledger, worker.artifacts)
     with worker.artifacts.stage(io.BytesIO(b"1"), limit=1, name="file") as staged:
         worker.artifacts.put(staged)
         share = int(staged.sha256[:2], 16)

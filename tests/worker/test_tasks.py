@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from service.config import Settings
+from service.config import SECRETS, Settings
 from service.jobs import contents, queue
 from service.jobs.ledger import WORKER_LOST
-from service.jobs.models import Artifact, ArtifactKind, Job, JobState
+from service.jobs.models import Artifact, ArtifactKind, Job, JobState, Queue
 from tests.service.s3 import S3, Flaky, bucket_settings
 from tests.worker.engines import asset
 from tests.worker.waiting import wait_until
-from worker.tasks import Worker
+from worker.tasks import Worker, private_folders
 
 
 def worker_with(settings: Settings) -> Worker:
@@ -107,6 +107,33 @@ def test_a_canceled_job_is_stopped_and_stays_canceled(worker: Worker) -> None:
     assert job(worker, job_id).state == JobState.CANCELED
 
 
+def test_a_job_can_be_canceled_while_it_waits_and_when_its_model_is_there(worker: Worker, tmp_path: Path) -> None:
+    waits, measures = submit(worker), submit(worker, wait_for_before_the_report=os.fspath(tmp_path / "never"))
+    assert worker.ledger.cancel(waits)
+    thread = threading.Thread(target=worker.run, args=(waits,))  # its message starts the other one
+    thread.start()
+    wait_until(lambda: job(worker, measures).stage == "evaluating")
+    assert worker.ledger.cancel(measures)
+    thread.join(5)
+    assert not thread.is_alive()
+    assert [job(worker, each).state for each in (waits, measures)] == [JobState.CANCELED] * 2
+    assert job(worker, waits).attempts == 0
+    assert list(worker.scratch.iterdir()) == []
+
+
+def test_a_job_may_end_within_the_time_that_a_stopping_worker_has(worker: Worker, tmp_path: Path) -> None:
+    go = tmp_path / "go"
+    job_id, later = submit(worker, wait_for=os.fspath(go)), submit(worker, number=2)
+    thread = in_background(worker, job_id)
+    worker.settings.shutdown_seconds = 20
+    worker.stop()
+    worker.run(later)  # a message that had come already
+    go.touch()
+    thread.join(10)
+    assert [job(worker, each).state for each in (job_id, later)] == [JobState.SUCCEEDED, JobState.QUEUED]
+    assert queue.depth(worker.celery, Queue.SMALL) == 1
+
+
 def test_a_worker_that_lost_its_lease_publishes_nothing(worker: Worker, tmp_path: Path) -> None:
     go = tmp_path / "go"
     job_id = submit(worker, wait_for=os.fspath(go))
@@ -127,11 +154,12 @@ def test_a_worker_that_lost_its_lease_publishes_nothing(worker: Worker, tmp_path
 def test_a_stopping_worker_gives_its_job_back_to_the_queue(worker: Worker) -> None:
     job_id = submit(worker, "hang")
     thread = in_background(worker, job_id)
-    worker.stopping.set()
+    worker.settings.shutdown_seconds = 0
+    worker.stop()
     thread.join(5)
     waiting = job(worker, job_id)
     assert (waiting.state, waiting.attempts, waiting.stage) == (JobState.QUEUED, 0, None)
-    assert queue.depth(worker.celery) == 1
+    assert queue.depth(worker.celery, Queue.SMALL) == 1
 
 
 def test_an_input_that_vanished_from_the_store_is_a_failed_job_and_not_a_stuck_one(worker: Worker) -> None:
@@ -169,6 +197,14 @@ def test_a_store_that_fails_for_a_while_delays_a_job_and_does_not_end_it(s3: S3,
         worker.ledger.close()
 
 
+def test_a_job_is_put_back_when_the_engine_finds_the_disk_full(worker: Worker) -> None:
+    job_id = submit(worker, "find_disk_full")
+    worker.run(job_id)
+    waiting = job(worker, job_id)
+    assert (waiting.state, waiting.attempts, waiting.error_code) == (JobState.QUEUED, 0, None)
+    assert list(worker.scratch.iterdir()) == []
+
+
 def test_a_job_is_put_back_when_the_store_fails_for_longer_than_a_worker_waits(
     s3: S3, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -187,3 +223,12 @@ def test_a_job_is_put_back_when_the_store_fails_for_longer_than_a_worker_waits(
         worker.run(job_id)
         assert job(worker, job_id).state == JobState.SUCCEEDED
         worker.ledger.close()
+
+
+def test_the_engine_does_not_see_a_ledger_outside_the_data_folder_either(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path / "data", database_url=f"sqlite:///{tmp_path / 'jobs.sqlite3'}")
+    assert {tmp_path / "data", tmp_path / "jobs.sqlite3", tmp_path / "jobs.sqlite3-wal"} <= set(
+        private_folders(settings)
+    )
+    servers = Settings(data_dir=tmp_path, database_url="postgresql://user@host/jobs")
+    assert private_folders(servers) == (tmp_path, SECRETS)

@@ -2,6 +2,8 @@ import hashlib
 import io
 import os
 import resource
+import subprocess
+import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime, timedelta
@@ -137,3 +139,23 @@ def test_a_full_disk_is_a_store_that_is_not_available(store: ArtifactStore, tmp_
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert local_files(tmp_path) == []
+
+
+def test_what_is_still_in_a_buffer_when_the_disk_is_full_changes_nothing(tmp_path: Path) -> None:
+    """By a limit on the size of files, which a write meets as it meets the end of a disk."""
+    script = (
+        "import io, resource, signal, sys; from pathlib import Path\n"
+        "from service.jobs.artifacts import StoreUnavailableError; from service.jobs.folder_store import FolderStore\n"
+        "store = FolderStore(Path(sys.argv[1]))\n"
+        "with store.stage(io.BytesIO(b'x' * 5000), limit=9999, name='file') as staged: store.put(staged)\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))\n"
+        "for attempt in (\n"
+        "    lambda: store.stage(io.BytesIO(b'y' * 5000), limit=9999, name='file').__enter__(),\n"
+        "    lambda: store.fetch(staged.sha256, 5000, Path(sys.argv[1], 'fetched')),\n"
+        "):\n"
+        "    try: attempt(); sys.exit('it was written')\n"
+        "    except StoreUnavailableError: pass\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", script, tmp_path], capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stderr
+    assert not list(tmp_path.glob(".staged-*"))

@@ -13,6 +13,7 @@ from service.jobs import contents
 from service.jobs.artifacts import ArtifactStore, StoreUnavailableError
 from service.jobs.ledger import Ledger
 from service.jobs.models import ArtifactKind, Job
+from service.jobs.ownership import claim
 from service.jobs.stores import open_store
 from tests.service.s3 import S3, Flaky, bucket_settings
 
@@ -69,6 +70,7 @@ def test_however_uploads_and_deletions_of_one_content_race_no_job_loses_its_file
     ledger: Ledger, store: ArtifactStore
 ) -> None:
     """Four clients upload and delete the same two files, while a sweeper without any grace removes what it can."""
+    claim(ledger, store)
     over = threading.Event()
 
     def use(seed: int) -> list[tuple[str, str]]:
@@ -125,6 +127,7 @@ def test_an_output_of_a_worker_that_lost_its_lease_leaves_nothing(ledger: Ledger
 
 
 def test_orphans_are_removed_when_they_are_old_and_only_they(ledger: Ledger, store: ArtifactStore) -> None:
+    claim(ledger, store)
     kept = submit(ledger, store, b"kept").artifacts[0].sha256
     with ExitStack() as stack:
         orphans = [stack.enter_context(store.stage(io.BytesIO(b"%d" % n), limit=9, name="file")) for n in range(3)]
@@ -146,6 +149,7 @@ def test_while_the_store_fails_nothing_is_recorded_and_deletions_are_left_for_la
         bucket = s3.new_bucket()
         bucket.endpoint = flaky.url
         store = open_store(bucket_settings(bucket, tmp_path))
+        claim(ledger, store)
         job = submit(ledger, store, b"1")
         flaky.failing.set()
         with pytest.raises(StoreUnavailableError):

@@ -6,7 +6,7 @@ import pytest
 from core.errors import ErrorCode, MeshmarkError
 from service.outbound.errors import Unreachable
 from service.outbound.policy import Policy
-from service.outbound.resolve import Resolver, resolve, system_resolver
+from service.outbound.resolve import Resolver, check_address, resolve, system_resolver
 from service.outbound.target import parse_target
 from tests.service.outbound.servers import LOOPBACK, at
 
@@ -63,3 +63,32 @@ def test_a_name_server_that_does_not_answer_is_not_waited_for() -> None:
     with pytest.raises(Unreachable, match="not resolved"):
         addresses("https://files.example/", slow, seconds=0.2)
     assert time.monotonic() - started < 1
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "https://127.0.0.1/hook",
+        "https://169.254.169.254/latest/meta-data",
+        "https://[::1]/",
+        "https://[::ffff:10.0.0.1]/",
+        "http://shop.example/hook",
+        "https://shop.example:8080/",
+        "https://user:password@shop.example/",
+        "https://2130706433/",
+        "ftp://shop.example/",
+        "shop",
+        "",
+        "https://shop.example/" + "a" * 2048,
+        "https://\ud800.example/",
+    ],
+)
+def test_a_url_that_will_never_be_called_is_refused_at_once(url: str) -> None:
+    with pytest.raises(MeshmarkError, match="address_refused"):
+        check_address(url, Policy())
+
+
+def test_what_the_operator_allows_is_accepted() -> None:
+    check_address("https://shop.example/hook", Policy())
+    allowed = Policy((ip_network("127.0.0.0/8"),), frozenset({"http"}), frozenset({8080}))
+    check_address("http://127.0.0.1:8080/hook", allowed)

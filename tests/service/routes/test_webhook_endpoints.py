@@ -5,9 +5,9 @@ from typing import Any, get_args
 import pytest
 from httpx2 import Response
 
+from service.app import JSON_BYTES
 from service.config import Settings
 from service.jobs.events import ENDINGS
-from service.json_route import MAX_BODY_BYTES
 from service.routes.webhook_schemas import Event
 from service.webhooks.signing import new_secret
 from tests.service.conftest import Client, client_with
@@ -95,14 +95,14 @@ def test_what_is_no_json_is_refused(client: Client, content: bytes) -> None:
     response = client.http.post(PATH, content=content, headers={"Content-Type": "application/json"})
     assert response.json()["code"] in ("invalid_request", "address_refused")
     form = client.http.post(PATH, content=content, headers={"Content-Type": "text/plain"})
-    refused(form, 400, "invalid_request", "body")
+    refused(form, 415, "unsupported_media_type", "text/plain")
 
 
 def test_a_body_that_is_too_large_is_not_read(client: Client) -> None:
-    body = b'{"url": "' + b"x" * MAX_BODY_BYTES + b'"}'
+    body = b'{"url": "' + b"x" * JSON_BYTES + b'"}'
     for content in (body, iter([body[:1000], body[1000:]])):  # one that declares its length, and one that does not
         response = client.http.post(PATH, content=content, headers={"Content-Type": "application/json"})
-        refused(response, 413, "upload_too_large", f"{MAX_BODY_BYTES:,}")
+        refused(response, 413, "upload_too_large", f"{JSON_BYTES:,}")
 
 
 @pytest.mark.parametrize("url", ["http://shop.example/", "https://10.0.0.1/", "https://localhost:1/", "shop"])

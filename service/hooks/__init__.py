@@ -1,0 +1,1 @@
+"""Files dropped in a bucket: who tells of them, what is told, and what is made of it."""

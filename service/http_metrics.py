@@ -1,0 +1,54 @@
+"""Count requests by the route that answered them."""
+
+import time
+from http import HTTPMethod
+
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from service.metrics import HTTP_BYTES, HTTP_REQUESTS, HTTP_SECONDS
+
+ELSEWHERE = "other"  # paths and methods that there are not; clients may invent as many as they like
+METHODS = frozenset(HTTPMethod)
+
+
+class HttpMetrics:
+    """Measures what passes through it, once an answer was sent or given up."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on and count it."""
+        if scope["type"] != "http":
+            return await self.app(scope, receive, send)
+        began, seconds, status = time.perf_counter(), 0.0, 500
+        came = went = 0
+
+        async def counted_receive() -> Message:
+            nonlocal came
+            message = await receive()
+            came += len(message.get("body", b""))
+            return message
+
+        async def counted_send(message: Message) -> None:
+            nonlocal status, went, seconds
+            if message["type"] == "http.response.start":
+                status = message["status"]
+            went += len(message.get("body", b""))
+            await send(message)
+            seconds = time.perf_counter() - began
+
+        try:
+            return await self.app(scope, counted_receive, counted_send)
+        finally:
+            method = scope["method"] if scope["method"] in METHODS else ELSEWHERE
+            route = route_of(scope)
+            HTTP_REQUESTS.labels(method, route, status).inc()
+            HTTP_SECONDS.labels(method, route).observe(seconds)
+            HTTP_BYTES.labels("in", route).inc(came)
+            HTTP_BYTES.labels("out", route).inc(went)
+
+
+def route_of(scope: Scope) -> str:
+    """The template of the path, such as `/v1/watermarks/{job_id}`."""
+    return str(getattr(scope.get("route"), "path", ELSEWHERE))

@@ -1,0 +1,38 @@
+"""Results that exist already: the engine is deterministic, so the same bytes and parameters need no second run.
+
+Only a tenant's own results count: whether somebody else had an asset watermarked is nobody's business.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from sqlalchemy import or_, select
+from sqlalchemy.orm import Session, sessionmaker
+
+from core import __version__
+from service.jobs.idempotency import fingerprint
+from service.jobs.ledger import OUTPUTS, Content, now
+from service.jobs.models import ArtifactKind, Job, JobState
+
+
+def result_key(parameters: dict[str, Any], contents: Mapping[ArtifactKind, Content]) -> str | None:
+    """What tells a job's results from those of others; None while its asset is not known."""
+    if ArtifactKind.INPUT not in contents:
+        return None
+    inputs = {kind.value: content.sha256 for kind, content in contents.items()}
+    return fingerprint({"engine": __version__, "parameters": parameters, **inputs})
+
+
+def find_results(sessions: sessionmaker[Session], tenant: str, key: str | None) -> dict[ArtifactKind, Content]:
+    """What the tenant's latest job with this key made and still has; nothing where there is none."""
+    if key is None:
+        return {}
+    done = (
+        Job.tenant_id == tenant,
+        Job.result_key == key,
+        Job.state == JobState.SUCCEEDED,
+        or_(Job.expires_at.is_(None), Job.expires_at > now()),
+    )
+    with sessions() as session:
+        job = session.scalar(select(Job).where(*done).order_by(Job.created_at.desc()).limit(1))
+    return {item.kind: Content(item.sha256, item.size) for item in job.artifacts if item.kind in OUTPUTS} if job else {}

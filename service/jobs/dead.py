@@ -1,0 +1,45 @@
+"""Jobs that were given up because their workers died, each time: to be looked at, and tried once more."""
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session, sessionmaker
+
+from core.errors import ErrorCode
+from service.jobs.artifacts import ArtifactStore
+from service.jobs.ledger import Content, Ledger, MissingContentError, Submission
+from service.jobs.models import ArtifactKind, Job, JobState, Priority
+
+DEAD = (Job.state == JobState.FAILED, Job.error_code == ErrorCode.WORKER_LOST)
+
+
+def dead_jobs(sessions: sessionmaker[Session], tenant: str | None = None) -> list[Job]:
+    """The dead jobs of a tenant, or of all of them; those that died first."""
+    dead = select(Job).where(*DEAD).order_by(Job.finished_at)
+    with sessions() as session:
+        return list(session.scalars(dead if tenant is None else dead.where(Job.tenant_id == tenant)))
+
+
+def retry(ledger: Ledger, store: ArtifactStore, job_id: str) -> Job:
+    """A new job of the same tenant with what a dead one was given; that one stays as it ended.
+
+    Raises:
+        LookupError: there is no such job, or its files are gone.
+    """
+    with ledger.sessions() as session:
+        dead = session.scalar(select(Job).where(Job.id == job_id, *DEAD))
+    if dead is None:
+        raise LookupError(f"There is no job {job_id} that ended with worker_lost.")
+    inputs = {kind: dead.artifact(kind) for kind in (ArtifactKind.INPUT, ArtifactKind.FONT)}
+    contents = {kind: Content(artifact.sha256, artifact.size) for kind, artifact in inputs.items() if artifact}
+    submission = Submission(
+        tenant=dead.tenant_id,
+        metadata={entry.key: entry.value for entry in dead.metadata_entries},
+        webhook=dead.webhook,
+        queue=dead.queue,
+        priority=Priority(dead.priority),
+    )
+    try:
+        if ArtifactKind.INPUT in contents:
+            return ledger.create(dead.filename, dead.parameters, contents, store.has, submission, dead.result_key)
+    except MissingContentError:
+        pass
+    raise LookupError(f"The files of job {job_id} are gone.")

@@ -1,0 +1,108 @@
+"""Objects that were dropped in a watched bucket: which job each made, and whether its results were written back.
+
+An object's id is a hash of its place and its version, so however often it is told of, it makes one job. Its row is
+recorded with the job; `output` then goes from pending to one of the other states, once, and what is pending is looked
+at again and again until it does. Writing twice is as good as once.
+"""
+
+import hashlib
+import json
+from datetime import timedelta
+from enum import StrEnum
+
+from sqlalchemy import exists, select, update
+from sqlalchemy.orm import Session, aliased, sessionmaker
+
+from service.jobs.ledger import ACTIVE, now
+from service.jobs.models import DroppedObject, Job
+
+TAKEN = timedelta(minutes=5)  # after which another worker tries, where one died
+LONGEST_PAUSE = 300.0
+
+Sessions = sessionmaker[Session]
+
+
+class Output(StrEnum):
+    """What became of a job's results."""
+
+    PENDING = "pending"
+    WRITTEN = "written"
+    NONE = "none"  # the job made none, or they are deleted
+    SUPERSEDED = "superseded"  # a later version of the object came since
+
+
+def identity(source: str, bucket: str, key: str, version: str) -> str:
+    """The id of one version of an object."""
+    return hashlib.sha256(json.dumps([source, bucket, key, version]).encode()).hexdigest()
+
+
+def record(session: Session, job_id: str, object_id: str, source: str, key: str) -> None:
+    """Note what a job was made of, in the transaction that records the job.
+
+    Raises:
+        sqlalchemy.exc.IntegrityError: the object has a job already.
+    """
+    moment = now()
+    session.add(
+        DroppedObject(
+            id=object_id, job_id=job_id, source=source, key=key, output=Output.PENDING, due_at=moment, created_at=moment
+        )
+    )
+    session.flush()
+
+
+def job_of(sessions: Sessions, object_id: str) -> str | None:
+    """The job of an object, if it has one."""
+    with sessions() as session:
+        return session.scalar(select(DroppedObject.job_id).where(DroppedObject.id == object_id))
+
+
+def object_of(sessions: Sessions, job_id: str) -> DroppedObject | None:
+    """The object that a job was made of, if it was."""
+    with sessions() as session:
+        return session.scalar(select(DroppedObject).where(DroppedObject.job_id == job_id))
+
+
+def take_due(sessions: Sessions, limit: int = 20) -> list[DroppedObject]:
+    """Objects whose jobs have ended and whose results are to be written; nobody else gets them for a while."""
+    moment = now()
+    due = (
+        select(DroppedObject)
+        .join(Job, Job.id == DroppedObject.job_id)
+        .where(DroppedObject.output == Output.PENDING, DroppedObject.due_at <= moment, Job.state.not_in(ACTIVE))
+        .order_by(DroppedObject.due_at)
+        .limit(limit)
+    )
+    with sessions() as session:
+        found = list(session.scalars(due))
+    return [item for item in found if _change(sessions, item, due_at=moment + TAKEN, tries=item.tries + 1)]
+
+
+def settle(sessions: Sessions, item: DroppedObject, output: Output) -> None:
+    """Say what became of the results of an object that was taken."""
+    with sessions.begin() as session:
+        session.execute(update(DroppedObject).where(DroppedObject.id == item.id).values(output=output))
+
+
+def postpone(sessions: Sessions, item: DroppedObject) -> None:
+    """Let an object that was taken be tried again, after a pause that grows."""
+    pause = min(2.0 ** min(item.tries, 16), LONGEST_PAUSE)
+    with sessions.begin() as session:
+        later = update(DroppedObject).where(DroppedObject.id == item.id, DroppedObject.output == Output.PENDING)
+        session.execute(later.values(due_at=now() + timedelta(seconds=pause)))
+
+
+def is_superseded(sessions: Sessions, item: DroppedObject) -> bool:
+    """Whether a later version of the object came."""
+    later = aliased(DroppedObject)
+    there = exists().where(later.source == item.source, later.key == item.key, later.created_at > item.created_at)
+    with sessions() as session:
+        return bool(session.scalar(select(there)))
+
+
+def _change(sessions: Sessions, item: DroppedObject, **values: object) -> bool:
+    """Change a row that nobody else has changed since it was read."""
+    unchanged = (DroppedObject.id == item.id, DroppedObject.output == Output.PENDING, DroppedObject.tries == item.tries)
+    with sessions.begin() as session:
+        changed = update(DroppedObject).where(*unchanged).values(**values).returning(DroppedObject.id)
+        return session.scalar(changed.execution_options(synchronize_session=False)) is not None

@@ -1,0 +1,63 @@
+"""One id for a request and all that is logged because of it, in every process.
+
+It comes from the client's `X-Request-ID` or is drawn here, is in the answer, is kept with the
+job that is made (see :mod:`service.correlation`), and so is in the lines of the worker and of the engine's process too.
+"""
+
+import re
+import time
+import uuid
+
+import structlog
+from starlette.datastructures import MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+HEADER = "X-Request-ID"
+VALID = re.compile(r"[A-Za-z0-9._:@+/=-]{1,128}")
+
+log = structlog.get_logger(__name__)
+
+
+def valid_request_id(text: object) -> str | None:
+    """The id where it can be one; anything else would let clients write into logs what they like."""
+    return text if isinstance(text, str) and VALID.fullmatch(text) else None
+
+
+def current_request_id() -> str | None:
+    """That of the request at work here."""
+    return valid_request_id(structlog.contextvars.get_contextvars().get("request"))
+
+
+class RequestId:
+    """Gives each request its id, and logs a line about its answer."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on."""
+        if scope["type"] != "http":
+            return await self.app(scope, receive, send)
+        given = dict(scope["headers"]).get(HEADER.lower().encode(), b"").decode("latin-1")
+        identity = valid_request_id(given) or str(uuid.uuid4())
+        began, seconds, status = time.perf_counter(), 0.0, 500
+
+        async def send_with_id(message: Message) -> None:
+            nonlocal status, seconds
+            if message["type"] == "http.response.start":
+                status = message["status"]
+                MutableHeaders(scope=message)[HEADER] = identity
+            await send(message)
+            seconds = time.perf_counter() - began  # not what is done after the answer
+
+        with structlog.contextvars.bound_contextvars(request=identity):
+            try:
+                return await self.app(scope, receive, send_with_id)
+            finally:
+                log.info(
+                    "request answered",
+                    method=scope["method"],
+                    path=scope["path"],
+                    status=status,
+                    seconds=round(seconds, 4),
+                )

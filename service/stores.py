@@ -1,0 +1,48 @@
+"""What the command line does with the artifact store: check at start whose it is, and hand it over."""
+
+import sys
+import time
+from contextlib import closing
+
+from service.config import Settings
+from service.jobs.artifacts import StoreUnavailableError
+from service.jobs.ledger import Ledger
+from service.jobs.ownership import ForeignStoreError, adopt, claim
+from service.jobs.stores import open_store
+
+PATIENCE, PAUSE = 60.0, 1.0  # seconds
+
+
+def require_own_store(settings: Settings, patience: float = PATIENCE) -> None:
+    """Claim the store for the ledger; one that does not answer is waited for, as it may only be restarted.
+
+    Raises:
+        SystemExit: with code 2 and a sentence on stderr, where it is another's or has not answered for so long.
+    """
+    deadline = time.monotonic() + patience
+    with closing(Ledger(settings.ledger_url)) as ledger:
+        store = open_store(settings)
+        while True:
+            try:
+                return claim(ledger, store)
+            except ForeignStoreError as error:
+                sys.exit(_failed(str(error)))
+            except StoreUnavailableError as error:
+                if time.monotonic() >= deadline:
+                    sys.exit(_failed(f"{error.message} Check MESHMARK_STORE_URL and its keys, or the folder's disk."))
+            time.sleep(PAUSE)
+
+
+def _failed(sentence: str) -> int:
+    print(sentence, file=sys.stderr)
+    return 2
+
+
+def run_adopt_store(settings: Settings) -> int:
+    """Hand the store over to the ledger, whosever it was; returns the exit code."""
+    with closing(Ledger(settings.ledger_url)) as ledger:
+        store = open_store(settings)
+        before = store.owner()
+        adopt(ledger, store)
+        print(f"{store} belongs to the database {ledger.identity} now; before, to {before or 'none'}.")
+    return 0

@@ -1,0 +1,182 @@
+"""The compose file: right by its specification, closed by default, and good for a job when its processes run."""
+
+import json
+import os
+import re
+import shutil
+import stat
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import httpx2
+import jsonschema
+import pytest
+import yaml
+
+from service.config import PREFIX, Settings
+from tests.service.harness import Service, free_port, running
+from tests.service.postgres import Postgres
+from tests.service.s3 import S3
+from tests.service.test_embedded import CUBE
+from tests.worker.waiting import wait_until
+
+ROOT = Path(__file__).parents[2]
+COMPOSE: dict[str, Any] = yaml.safe_load((ROOT / "docker" / "compose.yaml").read_text())
+SERVICES: dict[str, dict[str, Any]] = COMPOSE["services"]
+SERVERS = {"postgres", "redis", "store", "bucket"}
+
+
+@pytest.fixture(scope="module")
+def secrets(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("compose") / "secrets"
+    subprocess.run(["sh", ROOT / "docker" / "make-secrets.sh", folder], check=True)
+    return folder
+
+
+def test_it_is_a_compose_file() -> None:
+    schema = json.loads((ROOT / "tests" / "data" / "compose-spec.json").read_text())
+    jsonschema.Draft7Validator(schema).validate(COMPOSE)
+    broken = {**COMPOSE, "services": {"api": {"read_only": "perhaps", "imagine": 1}}}
+    assert list(jsonschema.Draft7Validator(schema).iter_errors(broken)), "the schema refuses what is none"
+
+
+def test_dockers_own_reading_agrees() -> None:
+    docker = shutil.which("docker")
+    if docker is None or subprocess.run([docker, "compose", "version"], capture_output=True, check=False).returncode:
+        pytest.skip("there is no `docker compose` here")
+    subprocess.run([docker, "compose", "-f", ROOT / "docker" / "compose.yaml", "config", "--quiet"], check=True)
+
+
+@pytest.mark.parametrize("name", SERVICES)
+def test_every_container_is_closed_and_bounded(name: str) -> None:
+    service = SERVICES[name]
+    assert service["read_only"] is True
+    assert service["cap_drop"] == ["ALL"]
+    assert service["security_opt"] == ["no-new-privileges:true"]
+    assert not {"privileged", "cap_add", "network_mode", "pid", "ipc", "devices"} & service.keys()
+    assert service["pids_limit"] <= 512
+    assert re.fullmatch(r"\d+[mg]", service["mem_limit"])
+    assert "docker.sock" not in str(service)
+    assert re.search(r":v?\d+\.\d+", service["image"]), "a version, and not whatever is newest"
+    one_off = name == "bucket"
+    assert ("healthcheck" in service) != (one_off or name == "api")  # the image has the API's
+
+
+def test_servers_are_on_a_network_without_a_way_out_and_nothing_but_loopback_is_published() -> None:
+    assert COMPOSE["networks"]["back"]["internal"] is True
+    for name, service in SERVICES.items():
+        if name in SERVERS | {"worker", "prometheus"}:
+            assert service["networks"] == ["back"]
+        for port in service.get("ports", []):
+            assert port.startswith("127.0.0.1:")
+    assert {name for name, service in SERVICES.items() if "ports" in service} == {"api", "grafana"}
+
+
+def test_only_the_sender_of_webhooks_calls_others_and_it_does_not_know_the_store() -> None:
+    assert [name for name, service in SERVICES.items() if "out" in service["networks"]] == ["webhooks"]
+    assert SERVICES["webhooks"]["secrets"] == ["meshmark_database_url", "meshmark_broker_url"]
+    assert SERVICES["webhooks"]["environment"].keys() == {"MESHMARK_METRICS_HOST", "MESHMARK_WEBHOOKS_METRICS_PORT"}
+
+
+def test_what_is_secret_is_in_files_that_the_script_makes_once(secrets: Path) -> None:
+    made = {path.name: path.read_text() for path in secrets.iterdir()}
+    assert made.keys() == COMPOSE["secrets"].keys()
+    assert {item["file"] for item in COMPOSE["secrets"].values()} == {f"./secrets/{name}" for name in made}
+    assert stat.S_IMODE(secrets.stat().st_mode) == 0o700
+    subprocess.run(["sh", ROOT / "docker" / "make-secrets.sh", secrets], check=True)
+    assert {path.name: path.read_text() for path in secrets.iterdir()} == made
+    assert (
+        json.loads(made["store.json"])["identities"][0]["credentials"][0]["secretKey"]
+        == made[f"{PREFIX.lower()}s3_secret_access_key"]
+    )
+    text = (ROOT / "docker" / "compose.yaml").read_text()
+    assert not [content for content in made.values() if content in text]
+    ignored = subprocess.run(["git", "check-ignore", "docker/secrets/any"], cwd=ROOT, check=False, capture_output=True)
+    assert ignored.returncode == 0
+    known = {f"{PREFIX.lower()}{name}" for name in Settings.model_fields}
+    assert {name for name in made if name.startswith(PREFIX.lower())} <= known
+
+
+def test_every_variable_is_a_setting() -> None:
+    known = {f"{PREFIX}{name.upper()}" for name in Settings.model_fields}
+    for name in ("api", "worker", "webhooks"):
+        assert SERVICES[name]["environment"].keys() <= known
+
+
+class Machine:
+    """The servers of the compose file on loopback, with its passwords, and where they are instead."""
+
+    def __init__(self, secrets: Path, postgres: Postgres, s3: S3, redis_port: int) -> None:
+        self.metrics = {"api": free_port(), "worker": free_port()}
+        content = {path.name: path.read_text() for path in secrets.iterdir()}
+        database = re.sub(
+            r"(@)[^/]+/.*",
+            rf"@127.0.0.1:{postgres.port}/{postgres.new_database().rpartition('/')[2]}",
+            content["meshmark_database_url"],
+        )
+        self.secrets = {
+            "database_url": database,
+            "broker_url": content["meshmark_broker_url"].replace("redis:6379", f"127.0.0.1:{redis_port}"),
+            "s3_access_key_id": content["meshmark_s3_access_key_id"],
+            "s3_secret_access_key": content["meshmark_s3_secret_access_key"],
+            "s3_endpoint": s3.url,
+        }
+
+    def environment(self, name: str, folder: Path) -> dict[str, str]:
+        """The variables of a container, but for hosts, ports and the folder."""
+        given = {key.removeprefix(PREFIX).lower(): value for key, value in SERVICES[name]["environment"].items()}
+        given |= self.secrets | {"metrics_host": "127.0.0.1", "data_dir": os.fspath(folder / name)}
+        given["metrics_port" if name == "api" else "worker_metrics_port"] = str(self.metrics[name])
+        return given | ({"host": "127.0.0.1"} if name == "api" else {})
+
+
+@pytest.fixture
+def machine(secrets: Path, postgres: Postgres, s3: S3, tmp_path: Path) -> Iterator[Machine]:
+    assert httpx2.put(f"{s3.url}/meshmark").status_code == 200
+    port = free_port()
+    assert SERVICES["redis"]["command"][1:] == ["/run/secrets/redis.conf", "--dir", "/data"]
+    redis = [
+        "redis-server",
+        os.fspath(secrets / "redis.conf"),
+        "--dir",
+        os.fspath(tmp_path),
+        "--port",
+        str(port),
+        "--bind",
+        "127.0.0.1",
+    ]
+    with running(redis, {}, quiet=True):
+        yield Machine(secrets, postgres, s3, port)
+
+
+def test_its_processes_with_its_settings_watermark_an_asset(machine: Machine, tmp_path: Path) -> None:
+    api = Service(tmp_path, **machine.environment("api", tmp_path))
+    worker = {f"{PREFIX}{key.upper()}": value for key, value in machine.environment("worker", tmp_path).items()}
+    command = {name: [sys.executable, "-m", *SERVICES[name]["command"]] for name in ("api", "worker")}
+    with ExitStack() as stack:
+        stack.enter_context(api.running(command["api"]))
+        stack.enter_context(running(command["worker"], worker))
+        assert api.submit(CUBE).status_code == 401
+        made = subprocess.run(
+            [sys.executable, "-m", "service", "keys", "create", "--tenant", "acme", "--name", "test"],
+            env=os.environ | api.environment,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        key = re.search(r"mm_\w+", made.stdout)
+        assert key is not None
+        api.client.headers["Authorization"] = f"Bearer {key[0]}"
+        response = api.submit(CUBE, '{"text": "HI", "count": 1, "evaluate": "none"}')
+        assert response.status_code == 202, response.text
+        job = api.wait_for(response.headers["Location"], "succeeded", 90)
+        assert api.client.get(job["links"]["model"]).content.startswith(b"glTF")
+        assert api.client.get("/readyz").status_code == 200
+        program, option, probe = SERVICES["worker"]["healthcheck"]["test"][1:]
+        probe = probe.replace("9465", str(machine.metrics["worker"]))
+        wait_until(lambda: subprocess.run([program, option, probe], capture_output=True, check=False).returncode == 0)
+    assert subprocess.run([program, option, probe], capture_output=True, check=False).returncode != 0

@@ -1,0 +1,54 @@
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from service.config import Settings
+from service.jobs.ledger import Ledger
+from service.jobs.stores import open_store
+from service.stores import require_own_store, run_adopt_store
+from tests.service.s3 import S3, Flaky, bucket_settings
+
+
+@pytest.mark.parametrize("command", [["service", "api"], ["service"], ["worker"]])
+def test_nothing_starts_on_a_store_of_another_ledger(command: list[str], tmp_path: Path) -> None:
+    require_own_store(Settings(data_dir=tmp_path))
+    variables = {"MESHMARK_DATA_DIR": os.fspath(tmp_path), "MESHMARK_DATABASE_URL": f"sqlite:///{tmp_path / 'new'}"}
+    ended = subprocess.run(
+        [sys.executable, "-m", *command], env=os.environ | variables, capture_output=True, text=True, timeout=60
+    )
+    assert ended.returncode == 2, ended.stderr
+    assert "belongs to the database" in ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
+def test_a_store_that_does_not_answer_is_named_at_start(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    settings = Settings(data_dir=tmp_path, store_url="s3://bucket", s3_endpoint="http://127.0.0.1:9", s3_region="none")
+    with pytest.raises(SystemExit) as ended:
+        require_own_store(settings, patience=0)
+    assert ended.value.code == 2
+    assert "cannot be reached" in capsys.readouterr().err
+
+
+def test_the_command_hands_a_store_over_and_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    require_own_store(Settings(data_dir=tmp_path))
+    before = open_store(Settings(data_dir=tmp_path)).owner()
+    settings = Settings(data_dir=tmp_path, database_url=f"sqlite:///{tmp_path / 'new'}")
+    assert run_adopt_store(settings) == 0
+    ledger = Ledger(settings.ledger_url)
+    assert capsys.readouterr().out.strip().endswith(f"{ledger.identity} now; before, to {before}.")
+    ledger.close()
+    require_own_store(settings)
+
+
+def test_a_store_that_is_back_soon_is_waited_for(s3: S3, tmp_path: Path) -> None:
+    with Flaky(s3.url).running() as flaky:
+        bucket = s3.new_bucket()
+        bucket.endpoint = flaky.url
+        flaky.failing.set()
+        threading.Timer(1, flaky.failing.clear).start()
+        require_own_store(bucket_settings(bucket, tmp_path), patience=30)
+        assert flaky.failed > 0

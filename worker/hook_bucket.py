@@ -1,0 +1,112 @@
+"""The bucket of an upload hook: what is dropped there is read, what was made of it is written."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import timedelta
+from typing import Any, BinaryIO
+
+import obstore
+import structlog
+from obstore.exceptions import BaseError, PermissionDeniedError, UnauthenticatedError
+from obstore.store import S3Store
+
+from core.errors import ErrorCode, MeshmarkError
+from service.hooks.config import HookSource
+from service.jobs.artifacts import CHUNK, StoreUnavailableError
+
+REFUSALS = (PermissionDeniedError, UnauthenticatedError)
+RETRIES: Any = {"max_retries": 2, "retry_timeout": timedelta(seconds=10)}
+
+log = structlog.get_logger(__name__)
+
+
+def open_bucket(hook: HookSource) -> S3Store:
+    """The hook's bucket. What is not configured is found as every tool for S3 does."""
+    own = {
+        "endpoint": hook.endpoint,
+        "region": hook.region,
+        "access_key_id": hook.access_key_id.get_secret_value(),
+        "secret_access_key": hook.secret_access_key.get_secret_value(),
+    }
+    return S3Store(
+        hook.bucket,
+        config={key: value for key, value in own.items() if value},  # type: ignore[arg-type]
+        client_options={
+            "allow_http": hook.endpoint.startswith("http://"),
+            "connect_timeout": "5s",
+            "timeout": "120s",
+        },
+        retry_config=RETRIES,
+    )
+
+
+def read_object(hook: HookSource, key: str, target: BinaryIO, limit: int, check: Callable[[], None]) -> None:
+    """Copy an object to an open file; `check` is called before each part is written.
+
+    Raises:
+        MeshmarkError: ``download_failed``, it is not there, or may not be read; ``download_too_large``.
+        StoreUnavailableError: the bucket does not answer.
+    """
+    size = 0
+    for chunk in _content(open_bucket(hook), key):
+        check()
+        size += len(chunk)
+        if size > limit:
+            raise MeshmarkError(
+                ErrorCode.DOWNLOAD_TOO_LARGE,
+                f"The object in the bucket is larger than the {limit:,} bytes accepted here.",
+                "Drop a smaller asset, or ask the operator to raise the limit.",
+            )
+        target.write(chunk)
+
+
+def write_object(hook: HookSource, key: str, content: Iterator[bytes], media_type: str) -> None:
+    """Write an object; it appears when it is whole.
+
+    Raises:
+        MeshmarkError: it may not be written.
+        StoreUnavailableError: the bucket does not answer.
+        Exception: what reading the content raises.
+    """
+    failures: list[Exception] = []
+
+    def passed_on() -> Iterator[bytes]:
+        try:
+            yield from content
+        except Exception as error:
+            failures.append(error)
+            raise
+
+    try:
+        with _asking():
+            obstore.put(open_bucket(hook), key, passed_on(), attributes={"Content-Type": media_type})
+    except StoreUnavailableError:
+        if failures:  # it was not the bucket
+            raise failures[0] from None
+        raise
+
+
+def _content(bucket: S3Store, key: str) -> Iterator[bytes]:
+    with _asking():
+        for chunk in obstore.get(bucket, key).stream(min_chunk_size=CHUNK):
+            yield bytes(chunk)
+
+
+@contextmanager
+def _asking() -> Iterator[None]:
+    try:
+        yield
+    except FileNotFoundError:
+        raise MeshmarkError(
+            ErrorCode.DOWNLOAD_FAILED, "The object is not in the bucket any more.", "Drop it again."
+        ) from None
+    except REFUSALS as error:
+        log.error("the bucket of a hook does not let this service in", error=str(error)[:500])
+        raise MeshmarkError(
+            ErrorCode.DOWNLOAD_FAILED,
+            "The bucket does not let this service in.",
+            "Drop the object again once the operator has checked the keys of the hook.",
+        ) from None
+    except (BaseError, OSError) as error:
+        log.warning("the bucket of a hook does not answer", error=str(error)[:500])
+        raise StoreUnavailableError from error

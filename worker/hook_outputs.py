@@ -1,0 +1,78 @@
+"""Write what became of dropped objects back to their buckets.
+
+A step of its own beside the jobs: a bucket that fails delays no other job, a worker that dies leaves its rows to the
+others, and what was written twice is the same.
+"""
+
+import threading
+
+import structlog
+
+from core.errors import MeshmarkError
+from service.hooks.config import HookSource
+from service.jobs import dropped
+from service.jobs.artifacts import ArtifactStore, StoreUnavailableError
+from service.jobs.dropped import Output
+from service.jobs.models import ArtifactKind, DroppedObject, Job, JobState
+from worker.hook_bucket import write_object
+from worker.tasks import Worker
+
+INTERVAL = 1.0  # seconds
+SUFFIXES = {ArtifactKind.REPORT: ".report.json", ArtifactKind.MODEL: ".watermarked.glb"}  # the model last
+MEDIA_TYPES = {ArtifactKind.REPORT: "application/json", ArtifactKind.MODEL: "model/gltf-binary"}
+
+log = structlog.get_logger(__name__)
+
+
+def write_outputs(worker: Worker) -> None:
+    """Write the results of all jobs of dropped objects that have ended since."""
+    sessions = worker.ledger.sessions
+    for item in dropped.take_due(sessions):
+        try:
+            output = _write(worker, item)
+        except MeshmarkError as error:
+            log.warning(
+                "results could not be written to their bucket; trying again", job=item.job_id, reason=str(error)
+            )
+            dropped.postpone(sessions, item)
+        else:
+            dropped.settle(sessions, item, output)
+            log.info("a dropped object is done with", job=item.job_id, output=output.value)
+
+
+def _write(worker: Worker, item: DroppedObject) -> Output:
+    hook = worker.settings.hooks.get(item.source)
+    if hook is None:
+        raise StoreUnavailableError  # until it is configured again
+    job = worker.ledger.get(item.job_id, hook.tenant)
+    if job is None or job.state != JobState.SUCCEEDED:
+        return Output.NONE
+    if dropped.is_superseded(worker.ledger.sessions, item):
+        return Output.SUPERSEDED
+    try:
+        _copy(worker.artifacts, hook, job, item.key)
+    except FileNotFoundError:  # deleted since the look at the ledger
+        return Output.NONE
+    return Output.WRITTEN
+
+
+def _copy(store: ArtifactStore, hook: HookSource, job: Job, key: str) -> None:
+    for kind, suffix in SUFFIXES.items():
+        if artifact := job.artifact(kind):
+            content = store.read(artifact.sha256, 0, artifact.size)
+            write_object(hook, hook.output_key(key, suffix), content, MEDIA_TYPES[kind])
+
+
+def write_forever(worker: Worker) -> None:
+    """Write until the worker stops. A failed pass is logged and the next one comes."""
+    while not worker.stopping.wait(INTERVAL):
+        try:
+            write_outputs(worker)
+        except Exception:
+            log.exception("writing to the buckets of hooks failed")
+
+
+def start_writer(worker: Worker) -> None:
+    """Write in a background thread, where there are hooks."""
+    if worker.settings.hooks:
+        threading.Thread(target=write_forever, args=(worker,), name="hook-outputs", daemon=True).start()
