@@ -87,7 +87,10 @@ def _programs() -> Path:
 
 @contextmanager
 def postgres_server(durable: bool = False) -> Iterator[Postgres]:
-    """A running server, as safe as its own defaults or quick. PostgreSQL refuses to run as root: then it runs as the user its package made."""
+    """A running server, as safe as its own defaults or quick.
+
+    PostgreSQL refuses to run as root: then it runs as the user its package made.
+    """
     programs, user = _programs(), "postgres" if os.geteuid() == 0 else None
     with tempfile.TemporaryDirectory(prefix="meshmark-postgres-") as folder:  # pytest's own are closed to other users
         if user:
