@@ -12,21 +12,18 @@ canceled, given to another worker, or finished.
 What happens to a job is told by the transaction that makes it happen: see :mod:`service.jobs.events`.
 """
 
-import sqlite3
-import time
 import uuid
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 from typing import Any, NamedTuple
 
-from sqlalchemy import ColumnElement, Connection, create_engine, delete, event, select, text, update
-from sqlalchemy.engine import Engine, make_url
+from sqlalchemy import ColumnElement, Connection, delete, select, text, update
 from sqlalchemy.orm import Session, sessionmaker
 
 from core.errors import ErrorCode, MeshmarkError
 from service.correlation import correlation
+from service.jobs.database import connect
 from service.jobs.events import record
 from service.jobs.migrations import migrate
 from service.jobs.models import (
@@ -48,9 +45,6 @@ ACTIVE = (JobState.QUEUED, JobState.RUNNING)
 # What a transaction begins with that no other one with the same key shall run beside. SQLite has one lock for all.
 ONE_AT_A_TIME = {"sqlite": text("BEGIN IMMEDIATE"), "postgresql": text("SELECT pg_advisory_xact_lock(:key)")}
 MIGRATION = 7239017  # a key of its own: any constant
-# What libpq is told, so that a server that vanished without a word is noticed. Seconds; the last in milliseconds.
-PATIENCE = {"connect_timeout": 5, "keepalives_idle": 10, "keepalives_interval": 5, "tcp_user_timeout": 20_000}
-BUSY = 10.0  # seconds to wait for another process's lock on a SQLite file
 OUTPUTS = (ArtifactKind.MODEL, ArtifactKind.REPORT, ArtifactKind.PREVIEW)
 
 
@@ -91,36 +85,6 @@ def now() -> datetime:
     return datetime.now(UTC)
 
 
-def _connect(url: str) -> Engine:
-    if make_url(url).get_backend_name() != "sqlite":
-        # The locks below are reasoned for this level, whatever the server's own default is.
-        return create_engine(
-            url,
-            pool_pre_ping=True,
-            isolation_level="READ COMMITTED",
-            connect_args=PATIENCE,
-            hide_parameters=True,  # in error messages: they may be secrets, or addresses that hold a signature
-        )
-    if database := make_url(url).database:
-        Path(database).parent.mkdir(parents=True, exist_ok=True)
-    engine = create_engine(url, connect_args={"timeout": BUSY}, hide_parameters=True)
-
-    @event.listens_for(engine, "connect")
-    def _tune(connection: Any, _record: Any) -> None:
-        connection.execute("PRAGMA foreign_keys=ON")
-        deadline = time.monotonic() + BUSY
-        while True:
-            try:
-                connection.execute("PRAGMA journal_mode=WAL")  # readers never wait for the writer
-                return
-            except sqlite3.OperationalError:  # the one statement that does not wait for another process's lock
-                if time.monotonic() > deadline:
-                    raise
-            time.sleep(0.01)
-
-    return engine
-
-
 class Ledger:
     """Jobs in a SQL database. Safe to share between threads; each call is one short transaction.
 
@@ -133,7 +97,7 @@ class Ledger:
 
     def __init__(self, url: str, retention: float = 0) -> None:
         self._retention = retention
-        self._engine = _connect(url)
+        self._engine = connect(url)
         self._session = sessionmaker(self._engine, expire_on_commit=False)
         try:
             with self._engine.begin() as connection:
