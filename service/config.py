@@ -53,6 +53,9 @@ class Settings(BaseSettings):
     ] = "127.0.0.1"
     metrics_port: Annotated[int, Field(ge=0, le=65535, description="Port of the API's metrics; 0: none.")] = 0
     worker_metrics_port: Annotated[int, Field(ge=0, le=65535, description="Port of a worker's metrics; 0: none.")] = 0
+    webhooks_metrics_port: Annotated[
+        int, Field(ge=0, le=65535, description="Port of the metrics of a sender of webhooks; 0: none.")
+    ] = 0
     data_dir: Annotated[
         Path, Field(description="Folder of scratch files, and of the default ledger, broker and artifact store.")
     ] = Path("data")

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import re
 import time
 from collections import Counter
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
@@ -16,6 +17,7 @@ from core.errors import ErrorCode, MeshmarkError
 from service.jobs.events import ENDINGS
 from service.jobs.models import JobEvent
 
+EVENT_ID = "^([0-9]{1,9})?$"
 STREAMS_PER_TENANT = 100  # open at a time at one API process
 POLL = 0.5  # seconds between two looks at the ledger
 PING = 15.0  # seconds of silence after which a comment shows that the line still holds
@@ -70,7 +72,7 @@ def parse_last_event_id(text: str | None) -> int:
     """
     if not text:
         return 0
-    if not (text.isascii() and text.isdigit() and len(text) <= 9):
+    if not re.fullmatch(EVENT_ID, text):
         raise MeshmarkError(
             ErrorCode.INVALID_REQUEST,
             "The Last-Event-ID is not the id of an event.",

@@ -1,9 +1,10 @@
 """What Prometheus asks for: figures of this process, served on a port of their own.
 
-Every process serves its own: an API those of its requests and, as the ledger has them, of the jobs that wait and run;
-a worker those of the jobs it ran. Prometheus adds up what is counted (`sum`), and takes the ledger's from any
-(`max`). A worker is one process with threads, and the engine's processes tell it what they do, so nothing is shared
-between processes and nothing is counted twice. Labels have few values: none comes from a client.
+Every process serves its own: an API those of its requests and, as the ledger has them, of the jobs that wait and run; a
+worker those of the jobs it ran, a sender of webhooks those of its attempts. Prometheus adds up what is counted (`sum`),
+and takes the ledger's from any (`max`). A worker is one process with threads, and the engine's processes tell it what
+they do, so nothing is shared between processes and nothing is counted twice. Labels have few values: none comes from a
+client.
 """
 
 import platform
@@ -34,6 +35,7 @@ JOB_WAIT_SECONDS = Histogram(
 JOB_SECONDS = Histogram("meshmark_job_seconds", "Of a worker with one attempt at a job.", buckets=WORK_SECONDS)
 STAGE_SECONDS = Histogram("meshmark_stage_seconds", "Of an attempt by stage.", ["stage"], buckets=WORK_SECONDS)
 ARTIFACT_BYTES = Counter("meshmark_artifact_bytes", "Bytes that workers fetched and published.", ["kind"])
+WEBHOOK_ATTEMPTS = Counter("meshmark_webhook_attempts", "Attempts to send a webhook, by what came of them.", ["result"])
 BUILD = Info("meshmark_build", "What runs here.")
 BUILD.info({"version": __version__, "python": platform.python_version()})
 

@@ -285,13 +285,9 @@ def _invalid_json(sent_as: str, error: RequestValidationError) -> MeshmarkError:
 
 def _methods_of(app: FastAPI, path: str) -> list[str]:
     """What is possible on a path of the API; the framework itself names the methods of its first route alone."""
-    described = app.openapi()["paths"].items()
-    return sorted(
-        method.upper()
-        for template, operations in described
-        if compile_path(template)[0].match(path)
-        for method in operations
-    )
+    described = app.openapi()["paths"]
+    templates = [path] if path in described else [each for each in described if compile_path(each)[0].match(path)]
+    return sorted(method.upper() for template in templates for method in described[template])
 
 
 def _from_status(request: Request, error: HTTPException, body_limit: int) -> MeshmarkError:

@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 import warnings
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
@@ -24,6 +25,7 @@ from service.config import Settings, load_settings
 from service.jobs.ledger import Ledger, now
 from service.jobs.queue import create_queue
 from service.logs import configure_logs
+from service.metrics import WEBHOOK_ATTEMPTS, metrics_server
 from service.outbound.client import OutboundClient
 from service.webhooks import deliveries, queue
 from service.webhooks.deliver import TIMEOUTS, Outcome, deliver, not_made
@@ -57,6 +59,7 @@ class Sender:
             with structlog.contextvars.bound_contextvars(delivery=delivery_id, attempt=claim.attempt):
                 outcome = self._attempt(claim)
                 if deliveries.settle(self.ledger.sessions, claim, outcome):
+                    WEBHOOK_ATTEMPTS.labels(outcome.result).inc()
                     log.info("webhook tried", result=outcome.result.value, status=outcome.status, error=outcome.error)
         except OperationalError as error:  # it is found to be due again
             log.warning("the job ledger does not answer", delivery=delivery_id, error=str(error.orig))
@@ -119,7 +122,10 @@ def create_sender(settings: Settings) -> Celery:
     def send(delivery_id: str) -> None:
         sender().send(delivery_id)
 
+    figures = ExitStack()  # never closed: they are served until the process ends
+
     def start(**_: Any) -> None:
+        figures.enter_context(metrics_server(settings.metrics_host, settings.webhooks_metrics_port))
         threading.Thread(target=sweep_forever, args=(sender(),), name="sweeper", daemon=True).start()
 
     def stop(**_: Any) -> None:

@@ -14,13 +14,13 @@ from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session, sessionmaker
 
 from service.jobs.ledger import ACTIVE, now
-from service.jobs.models import Job, JobState
+from service.jobs.models import DeliveryState, Job, JobState, WebhookDelivery
 
 log = structlog.get_logger(__name__)
 
 
 class LedgerCollector(Collector):
-    """Jobs by state, and how long the oldest one waits."""
+    """Jobs by state, how long the oldest one waits, and webhooks that are to be sent."""
 
     def __init__(self, sessions: sessionmaker[Session]) -> None:
         self._sessions = sessions
@@ -31,6 +31,8 @@ class LedgerCollector(Collector):
         try:
             with self._sessions() as session:
                 active = select(Job.state, func.count(), func.min(Job.created_at)).where(Job.state.in_(ACTIVE))
+                pending = select(func.count()).where(WebhookDelivery.state == DeliveryState.PENDING)
+                webhooks = session.scalar(pending) or 0
                 rows = {state: (count, oldest) for state, count, oldest in session.execute(active.group_by(Job.state))}
         except OperationalError as error:
             log.error("the job ledger does not answer", error=str(error.orig))
@@ -47,3 +49,6 @@ class LedgerCollector(Collector):
         waiting = rows.get(JobState.QUEUED)
         oldest.add_metric([], max(0.0, (now() - waiting[1]).total_seconds()) if waiting else 0)
         yield oldest
+        to_send = GaugeMetricFamily("meshmark_webhooks_pending", "Webhooks that are to be sent, or sent again.")
+        to_send.add_metric([], webhooks)
+        yield to_send

@@ -19,15 +19,20 @@ def spend(sessions: sessionmaker[Session], key_id: str, per_minute: int) -> floa
     again, as the generic cell rate algorithm does (ITU-T I.371): each request moves that moment on by its share of a
     minute. One conditional UPDATE looks and takes, so that any number of API processes share the bucket.
     """
-    moment, share = time.time(), MINUTE / per_minute
-    latest = moment + MINUTE - share
-    full = case((ApiKey.spent_until > moment, ApiKey.spent_until), else_=moment) + share
-    taken = update(ApiKey).where(ApiKey.id == key_id, ApiKey.spent_until <= latest).values(spent_until=full)
-    with sessions.begin() as session:
-        if session.scalar(taken.returning(ApiKey.id)):
+    share = MINUTE / per_minute
+    while True:
+        moment = time.time()
+        full = case((ApiKey.spent_until > moment, ApiKey.spent_until), else_=moment) + share
+        there = (ApiKey.id == key_id, ApiKey.spent_until <= moment + MINUTE - share)
+        with sessions.begin() as session:
+            if session.scalar(update(ApiKey).where(*there).values(spent_until=full).returning(ApiKey.id)):
+                return 0.0
+            spent_until = session.scalar(select(ApiKey.spent_until).where(ApiKey.id == key_id)) or 0.0
+        # By the clock as it is now: others may have been waited for since the moment above.
+        if (wait := spent_until - (time.time() + MINUTE - share)) > 0:
+            return wait
+        if not spent_until:  # the key is gone
             return 0.0
-    with sessions() as session:
-        return max(0.0, (session.scalar(select(ApiKey.spent_until).where(ApiKey.id == key_id)) or 0.0) - latest)
 
 
 def check_active(session: Session, tenant: str, most: int) -> None:

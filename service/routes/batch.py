@@ -48,7 +48,7 @@ class BatchItem(BaseModel):
     idempotency_key: Annotated[
         str | None, Field(description="As the header Idempotency-Key of POST /v1/watermarks.")
     ] = None
-    cache: Annotated[bool, Field(description="Whether results will do that exist already.")] = True
+    cache: Annotated[bool, Field(strict=True, description="Whether results will do that exist already.")] = True
 
 
 class Batch(BaseModel):

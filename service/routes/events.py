@@ -11,9 +11,10 @@ from fastapi.responses import StreamingResponse
 from core.errors import ErrorCode
 from service import access
 from service.access import Admitted, GuardedRoute
-from service.event_stream import event_stream, parse_last_event_id
+from service.event_stream import EVENT_ID, event_stream, parse_last_event_id
 from service.jobs import events
 from service.jobs.ledger import ACTIVE
+from service.jobs.models import EventType
 from service.problems import problem_responses
 from service.routes.watermarks import find_job
 from service.state import State
@@ -24,11 +25,20 @@ EXAMPLE = (
     'id: 2\nevent: watermark.running\ndata: {"id": "6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11", "state": "running"}\n\n'
 )
 HEADERS = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}  # the second is for nginx, which would hold it back
+EVENT: dict[str, Any] = {  # of OpenAPI 3.2
+    "type": "object",
+    "properties": {
+        "id": {"type": "string", "pattern": EVENT_ID},
+        "event": {"type": "string", "enum": [*EventType]},
+        "data": {"type": "string", "contentMediaType": "application/json"},
+    },
+    "required": ["id", "event", "data"],
+}
 RESPONSES: dict[int | str, dict[str, Any]] = {
     200: {
         "description": "The events, until one ends the job: `id` is a number, `event` its type, `data` the job as JSON "
         "as it stood then.",
-        "content": {"text/event-stream": {"schema": {"type": "string"}, "example": EXAMPLE}},
+        "content": {"text/event-stream": {"itemSchema": EVENT, "example": EXAMPLE}},
     },
     204: {"description": "The job has ended and nothing is left to tell: a client need not come back."},
     **problem_responses(
@@ -41,7 +51,11 @@ RESPONSES: dict[int | str, dict[str, Any]] = {
 }
 LastEventId = Annotated[
     str | None,
-    Header(alias="Last-Event-ID", description="The last event that is known; the stream begins with the one after it."),
+    Header(
+        alias="Last-Event-ID",
+        description="The last event that is known; the stream begins with the one after it.",
+        json_schema_extra={"pattern": EVENT_ID},
+    ),
 ]
 
 

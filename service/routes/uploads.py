@@ -49,7 +49,7 @@ class NewUpload(BaseModel):
         extra="forbid", json_schema_extra={"examples": [{"filename": "lantern.glb", "size": 9563016}]}
     )
 
-    size: Annotated[int, Field(ge=0, description="Bytes of the asset.")]
+    size: Annotated[int, Field(ge=0, strict=True, description="Bytes of the asset.")]
     sha256: Annotated[
         str | None, Field(pattern="^[0-9a-f]{64}$", description="Its SHA-256 in hexadecimal, where you know it.")
     ] = None
@@ -58,6 +58,20 @@ class NewUpload(BaseModel):
 
 class UploadView(BaseModel):
     """Where to send an asset, and how to name it afterwards."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {
+                    "id": "4c8a9d52-9a0e-4d57-8c39-5d8f4c1f0a11",
+                    "method": "PUT",
+                    "url": "/v1/uploads/4c8a9d52-9a0e-4d57-8c39-5d8f4c1f0a11",
+                    "url_expires_at": "2026-02-01T12:00:00.000000Z",
+                    "expires_at": "2026-02-01T12:00:00.000000Z",
+                }
+            ]
+        }
+    )
 
     id: Annotated[str, Field(description="Give it as `upload_id` to POST /v1/watermarks.")]
     method: Literal["PUT"] = "PUT"

@@ -115,7 +115,11 @@ SourceUrlField = Annotated[
 ]
 FontPart = Annotated[UploadFile | None, File(description="A TrueType or OpenType font for the text.")]
 UploadIdField = Annotated[
-    str | None, Form(description="In place of `file`: the id of an upload, see POST /v1/uploads.")
+    str | None,
+    Form(
+        description="In place of `file`: the id of an upload, see POST /v1/uploads.",
+        examples=["4c8a9d52-9a0e-4d57-8c39-5d8f4c1f0a11"],
+    ),
 ]
 ParamsField = Annotated[
     str,

@@ -32,6 +32,26 @@ ENDPOINT: JsonDict = {
     "former_secret_until": None,
     "created_at": "2026-01-31T12:00:00.000000Z",
 }
+DELIVERY: JsonDict = {
+    "id": "5d8f4c1f-9a0e-4d57-8c39-4c8a9d520a11",
+    "webhook_id": "msg_6f1c2f0e53a54f6e9f390d2b1a7c9d11_9",
+    "type": "watermark.succeeded",
+    "job_id": "6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11",
+    "url": None,
+    "state": "delivered",
+    "created_at": "2026-01-31T12:00:09.000000Z",
+    "next_attempt_at": None,
+    "attempts": [
+        {
+            "number": 1,
+            "started_at": "2026-01-31T12:00:09.100000Z",
+            "status": 204,
+            "error": None,
+            "snippet": "",
+            "seconds": 0.21,
+        }
+    ],
+}
 
 
 class NewEndpoint(BaseModel):
@@ -110,6 +130,8 @@ class WebhookEndpointWithSecret(WebhookEndpoint):
 class WebhookEndpoints(BaseModel):
     """All webhook endpoints there are, the oldest first."""
 
+    model_config = ConfigDict(json_schema_extra={"examples": [{"items": [ENDPOINT]}]})
+
     items: list[WebhookEndpoint]
 
 
@@ -138,6 +160,8 @@ class Attempt(BaseModel):
 
 class Delivery(BaseModel):
     """A webhook, and what came of it."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [DELIVERY]})
 
     id: str
     webhook_id: Annotated[str, Field(description="The header `webhook-id` of the message, the same at each attempt.")]
@@ -169,6 +193,8 @@ class Delivery(BaseModel):
 
 class DeliveryPage(BaseModel):
     """Some of an endpoint's deliveries, newest first."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"items": [DELIVERY], "next": None}]})
 
     items: list[Delivery]
     next: Annotated[str | None, Field(description="Where the list goes on; null: this is its end.")]

@@ -76,6 +76,12 @@ def test_servers_are_on_a_network_without_a_way_out_and_nothing_but_loopback_is_
     assert {name for name, service in SERVICES.items() if "ports" in service} == {"api", "grafana"}
 
 
+def test_only_the_sender_of_webhooks_calls_others_and_it_does_not_know_the_store() -> None:
+    assert [name for name, service in SERVICES.items() if "out" in service["networks"]] == ["webhooks"]
+    assert SERVICES["webhooks"]["secrets"] == ["meshmark_database_url", "meshmark_broker_url"]
+    assert SERVICES["webhooks"]["environment"].keys() == {"MESHMARK_METRICS_HOST", "MESHMARK_WEBHOOKS_METRICS_PORT"}
+
+
 def test_what_is_secret_is_in_files_that_the_script_makes_once(secrets: Path) -> None:
     made = {path.name: path.read_text() for path in secrets.iterdir()}
     assert made.keys() == COMPOSE["secrets"].keys()
@@ -97,7 +103,7 @@ def test_what_is_secret_is_in_files_that_the_script_makes_once(secrets: Path) ->
 
 def test_every_variable_is_a_setting() -> None:
     known = {f"{PREFIX}{name.upper()}" for name in Settings.model_fields}
-    for name in ("api", "worker"):
+    for name in ("api", "worker", "webhooks"):
         assert SERVICES[name]["environment"].keys() <= known
 
 

@@ -14,10 +14,12 @@ from prometheus_client import REGISTRY
 from service.config import Settings
 from service.jobs.ledger_metrics import LedgerCollector
 from service.metrics import metrics_server
+from service.webhooks.deliveries import announce
 from tests.service.conftest import client_with
 from tests.service.harness import free_port
 from tests.service.metrics import scrape
 from tests.worker.engines import asset
+from worker.webhooks import Sender
 
 DOCKER = Path(__file__).parents[2] / "docker"
 DASHBOARD: dict[str, Any] = json.loads((DOCKER / "grafana" / "meshmark.json").read_text())
@@ -28,12 +30,23 @@ BY_PROMETHEUS = {"le", "job", "instance"}  # what it adds itself, or histograms 
 
 @pytest.fixture(scope="module")
 def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, set[str]]]:
-    """The labels of every sample that API and worker serve once jobs succeeded and failed, by its name."""
-    port = free_port()
-    with client_with(Settings(data_dir=tmp_path_factory.mktemp("served"))) as client:
+    """The labels of every sample that is served once jobs succeeded and failed and a webhook was tried, by its name."""
+    port, nobody = free_port(), free_port()
+    settings = Settings(
+        data_dir=tmp_path_factory.mktemp("served"),
+        outbound_networks="127.0.0.0/8",  # type: ignore[arg-type]
+        outbound_ports=str(nobody),  # type: ignore[arg-type]
+        outbound_http=True,
+    )
+    with client_with(settings) as client:
+        client.http.post("/v1/webhook-endpoints", json={"url": f"http://127.0.0.1:{nobody}/"})
         for do in ("work", "refuse"):
             client.run(client.submit(asset(do)))
         assert client.http.get("/nothing").status_code == 404
+        sender = Sender(settings, client.worker.celery)
+        for delivery_id in announce(sender.ledger.sessions, False):
+            sender.send(delivery_id)
+        sender.ledger.close()
         with metrics_server("127.0.0.1", port, LedgerCollector(client.worker.ledger.sessions)):
             samples = [sample for family in scrape(port) for sample in family.samples]
         yield {
@@ -105,5 +118,5 @@ def test_grafana_finds_prometheus_and_prometheus_finds_the_processes_of_the_comp
     for job in yaml.safe_load((DOCKER / "prometheus/prometheus.yaml").read_text())["scrape_configs"]:
         (found,) = job["dns_sd_configs"]
         (name,) = found["names"]
-        variable = {"api": "MESHMARK_METRICS_PORT", "worker": "MESHMARK_WORKER_METRICS_PORT"}[name]
+        variable = f"MESHMARK_{name.upper()}_METRICS_PORT".replace("API_", "")
         assert compose["services"][name]["environment"][variable] == str(found["port"])

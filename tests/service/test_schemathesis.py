@@ -82,7 +82,7 @@ def test_every_answer_and_every_field_of_a_form_has_an_example() -> None:
         operation = DOCUMENT["paths"][path][method]
         for status, response in operation["responses"].items():
             for content in response.get("content", {}).values():
-                assert has_example(content["schema"]), (path, status)
+                assert "example" in content or has_example(content["schema"]), (path, status)
         form = operation.get("requestBody", {}).get("content", {}).get("multipart/form-data")
         if form:
             body = DOCUMENT["components"]["schemas"][form["schema"]["$ref"].rpartition("/")[2]]

@@ -8,6 +8,8 @@ from sqlalchemy.orm import sessionmaker
 from core.errors import ErrorCode, MeshmarkError
 from service.jobs.ledger import Ledger
 from service.jobs.ledger_metrics import LedgerCollector
+from service.jobs.models import DEFAULT_TENANT
+from service.webhooks.endpoints import create_endpoint
 from tests.service.harness import free_port
 from tests.service.metrics import value
 
@@ -38,6 +40,13 @@ def test_jobs_that_wait_and_run_are_counted_and_those_that_ended_are_not(ledger:
     assert 0 < value(answer, "meshmark_queue_oldest_seconds") < 60
     ledger.fail(second.lease, MeshmarkError(ErrorCode.NO_FACES, "", ""))
     assert value(figures(ledger), "meshmark_jobs", state="running") == 0
+
+
+def test_webhooks_that_are_to_be_sent_are_counted(ledger: Ledger) -> None:
+    assert value(figures(ledger), "meshmark_webhooks_pending") == 0
+    create_endpoint(ledger.sessions, DEFAULT_TENANT, "https://shop.example/hook", ["watermark.canceled"], None)
+    ledger.cancel(ledger.create("a.obj", {}, {}, lambda _: True).id)
+    assert value(figures(ledger), "meshmark_webhooks_pending") == 1
 
 
 def test_a_ledger_that_does_not_answer_is_told_and_nothing_is_made_up() -> None:
