@@ -73,7 +73,7 @@ class Load:
     def request(self, number: int) -> dict[str, Any]:
         """No two are alike, so that each is work."""
         if self.engine == "fast":
-            file, parameters = ("asset.obj", asset(number=number)), {"text": f"J{number}"}
+            file, parameters = ("asset.obj", asset(number=number)), dict[str, Any](text=f"J{number}")
         else:
             file = (self.asset.name, self.asset.read_bytes()) if self.asset else ("box.obj", BOX.encode())
             parameters = {"text": "watermark", "seed": number, "evaluate": self.evaluate}

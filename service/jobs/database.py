@@ -14,7 +14,8 @@ BUSY = 10.0  # seconds to wait for another process's lock on a SQLite file
 # The most connections of a process, opened when they are needed and kept: opening one costs more than most of what is
 # asked for. Who gets none for so many seconds gives up.
 POOL: dict[str, Any] = {"pool_size": 15, "max_overflow": 0, "pool_timeout": 10}
-NO_ANSWER = (exc.OperationalError, exc.TimeoutError)  # what is raised where the database, or a free connection, does not come
+# What is raised where the database does not answer, or no connection comes free.
+NO_ANSWER = (exc.OperationalError, exc.TimeoutError)
 
 
 def connect(url: str) -> Engine:
