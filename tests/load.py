@@ -54,7 +54,7 @@ class Load:
 
     engine: str = "fast"
     jobs: int = 500
-    rate: float = 4.0
+    rate: float = 2.0
     workers: int = 2
     arrivals: str = "poisson"
     asset: Path | None = None
