@@ -19,6 +19,7 @@ import struct
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 PR_SET_NO_NEW_PRIVS, PR_SET_SECCOMP, SECCOMP_MODE_FILTER = 38, 22, 2
@@ -129,20 +130,17 @@ def _other_processes() -> Iterator[Path]:
     return (path for path in Path("/proc").iterdir() if path.name.isdecimal() and path.name != str(os.getpid()))
 
 
-def _all_but(private: list[Path], root: Path = Path("/")) -> Iterator[Path]:
+def _all_but(private: Iterable[Path]) -> Iterator[Path]:
     """The largest parts of the file system that hold nothing private: Landlock knows no exceptions."""
-    if root in private:
-        return
-    if not any(path.is_relative_to(root) for path in private):
-        yield root
-        return
-    try:
-        entries = list(root.iterdir())
-    except OSError:
-        return
-    for entry in entries:
-        if not entry.is_symlink():  # where it leads, there is a rule or is none
-            yield from _all_but(private, entry)
+    closed = set(map(os.fspath, private))
+    ways = [[os.fspath(parent) for parent in Path(path).parents] for path in closed]
+    opened = {folder for way in ways if closed.isdisjoint(way) for folder in way}
+    for folder in opened:
+        with suppress(OSError), os.scandir(folder) as entries:
+            for entry in entries:
+                # Where a link leads, there is a rule or is none.
+                if entry.path not in closed and entry.path not in opened and not entry.is_symlink():
+                    yield Path(entry.path)
 
 
 if __name__ == "__main__":

@@ -46,11 +46,11 @@ Bool = NDArray[np.bool_]
 
 THICKNESS, THINNEST, THICKEST = 0.09, 0.25, 0.6  # of the width; 0.5 at 5.5, as in the paper
 PAPER_SAMPLES, PAPER_RADIUS = 300, 1.0
-# Drawn before thinning, and about how many stay: as many as one second fits on one core. Narrower text looks only for
-# what wider text left unseen, and draws more for it: thin edges and small parts have little of the area.
-SAMPLES, CANDIDATES = 8000, 1100
+# Drawn before thinning, and about how many stay: as many as half a second fits on one core. Narrower text is looked for
+# only where wider text does little, and draws more: thin edges and small parts have little of the area.
+SAMPLES, CANDIDATES = 8000, 700
 MORE_SAMPLES = 40_000
-MORE, FEWEST = 1.2, 0.2  # of CANDIDATES: for each share of all directions that is wanted; at least
+MORE, FEWEST = 1.2, 0.25  # of CANDIDATES: for each share of all directions that is wanted; at least
 GLANCES = 6  # directions in which each sample is looked for: one that none of them sees lies inside or in a cranny
 # Of that many random darts thinned to a radius r, about 0.5 area / r^2 stay.
 PACKING = 0.5

@@ -107,7 +107,7 @@ class Objective:
     preferred: float = 1.0
     mark: float = 0.001  # a mark has to add about half of one of the 200 directions
     crowd: float = 0.01  # a pair of marks at one place: more than the second is worth but on the only side of its kind
-    distortion: float = 8.0  # per unit of mean distance (SMSE) that a mark adds
+    distortion: float = 20.0  # per unit of mean distance (SMSE) that a mark adds
     bars: bool = True  # salient parts and details are barred
 
 

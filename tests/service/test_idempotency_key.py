@@ -14,7 +14,7 @@ from service.idempotency_key import parse_idempotency_key
 from service.jobs import queue
 from service.jobs.idempotency import fingerprint, reserve
 from service.jobs.listing import Filters, list_jobs
-from service.jobs.models import Queue
+from service.jobs.models import Priority, Queue
 from tests.service.conftest import Client, client_with
 from tests.service.s3 import S3, Flaky, bucket_settings
 from tests.worker.engines import asset
@@ -78,7 +78,7 @@ def test_another_request_with_the_key_is_refused(client: Client) -> None:
 def test_while_a_request_is_answered_its_key_is_in_use(client: Client) -> None:
     """Another process has the key: it reserved it for the very content that is sent here."""
     sample = send(client, "sample").json()
-    content = {"parameters": sample["parameters"], "metadata": {}, "priority": "normal"}
+    content = {"parameters": sample["parameters"], "metadata": {}, "priority": Priority.NORMAL}
     content["input"] = sample["input"]["sha256"]
     reserve(client.worker.ledger.sessions, "default", "a", fingerprint(content))
     response = send(client)

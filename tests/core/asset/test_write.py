@@ -1,82 +1,40 @@
 import base64
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import ArrayLike, NDArray
 
 from core.asset.edit import Kind
 from core.asset.flatten import Scene, flatten
-from core.asset.gltf import Document, dequantize, read_accessor
+from core.asset.gltf import Document
 from core.asset.write import write
 from core.errors import ErrorCode, MeshmarkError
 from tests.core.asset.builder import CUBE, CUBE_FACES, QUAD, QUAD_FACES, Builder, grid, simple
+from tests.core.asset.edited import NORMALS, UV, edited, indices, primitives_of, quad, values
 from tests.core.asset.edits import centroid_split
 from tests.core.asset.meshes import real_glbs
 from tests.validator import error_counts
 
 SURFACE, CAP, WALL = Kind.SURFACE, Kind.CAP, Kind.WALL
-NORMALS = [[0, 0, 1]] * 4
-UV = [[0, 0], [1, 0], [1, 1], [0, 1]]
-
-
-def _edited(
-    document: Document, faces: list[int], kinds: list[Kind], *, color: str | None = None, lift: float = 0.0
-) -> Document:
-    """The document after a centroid split; whatever it is, it must be valid and begin with the old bytes and
-    accessors."""
-    scene = flatten(document)
-    before = document.to_glb()
-    glb = write(scene, centroid_split(scene, faces, kinds, lift), color)
-    assert not error_counts(glb)
-    assert document.to_glb() == before
-    result = Document.from_glb(glb)
-    assert result.binary.startswith(document.binary)
-    assert result.json["accessors"][: len(document.json["accessors"])] == document.json["accessors"]
-    return result
-
-
-def _primitives(document: Document, mesh: int = 0) -> list[dict[str, Any]]:
-    found: list[dict[str, Any]] = document.json["meshes"][mesh]["primitives"]
-    return found
-
-
-def _values(document: Document, name: str, primitive: int = 0, mesh: int = 0) -> NDArray[np.float64]:
-    accessor = _primitives(document, mesh)[primitive]["attributes"][name]
-    return dequantize(read_accessor(document, accessor), document.json["accessors"][accessor])
-
-
-def _indices(document: Document, primitive: int = 0, mesh: int = 0) -> NDArray[Any]:
-    return read_accessor(document, _primitives(document, mesh)[primitive]["indices"]).reshape(-1, 3)
-
-
-def _quad(indices: ArrayLike = QUAD_FACES, **attributes: tuple[ArrayLike, str, bool]) -> Document:
-    builder = Builder()
-    added = {
-        name: builder.accessor(values, dtype, **({"normalized": True} if normalized else {}))
-        for name, (values, dtype, normalized) in attributes.items()
-    }
-    return builder.document(meshes=[{"primitives": [builder.primitive(QUAD, indices, **added)]}])
 
 
 def test_old_rows_stay_and_new_rows_follow_them() -> None:
-    result = _edited(_quad(NORMAL=(NORMALS, "<f4", False), TEXCOORD_0=(UV, "<f4", False)), [1], [SURFACE])
-    np.testing.assert_array_equal(_values(result, "POSITION")[:4], QUAD)
-    np.testing.assert_allclose(_values(result, "POSITION")[4:], [[1 / 3, 2 / 3, 0]], atol=1e-7)
-    np.testing.assert_allclose(_values(result, "TEXCOORD_0")[4:], [[1 / 3, 2 / 3]], atol=1e-7)
-    np.testing.assert_allclose(_values(result, "NORMAL"), [[0, 0, 1]] * 5)
-    assert _indices(result).tolist() == [[0, 1, 2], [0, 2, 4], [2, 3, 4], [3, 0, 4]]
+    result = edited(quad(NORMAL=(NORMALS, "<f4", False), TEXCOORD_0=(UV, "<f4", False)), [1], [SURFACE])
+    np.testing.assert_array_equal(values(result, "POSITION")[:4], QUAD)
+    np.testing.assert_allclose(values(result, "POSITION")[4:], [[1 / 3, 2 / 3, 0]], atol=1e-7)
+    np.testing.assert_allclose(values(result, "TEXCOORD_0")[4:], [[1 / 3, 2 / 3]], atol=1e-7)
+    np.testing.assert_allclose(values(result, "NORMAL"), [[0, 0, 1]] * 5)
+    assert indices(result).tolist() == [[0, 1, 2], [0, 2, 4], [2, 3, 4], [3, 0, 4]]
 
 
 def test_an_edit_of_nothing_changes_nothing() -> None:
-    document = _quad()
+    document = quad()
     scene = flatten(document)
     assert write(scene, centroid_split(scene, [], []), "#ff0000") == document.to_glb()
 
 
 def test_the_same_edit_gives_the_same_bytes() -> None:
-    scene = flatten(_quad(NORMAL=(NORMALS, "<f4", False)))
+    scene = flatten(quad(NORMAL=(NORMALS, "<f4", False)))
     edit = centroid_split(scene, [0, 1], [CAP, WALL], 0.3)
     assert write(scene, edit, "#123456") == write(scene, edit, "#123456")
 
@@ -87,8 +45,8 @@ def test_untouched_primitives_nodes_and_unknown_properties_stay_as_they_are() ->
     document = builder.document(
         meshes=[{"name": "m", "primitives": primitives, "extras": {"a": 1}}], extras={"custom": [1, None, "x"]}
     )
-    result = _edited(document, [2], [SURFACE])
-    assert _primitives(result)[0] == primitives[0]
+    result = edited(document, [2], [SURFACE])
+    assert primitives_of(result)[0] == primitives[0]
     for key in ("asset", "nodes", "scenes", "extras"):
         assert result.json[key] == document.json[key]
     assert result.json["meshes"][0]["extras"] == {"a": 1}
@@ -100,8 +58,8 @@ def test_indices_keep_their_type_while_it_suffices(side: int, before: str, after
     builder = Builder()
     positions, faces = grid(side)
     primitive = builder.primitive(positions, None) | {"indices": builder.accessor(faces.reshape(-1), before)}
-    result = _edited(builder.document(meshes=[{"primitives": [primitive]}]), [7], [SURFACE])
-    assert _indices(result).dtype == np.dtype(after)
+    result = edited(builder.document(meshes=[{"primitives": [primitive]}]), [7], [SURFACE])
+    assert indices(result).dtype == np.dtype(after)
 
 
 @pytest.mark.parametrize(("count", "before", "after"), [(255, "u1", "<u2"), (65535, "<u2", "<u4"), (254, "u1", "u1")])
@@ -111,22 +69,22 @@ def test_indices_widen_where_the_new_rows_no_longer_fit(count: int, before: str,
     primitive = builder.primitive(positions, None) | {
         "indices": builder.accessor(np.arange(count // 3 * 3) % count, before)
     }
-    result = _edited(builder.document(meshes=[{"primitives": [primitive]}]), [0], [SURFACE])
-    assert _indices(result).dtype == np.dtype(after)
-    assert _indices(result).max() == count
+    result = edited(builder.document(meshes=[{"primitives": [primitive]}]), [0], [SURFACE])
+    assert indices(result).dtype == np.dtype(after)
+    assert indices(result).max() == count
 
 
 def test_a_primitive_without_indices_gets_some() -> None:
-    result = _edited(simple([*QUAD[:3], *QUAD[:1], *QUAD[2:]], None), [1], [SURFACE])
-    assert _indices(result).tolist() == [[0, 1, 2], [3, 4, 6], [4, 5, 6], [5, 3, 6]]
+    result = edited(simple([*QUAD[:3], *QUAD[:1], *QUAD[2:]], None), [1], [SURFACE])
+    assert indices(result).tolist() == [[0, 1, 2], [3, 4, 6], [4, 5, 6], [5, 3, 6]]
 
 
 def test_a_strip_becomes_a_triangle_list() -> None:
     document = simple(QUAD, [0, 1, 3, 2])
-    _primitives(document)[0]["mode"] = 5
-    result = _edited(document, [1], [SURFACE])
-    assert _primitives(result)[0]["mode"] == 4
-    assert _indices(result).tolist() == [[0, 1, 3], [1, 2, 4], [2, 3, 4], [3, 1, 4]]
+    primitives_of(document)[0]["mode"] = 5
+    result = edited(document, [1], [SURFACE])
+    assert primitives_of(result)[0]["mode"] == 4
+    assert indices(result).tolist() == [[0, 1, 3], [1, 2, 4], [2, 3, 4], [3, 1, 4]]
 
 
 def test_a_seam_gives_one_point_several_rows_at_one_position() -> None:
@@ -143,16 +101,16 @@ def test_a_seam_gives_one_point_several_rows_at_one_position() -> None:
 
     result = Document.from_glb(write(scene, edit, None))
 
-    rows = _values(result, "POSITION")
+    rows = values(result, "POSITION")
     np.testing.assert_array_equal(rows[6], rows[7])
     assert len(rows) == 8
-    np.testing.assert_allclose(_values(result, "TEXCOORD_0")[6:], [[0.5, 0.5], [5.5, 5.5]])
+    np.testing.assert_allclose(values(result, "TEXCOORD_0")[6:], [[0.5, 0.5], [5.5, 5.5]])
 
 
 def test_walls_are_flat_shaded_on_rows_of_their_own() -> None:
-    document = _quad(NORMAL=(NORMALS, "<f4", False))
-    result = _edited(document, [0, 1], [SURFACE, WALL], lift=3.0)
-    normals, positions, faces = _values(result, "NORMAL"), _values(result, "POSITION"), _indices(result)
+    document = quad(NORMAL=(NORMALS, "<f4", False))
+    result = edited(document, [0, 1], [SURFACE, WALL], lift=3.0)
+    normals, positions, faces = values(result, "NORMAL"), values(result, "POSITION"), indices(result)
     walls = faces[3:]
     assert not set(walls.reshape(-1)) & set(faces[:3].reshape(-1))
     cross = np.cross(positions[walls[:, 1]] - positions[walls[:, 0]], positions[walls[:, 2]] - positions[walls[:, 0]])
@@ -166,9 +124,9 @@ def test_walls_are_flat_shaded_on_rows_of_their_own() -> None:
 def test_interpolated_normals_and_tangents_are_unit_and_orthogonal() -> None:
     normals = np.array([[0, 0.6, 0.8], [0, -0.6, 0.8], [0.6, 0, 0.8], [0, 0, 1]])
     tangents: list[list[float]] = [[1, 0, 0, -1], [1, 0, 0, -1], [0.8, 0, -0.6, -1], [1, 0, 0, -1]]
-    document = _quad(NORMAL=(normals, "<f4", False), TANGENT=(tangents, "<f4", False), TEXCOORD_0=(UV, "<f4", False))
-    result = _edited(document, [0, 1], [CAP, WALL], lift=1.0)
-    normal, tangent = _values(result, "NORMAL")[4:], _values(result, "TANGENT")[4:]
+    document = quad(NORMAL=(normals, "<f4", False), TANGENT=(tangents, "<f4", False), TEXCOORD_0=(UV, "<f4", False))
+    result = edited(document, [0, 1], [CAP, WALL], lift=1.0)
+    normal, tangent = values(result, "NORMAL")[4:], values(result, "TANGENT")[4:]
     np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1, atol=1e-6)
     np.testing.assert_allclose(np.linalg.norm(tangent[:, :3], axis=1), 1, atol=1e-6)
     np.testing.assert_allclose(np.einsum("ni,ni->n", normal, tangent[:, :3]), 0, atol=1e-6)
@@ -176,22 +134,22 @@ def test_interpolated_normals_and_tangents_are_unit_and_orthogonal() -> None:
 
 
 def test_integer_attributes_keep_their_type_and_identifiers_are_not_mixed() -> None:
-    document = _quad(
+    document = quad(
         TEXCOORD_0=(np.array(UV) * 60000, "<u2", True),
         COLOR_0=(np.array([[0, 10, 20]] * 3 + [[240, 10, 20]]), "u1", True),
         _FEATURE_ID_0=([3.0, 3, 7, 7], "<f4", False),
         _PART=([1, 1, 9, 9], "<u2", False),
     )
-    result = _edited(document, [1], [SURFACE])
+    result = edited(document, [1], [SURFACE])
     types = {
         name: result.json["accessors"][accessor]["componentType"]
-        for name, accessor in _primitives(result)[0]["attributes"].items()
+        for name, accessor in primitives_of(result)[0]["attributes"].items()
     }
     assert types == {"POSITION": 5126, "TEXCOORD_0": 5123, "COLOR_0": 5121, "_FEATURE_ID_0": 5126, "_PART": 5123}
-    np.testing.assert_allclose(_values(result, "COLOR_0")[4] * 255, [80, 10, 20])
-    np.testing.assert_allclose(_values(result, "TEXCOORD_0")[4] * 65535, [20000, 40000])
-    assert _values(result, "_FEATURE_ID_0")[4] in (3, 7)
-    assert _values(result, "_PART")[4] in (1, 9)
+    np.testing.assert_allclose(values(result, "COLOR_0")[4] * 255, [80, 10, 20])
+    np.testing.assert_allclose(values(result, "TEXCOORD_0")[4] * 65535, [20000, 40000])
+    assert values(result, "_FEATURE_ID_0")[4] in (3, 7)
+    assert values(result, "_PART")[4] in (1, 9)
 
 
 def test_quantised_geometry_becomes_float_without_a_change_of_value() -> None:
@@ -206,10 +164,10 @@ def test_quantised_geometry_becomes_float_without_a_change_of_value() -> None:
         extensionsUsed=["KHR_mesh_quantization"],
         extensionsRequired=["KHR_mesh_quantization"],
     )
-    result = _edited(document, [0], [SURFACE])
-    assert result.json["accessors"][_primitives(result)[0]["attributes"]["POSITION"]]["componentType"] == 5126
-    np.testing.assert_array_equal(_values(result, "POSITION")[:4], np.array(QUAD) * 1000)
-    np.testing.assert_array_equal(_values(result, "NORMAL")[:4], NORMALS)
+    result = edited(document, [0], [SURFACE])
+    assert result.json["accessors"][primitives_of(result)[0]["attributes"]["POSITION"]]["componentType"] == 5126
+    np.testing.assert_array_equal(values(result, "POSITION")[:4], np.array(QUAD) * 1000)
+    np.testing.assert_array_equal(values(result, "NORMAL")[:4], NORMALS)
     assert result.json["extensionsRequired"] == ["KHR_mesh_quantization"]
 
 
@@ -235,9 +193,9 @@ def test_a_lift_goes_outwards_whatever_the_node_does(scale: list[float]) -> None
     assert np.einsum("fi,fi->", a, np.cross(b, c)) > 0
     # the walls' own normals agree with the winding in the file
     result = after.document
-    faces, positions = _indices(result), _values(result, "POSITION")
+    faces, positions = indices(result), values(result, "POSITION")
     flat = np.cross(positions[faces[:, 1]] - positions[faces[:, 0]], positions[faces[:, 2]] - positions[faces[:, 0]])
-    assert (np.einsum("fi,fi->f", flat, _values(result, "NORMAL")[faces].mean(axis=1)) > 0).all()
+    assert (np.einsum("fi,fi->f", flat, values(result, "NORMAL")[faces].mean(axis=1)) > 0).all()
 
 
 def test_a_node_that_flattens_its_mesh_cannot_carry_letters() -> None:
@@ -258,26 +216,26 @@ def _instanced() -> Document:
 
 def test_a_mesh_that_another_node_draws_too_is_cloned() -> None:
     document = _instanced()
-    result = _edited(document, [12], [SURFACE])
+    result = edited(document, [12], [SURFACE])
     assert result.json["nodes"] == [{"mesh": 0}, {"mesh": 1, "translation": [5, 0, 0]}]
     assert result.json["meshes"][0] == document.json["meshes"][0]
     assert result.json["meshes"][1]["name"] == "wheel"
-    assert len(_indices(result, mesh=1)) == 14
+    assert len(indices(result, mesh=1)) == 14
 
 
 def test_no_mesh_is_left_unused_when_every_node_was_touched() -> None:
-    result = _edited(_instanced(), [0, 12, 13], [SURFACE] * 3)
+    result = edited(_instanced(), [0, 12, 13], [SURFACE] * 3)
     assert [node["mesh"] for node in result.json["nodes"]] == [1, 0]
-    assert (len(_indices(result, mesh=1)), len(_indices(result, mesh=0))) == (14, 16)
+    assert (len(indices(result, mesh=1)), len(indices(result, mesh=0))) == (14, 16)
 
 
 def test_primitives_that_shared_their_rows_still_do() -> None:
     builder = Builder()
     first = builder.primitive(QUAD, [0, 1, 2])
     second = {"attributes": first["attributes"], "indices": builder.accessor([0, 2, 3], "<u2")}
-    result = _edited(builder.document(meshes=[{"primitives": [first, second]}]), [0, 1], [SURFACE] * 2)
-    assert _primitives(result)[0]["attributes"] == _primitives(result)[1]["attributes"]
-    assert len(_values(result, "POSITION")) == 6
+    result = edited(builder.document(meshes=[{"primitives": [first, second]}]), [0, 1], [SURFACE] * 2)
+    assert primitives_of(result)[0]["attributes"] == primitives_of(result)[1]["attributes"]
+    assert len(values(result, "POSITION")) == 6
 
 
 def test_a_point_between_two_primitives_of_a_node_is_at_one_position_in_both() -> None:
@@ -292,14 +250,14 @@ def test_a_point_between_two_primitives_of_a_node_is_at_one_position_in_both() -
     edit.position[3:, 2] = edit.position[0, 2] + 1e-9  # what rounding may do
     edit.barycentric[:3, 2], edit.barycentric[3:, 2] = [0.5, 0, 0.5], [0.5, 0.5, 0]
     result = Document.from_glb(write(scene, edit, None))
-    np.testing.assert_array_equal(_values(result, "POSITION", 0)[3], _values(result, "POSITION", 1)[3])
+    np.testing.assert_array_equal(values(result, "POSITION", 0)[3], values(result, "POSITION", 1)[3])
 
 
 def test_letters_in_colour_become_a_primitive_with_a_material_of_their_own() -> None:
-    document = _quad(
+    document = quad(
         NORMAL=(NORMALS, "<f4", False), TEXCOORD_0=(UV, "<f4", False), COLOR_0=([[1, 0, 0]] * 4, "<f4", False)
     )
-    _primitives(document)[0] |= {
+    primitives_of(document)[0] |= {
         "material": 0,
         "extensions": {"KHR_materials_variants": {"mappings": [{"material": 0, "variants": [0]}]}},
     }
@@ -308,13 +266,13 @@ def test_letters_in_colour_become_a_primitive_with_a_material_of_their_own() -> 
         "extensionsUsed": ["KHR_materials_variants"],
         "extensions": {"KHR_materials_variants": {"variants": [{"name": "a"}]}},
     }
-    result = _edited(document, [0, 1], [SURFACE, CAP], color="#ff8000", lift=0.1)
-    base, letters = _primitives(result)
+    result = edited(document, [0, 1], [SURFACE, CAP], color="#ff8000", lift=0.1)
+    base, letters = primitives_of(result)
     assert base["material"] == 0
     assert "KHR_materials_variants" in base["extensions"]
     assert letters.keys() == {"attributes", "indices", "material"}
     assert letters["attributes"].keys() == {"POSITION", "NORMAL"}
-    assert (len(_indices(result, 0)), len(_indices(result, 1))) == (3, 3)
+    assert (len(indices(result, 0)), len(indices(result, 1))) == (3, 3)
     material = result.json["materials"][letters["material"]]
     assert (material["name"], material["doubleSided"]) == ("meshmark", True)
     np.testing.assert_allclose(
@@ -329,133 +287,19 @@ def test_one_material_serves_all_primitives_of_the_same_sidedness() -> None:
         for number in range(3)
     ]
     document = builder.document(meshes=[{"primitives": primitives}], materials=[{}, {"doubleSided": True}])
-    result = _edited(document, [0, 2, 4], [CAP, CAP, WALL], color="#000000")
-    assert [primitive.get("material") for primitive in _primitives(result)] == [0, 1, None, 2, 3, 2]
+    result = edited(document, [0, 2, 4], [CAP, CAP, WALL], color="#000000")
+    assert [primitive.get("material") for primitive in primitives_of(result)] == [0, 1, None, 2, 3, 2]
     assert len(result.json["materials"]) == 4
 
 
 def test_a_primitive_that_is_all_letters_is_replaced_by_them() -> None:
-    result = _edited(_quad(), [0, 1], [CAP, CAP], color="#00ff00")
-    assert len(_primitives(result)) == 1
-    assert result.json["materials"][_primitives(result)[0]["material"]]["name"] == "meshmark"
-
-
-def _skinned(weights: ArrayLike, dtype: str = "<f4", joints: ArrayLike = ((0, 1, 2, 3),) * 4) -> Document:
-    """A quad on six bones that the default pose moves apart."""
-    builder = Builder()
-    primitive = builder.primitive(
-        QUAD,
-        QUAD_FACES,
-        NORMAL=builder.accessor(NORMALS),
-        JOINTS_0=builder.accessor(joints, "u1"),
-        WEIGHTS_0=builder.accessor(weights, dtype, **({"normalized": True} if dtype != "<f4" else {})),
-    )
-    bones = [{"translation": [0.1 * number, 0.3 * number**2, number]} for number in range(6)]
-    return builder.document(
-        meshes=[{"primitives": [primitive]}],
-        nodes=[{"mesh": 0, "skin": 0}, *bones, {"children": list(range(1, 7))}],
-        scenes=[{"nodes": [0, 7]}],
-        skins=[
-            {
-                "joints": list(range(1, 7)),
-                "inverseBindMatrices": builder.accessor(np.tile(np.eye(4).reshape(-1), (6, 1))),
-            }
-        ],
-    )
-
-
-def _world_of_new_corners(scene: Scene, edit: Any, result: Document) -> float:
-    """The largest distance of a new corner from where the edit wants it."""
-    after = flatten(result).surface
-    wanted = scene.surface.to_world(edit.position.reshape(-1, 3))
-    new = after.faces[edit.keep.sum() :].reshape(-1)
-    return float(np.abs(after.to_world(after.positions[new]) - wanted).max())
-
-
-def test_lifted_corners_of_a_skinned_mesh_end_up_where_they_should_in_the_default_pose() -> None:
-    scene = flatten(_skinned([[0.5, 0.5, 0, 0], [0.2, 0.3, 0.5, 0], [0.0, 0, 0, 1], [0.25] * 4]))
-    edit = centroid_split(scene, [0, 1], [CAP, WALL], lift=1.0)
-    result = Document.from_glb(write(scene, edit, None))
-    assert _world_of_new_corners(scene, edit, result) < 1e-5
-
-
-def test_a_new_vertex_follows_the_strongest_four_bones_of_its_corners() -> None:
-    joints = [[0, 1, 0, 0], [2, 3, 0, 0], [4, 5, 0, 0], [0, 0, 0, 0]]
-    weights: list[list[float]] = [[0.9, 0.1, 0, 0], [0.6, 0.4, 0, 0], [0.8, 0.2, 0, 0], [1, 0, 0, 0]]
-    result = _edited(_skinned(weights, joints=joints), [0], [SURFACE])
-    assert _values(result, "JOINTS_0")[4].tolist() == [0, 4, 2, 3]
-    np.testing.assert_allclose(_values(result, "WEIGHTS_0")[4], np.array([9, 8, 6, 4]) / 27, rtol=1e-6)
-
-
-@pytest.mark.parametrize("dtype", ["u1", "<u2"])
-def test_integer_weights_keep_their_type_and_sum_exactly(dtype: str) -> None:
-    maximum = np.iinfo(dtype).max
-    third = maximum // 3
-    weights = [[maximum, 0, 0, 0], [third, maximum - third, 0, 0], [1, 2, 3, maximum - 6], [0, 0, maximum, 0]]
-    document = _skinned(weights, dtype)
-    result = _edited(document, [0, 1], [CAP, WALL], lift=0.5)
-    stored = read_accessor(result, _primitives(result)[0]["attributes"]["WEIGHTS_0"])
-    assert stored.dtype == np.dtype(dtype)
-    assert (stored.sum(axis=1, dtype=np.int64) == maximum).all()
-    scene = flatten(document)
-    edit = centroid_split(scene, [0, 1], [CAP, WALL], lift=0.5)
-    assert _world_of_new_corners(scene, edit, Document.from_glb(write(scene, edit, None))) < 1e-5
-
-
-def test_walls_at_an_untouched_vertex_follow_its_bones_to_the_last_bit() -> None:
-    weights = np.array([[0.1, 0.2, 0.3, 0.4], [0.3, 0.3, 0.3, 0.1], [0.7, 0.1, 0.1, 0.1], [0.6, 0.2, 0.1, 0.1]])
-    result = _edited(_skinned(weights), [1], [WALL])
-    surface = flatten(result).surface
-    welded = surface.weld[surface.faces]
-    edges = np.sort(welded[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    assert (np.unique(edges, axis=0, return_counts=True)[1] == 1).sum() == 4  # the quad's own boundary
-
-
-def _morphing(sparse: bool) -> Document:
-    builder = Builder()
-    primitive = builder.primitive(QUAD, QUAD_FACES, NORMAL=builder.accessor(NORMALS))
-    moved = builder.accessor([[0, 0, 0], [0, 0, 0], [0, 0, 3], [0, 0, 0]])
-    if sparse:
-        builder.json["accessors"][moved] |= {
-            "sparse": {
-                "count": 1,
-                "indices": {"bufferView": builder.view(bytes([2])), "componentType": 5121},
-                "values": {"bufferView": builder.view(np.array([0, 0, 3], "<f4").tobytes())},
-            }
-        }
-        del builder.json["accessors"][moved]["bufferView"]
-    turned = builder.accessor(np.outer([0, 0, 1, 0], [0.5, 0, -0.1]))
-    primitive["targets"] = [{"POSITION": moved, "NORMAL": turned}, {"POSITION": builder.accessor(np.negative(QUAD))}]
-    return builder.document(meshes=[{"primitives": [primitive], "weights": [0.5, 0]}])
-
-
-@pytest.mark.parametrize("sparse", [False, True])
-@pytest.mark.parametrize("color", [None, "#ff0000"])
-def test_morph_targets_reach_the_new_vertices_of_every_primitive(sparse: bool, color: str | None) -> None:
-    scene = flatten(_morphing(sparse))
-    edit = centroid_split(scene, [0, 1], [SURFACE, CAP], lift=0.0)
-    result = _edited(_morphing(sparse), [0, 1], [SURFACE, CAP], color=color)
-    assert [len(primitive["targets"]) for primitive in _primitives(result)] == [2] * (2 if color else 1)
-    target = _primitives(result)[0]["targets"][0]
-    delta = read_accessor(result, target["POSITION"])
-    np.testing.assert_allclose(delta[4:], [[0, 0, 1]] * 2, atol=1e-6)
-    assert ("sparse" in result.json["accessors"][target["POSITION"]]) == sparse
-    assert _world_of_new_corners(scene, edit, Document.from_glb(write(scene, edit, None))) < 1e-6
-
-
-def test_normals_of_walls_turn_with_a_morph_target() -> None:
-    result = _edited(_morphing(False), [0], [WALL], lift=5.0)
-    faces = _indices(result)[1:]
-    target = _primitives(result)[0]["targets"][0]
-    positions = _values(result, "POSITION") + read_accessor(result, target["POSITION"])
-    normals = _values(result, "NORMAL") + read_accessor(result, target["NORMAL"])
-    cross = np.cross(positions[faces[:, 1]] - positions[faces[:, 0]], positions[faces[:, 2]] - positions[faces[:, 0]])
-    flat = cross / np.linalg.norm(cross, axis=1, keepdims=True)
-    np.testing.assert_allclose(normals[faces], np.repeat(flat[:, None], 3, axis=1), atol=1e-5)
+    result = edited(quad(), [0, 1], [CAP, CAP], color="#00ff00")
+    assert len(primitives_of(result)) == 1
+    assert result.json["materials"][primitives_of(result)[0]["material"]]["name"] == "meshmark"
 
 
 def test_a_buffer_in_a_data_uri_becomes_the_bin_chunk() -> None:
-    document = _quad()
+    document = quad()
     document.json["buffers"][0]["uri"] = (
         "data:application/octet-stream;base64," + base64.b64encode(document.binary).decode()
     )
@@ -463,7 +307,7 @@ def test_a_buffer_in_a_data_uri_becomes_the_bin_chunk() -> None:
     result = Document.from_glb(write(scene, centroid_split(scene, [0], [SURFACE]), None))
     assert "uri" not in result.json["buffers"][0]
     assert result.binary.startswith(document.binary)
-    np.testing.assert_array_equal(_values(result, "POSITION")[:4], QUAD)
+    np.testing.assert_array_equal(values(result, "POSITION")[:4], QUAD)
 
 
 def _edge_counts(scene: Scene) -> tuple[int, int]:

@@ -67,6 +67,7 @@ def test_an_event_shows_the_job_as_it_stood_then(ledger: Ledger) -> None:
         "finished_at": last.data["finished_at"],
         "expires_at": None,
         "attempts": 1,
+        "cached": False,
         "metadata": {"order": "4711"},
         "error": {"code": "no_faces", "detail": "It has no faces.", "remedy": "Add some."},
     }

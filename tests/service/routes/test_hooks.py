@@ -13,6 +13,7 @@ from urllib.parse import quote, quote_plus
 
 import httpx2
 import obstore
+import psutil
 import pytest
 from httpx2 import Response
 from obstore.store import S3Store
@@ -22,7 +23,7 @@ from service.config import Settings
 from service.jobs import dropped, queue
 from service.jobs.dropped import Output
 from service.jobs.ledger import now
-from service.jobs.models import DroppedObject, Queue
+from service.jobs.models import DroppedObject, Job, Priority, Queue
 from tests.service.conftest import Client, client_with
 from tests.service.harness import EMBEDDED_COMMAND, Service
 from tests.service.s3 import KEYS, S3, Bucket, Flaky
@@ -196,6 +197,8 @@ def test_results_of_an_older_version_do_not_replace_those_of_a_newer_one(on_both
     for number in range(2):
         watched.drop("incoming/a.obj", asset(version=number))
         jobs += accepted(on_both, watched.notification("incoming/a.obj"))
+    with on_both.worker.ledger.sessions.begin() as session:
+        session.execute(update(Job).where(Job.id == jobs[0]).values(priority=Priority.LOW))  # the newer one goes first
     for job_id in reversed(jobs):
         assert run(on_both, job_id)["state"] == "succeeded"
         write_outputs(on_both.worker)
@@ -371,8 +374,9 @@ def test_with_real_processes_a_dropped_file_comes_back_by_itself(watched: Watche
     """As CloudEvents this time; the worker is killed on the way, and another one brings it to its end."""
     hooks = watched.hooks_file(tmp_path, kind="cloudevents")
     service = Service(tmp_path, hooks_file=os.fspath(hooks))
-    with service.running(EMBEDDED_COMMAND):
-        watched.drop("incoming/a.obj", asset("kill_parent", once=os.fspath(tmp_path / "killed")))
+    go = tmp_path / "go"
+    with service.running(EMBEDDED_COMMAND) as [process]:
+        watched.drop("incoming/a.obj", asset(wait_for=os.fspath(go)))
         event = {
             "specversion": "1.0",
             "id": "1",
@@ -384,8 +388,14 @@ def test_with_real_processes_a_dropped_file_comes_back_by_itself(watched: Watche
         answers = [service.client.post("/v1/hooks/shop", content=json.dumps(event), headers=headers) for _ in range(2)]
         assert [answer.status_code for answer in answers] == [202, 202]
         assert answers[0].json() == answers[1].json()
+        [item] = answers[0].json()["jobs"]
+        url = f"/v1/watermarks/{item['job']}"
+        wait_until(lambda: service.job(url)["stage"] == "placing")
+        for child in psutil.Process(process.pid).children():
+            if "tests.worker.apps" in child.cmdline():
+                child.kill()
+        go.touch()
         wait_until(lambda: watched.read("watermarked/a.obj.watermarked.glb"), 30)
         assert watched.read("watermarked/a.obj.watermarked.glb") == b"glTF of HI"
         assert watched.read("watermarked/a.obj.report.json")
-        [item] = answers[0].json()["jobs"]
-        assert service.job(f"/v1/watermarks/{item['job']}")["attempts"] == 2
+        assert service.job(url)["attempts"] == 2

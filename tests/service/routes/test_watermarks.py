@@ -243,17 +243,17 @@ def test_a_deleted_result_is_gone_and_the_job_expired(client: Client) -> None:
 
 
 def test_a_job_expires_when_its_time_is_over(tmp_path: Path) -> None:
-    with client_with(Settings(data_dir=tmp_path, retention_seconds=0.5)) as client:
-        url, failed = client.submit(), client.submit(asset("refuse"))
+    with client_with(Settings(data_dir=tmp_path, retention_seconds=1)) as client:
+        failed, url = client.submit(asset("refuse")), client.submit()
         assert client.http.get(url).json()["expires_at"] is None
-        client.run(url)
         client.run(failed)
+        client.run(url)
         job = client.http.get(url).json()
         until = datetime.fromisoformat(job["expires_at"]) - datetime.fromisoformat(job["finished_at"])
-        assert until.total_seconds() == 0.5
+        assert until.total_seconds() == 1
         sweep(client.worker)
         assert client.http.get(f"{url}/model").status_code == 200
-        time.sleep(0.5)
+        time.sleep(1)
         sweep(client.worker)
         for part in ("model", "report", "preview"):
             answer = client.http.get(f"{url}/{part}")
