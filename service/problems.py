@@ -9,12 +9,12 @@ from fastapi import FastAPI, Request, params
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
+from sqlalchemy.exc import OperationalError
 from starlette.exceptions import HTTPException
 from starlette.middleware.body_limit import MAX_BODY_SIZE_SCOPE_KEY
 from starlette.routing import compile_path
 
 from core.errors import ErrorCode, MeshmarkError
-from service.jobs.database import NO_ANSWER
 from service.metrics import PROBLEMS
 
 MEDIA_TYPE = "application/problem+json"
@@ -248,12 +248,10 @@ def install_problem_handlers(app: FastAPI, body_limit: int) -> None:
             headers["Allow"] = ", ".join(methods)
         return problem_response(_from_status(request, error, body_limit), headers)
 
-    async def _no_ledger(_request: Request, error: Exception) -> JSONResponse:
-        log.error("the job ledger does not answer", error=str(getattr(error, "orig", error)))
+    @app.exception_handler(OperationalError)
+    async def _no_ledger(_request: Request, error: OperationalError) -> JSONResponse:
+        log.error("the job ledger does not answer", error=str(error.orig))
         return problem_response(ledger_unavailable())
-
-    for no_answer in NO_ANSWER:
-        app.add_exception_handler(no_answer, _no_ledger)
 
     @app.exception_handler(Exception)
     async def _unknown(request: Request, error: Exception) -> JSONResponse:

@@ -4,13 +4,13 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, BackgroundTasks, Request, status
 from pydantic import BaseModel, ConfigDict, Field
+from sqlalchemy.exc import OperationalError
 
 from core.errors import ErrorCode, MeshmarkError
 from core.parameters import parse_parameters
 from service import access
 from service.access import Admitted, Client, GuardedRoute, take_request
 from service.idempotency_key import parse_idempotency_key
-from service.jobs.database import NO_ANSWER
 from service.jobs.models import Priority
 from service.metadata import parse_metadata
 from service.orders import order_from
@@ -105,7 +105,7 @@ def create_watermarks(
             if number:  # the first is paid for by the request
                 take_request(state, client)
             job, replayed = _submit(state, client, item)
-        except NO_ANSWER:
+        except OperationalError:
             results.append(_refused(ledger_unavailable()))
         except MeshmarkError as error:
             results.append(_refused(error))
