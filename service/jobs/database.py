@@ -1,4 +1,4 @@
-"""How the ledger's database is connected to: PostgreSQL, or a SQLite file."""
+"""How the job ledger's database is reached."""
 
 import sqlite3
 import time
@@ -35,7 +35,7 @@ class Pool(QueuePool):
 def connect(url: str) -> Engine:
     """Connections to the database at a URL, as SQLAlchemy writes it; a folder for a SQLite file is made."""
     if make_url(url).get_backend_name() != "sqlite":
-        # The locks below are reasoned for this level, whatever the server's own default is.
+        # The locks of the ledger are reasoned for this level, whatever the server's own default is.
         return create_engine(
             url,
             pool_pre_ping=True,
