@@ -57,6 +57,10 @@ faults: $(VENV)/.tests ## Let every part fail in turn while 50 jobs run, and pri
 	@sh docker/system-packages.sh service tests
 	$(BIN)/python -m tests.faults
 
+load: $(VENV)/.tests ## Let 500 jobs come at a steady rate and print what it took; more by LOAD="--engine real --rate 1"
+	@sh docker/system-packages.sh service tests
+	$(BIN)/python -m tests.load $(LOAD)
+
 openapi: $(VENV)/.service ## Write openapi.yaml from the application
 	$(BIN)/python -m service openapi > openapi.yaml
 
@@ -74,4 +78,4 @@ $(VENV)/.tests: $(VENV)/.service
 	$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable '.[test,benchmark]'
 	touch $@
 
-.PHONY: help install demo run test check survey benchmark ablation fuzz faults audit openapi clean
+.PHONY: help install demo run test check survey benchmark ablation fuzz faults load audit openapi clean

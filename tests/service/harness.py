@@ -62,7 +62,7 @@ def redis_server(folder: Path, port: int | None = None) -> Iterator[str]:
         pytest.fail("redis-server is not installed: apt-get install redis-server", pytrace=False)
     port = port or free_port()
     command = [program, "--port", str(port), "--bind", "127.0.0.1", "--dir", os.fspath(folder), "--save", ""]
-    with running([*command, "--loglevel", "warning"], {}):
+    with running([*command, "--loglevel", "warning"], {}, quiet=True):
 
         def listens() -> bool:
             with socket.socket() as probe:

@@ -18,20 +18,27 @@ from tests.service.harness import free_port
 from tests.worker.waiting import wait_until
 
 # What a crash of the machine would cost is no concern here, and speed is.
-FAST = ["fsync=off", "synchronous_commit=off", "full_page_writes=off", "max_connections=200"]
+FAST = ["fsync=off", "synchronous_commit=off", "full_page_writes=off"]
 
 
 class Postgres:
     """A server that may be stopped and started again, as any number of empty databases."""
 
-    def __init__(self, programs: Path, folder: Path, user: str | None) -> None:
+    def __init__(self, programs: Path, folder: Path, user: str | None, durable: bool = False) -> None:
         self.port = free_port()
+        self._settings = [] if durable else FAST
         self._programs, self._folder, self._user = programs, folder, user
         self._run("initdb", "--username=meshmark", "--auth=trust", "--no-sync", "--encoding=UTF8", "--no-locale")
 
     def start(self) -> None:
         """Start the server and wait until it answers."""
-        settings = [*FAST, f"port={self.port}", "listen_addresses=127.0.0.1", "unix_socket_directories="]
+        settings = [
+            *self._settings,
+            "max_connections=200",
+            f"port={self.port}",
+            "listen_addresses=127.0.0.1",
+            "unix_socket_directories=",
+        ]
         self._process = subprocess.Popen(
             [self._programs / "postgres", "-D", self._folder, *(f"-c{setting}" for setting in settings)],
             user=self._user,
@@ -79,13 +86,16 @@ def _programs() -> Path:
 
 
 @contextmanager
-def postgres_server() -> Iterator[Postgres]:
-    """A running server. PostgreSQL refuses to run as root: then it runs as the user its package made."""
+def postgres_server(durable: bool = False) -> Iterator[Postgres]:
+    """A running server, as safe as its own defaults or quick.
+
+    PostgreSQL refuses to run as root: then it runs as the user its package made.
+    """
     programs, user = _programs(), "postgres" if os.geteuid() == 0 else None
     with tempfile.TemporaryDirectory(prefix="meshmark-postgres-") as folder:  # pytest's own are closed to other users
         if user:
             os.chown(folder, pwd.getpwnam(user).pw_uid, -1)
-        server = Postgres(programs, Path(folder), user)
+        server = Postgres(programs, Path(folder), user, durable)
         server.start()
         try:
             yield server
