@@ -176,7 +176,11 @@ def test_its_processes_with_its_settings_watermark_an_asset(machine: Machine, tm
         job = api.wait_for(response.headers["Location"], "succeeded", 90)
         assert api.client.get(job["links"]["model"]).content.startswith(b"glTF")
         assert api.client.get("/readyz").status_code == 200
-        program, option, probe = SERVICES["worker"]["healthcheck"]["test"][1:]
-        probe = probe.replace("9465", str(machine.metrics["worker"]))
-        wait_until(lambda: subprocess.run([program, option, probe], capture_output=True, check=False).returncode == 0)
-    assert subprocess.run([program, option, probe], capture_output=True, check=False).returncode != 0
+        probe = [sys.executable, *SERVICES["worker"]["healthcheck"]["test"][2:]]
+
+        def healthy() -> bool:
+            done = subprocess.run(probe, env=os.environ | worker, capture_output=True, check=False)
+            return done.returncode == 0
+
+        wait_until(healthy)
+    assert not healthy()
