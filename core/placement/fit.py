@@ -25,6 +25,7 @@ from core.placement.finetune import adam, distinct, levenberg_marquardt
 from core.placement.objective import (
     BARRED,
     FACING_VIEW,
+    PRINTED,
     Placement,
     Terms,
     bend,
@@ -209,7 +210,7 @@ def _valued(
         visible=visible,
         likelihood=likelihood(boxes, visible, bent, contrast, site.served, site.objective),
         cost=cost(terms, site.objective),
-        barred=((salient > BARRED) | (details > BARRED)) & site.objective.bars,
+        barred=((salient > BARRED) | (details > PRINTED)) & site.objective.bars,
         weight=site.served.weight,
         backup=site.objective.backup,
         crowd=site.objective.crowd,
