@@ -41,9 +41,9 @@ poses), detail the share on eyes, logos or print in the texture, busy how much c
 there, preferred the share on regions asked for. Thin walls take no sunken letters at all
 (:func:`core.placement.filters.thin_walled`), and marks do not overlap (selection). Seams of the texture cost nothing
 of their own: letters carry the texture of either side, and a change of colour at a seam is what busy counts. Marks on
-surface that is mostly salient, or by a fifth detail, are barred: they are placed only where there is nothing else at all. The last
-two terms are what any mark costs: it has to show more than that, and a mark that adds less is not placed. This takes
-the place of the paper's octants, which spread marks without asking what they show.
+surface that is mostly salient, or a fifth of it detail, are barred: they are placed only where there is nothing else
+at all. The last two terms are what any mark costs: it has to show more than that, and a mark that adds less is not
+placed. This takes the place of the paper's octants, which spread marks without asking what they show.
 
 What each term does to the metrics is in the report of ``meshmark benchmark --methods objective``.
 """
