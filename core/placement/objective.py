@@ -41,7 +41,7 @@ poses), detail the share on eyes, logos or print in the texture, busy how much c
 there, preferred the share on regions asked for. Thin walls take no sunken letters at all
 (:func:`core.placement.filters.thin_walled`), and marks do not overlap (selection). Seams of the texture cost nothing
 of their own: letters carry the texture of either side, and a change of colour at a seam is what busy counts. Marks on
-surface that is mostly salient, or a fifth of it detail, are barred: they are placed only where there is nothing else
+surface that is mostly salient, or a third of it detail, are barred: they are placed only where there is nothing else
 at all. The last two terms are what any mark costs: it has to show more than that, and a mark that adds less is not
 placed. This takes the place of the paper's octants, which spread marks without asking what they show.
 
@@ -80,7 +80,7 @@ LARGE_TEXT = 3.0  # contrast, WCAG 2.2, 1.4.3
 TONELESS = 0.5  # gloss and edges show letters as dark as their ground
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear sRGB
 BARRED = 0.45  # share salient from which no mark is placed; the metric's 0.5 less what the edges of a box hold
-PRINTED = 0.2  # share on details of the texture likewise: an eye or a line of print is a small part of a box
+PRINTED = 0.3  # share on details of the texture likewise: an eye or a line of print is a small part of a box
 
 
 @dataclass(frozen=True)
