@@ -40,6 +40,15 @@ def upright(normal: Float) -> Float:
     return np.stack([np.cross(up, normal), up, normal], axis=1)
 
 
+def right_way_up(boxes: Boxes) -> Boxes:
+    """The same boxes, with half a turn in their plane where the text would stand on its head: fitting may tip one over
+    an edge."""
+    level = np.einsum("bi,bi->b", boxes.axes[:, 1], upright(boxes.axes[:, 2])[:, 1])
+    turned = np.where(level < 0, -1.0, 1.0)
+    axes = boxes.axes * np.stack([turned, turned, np.ones(len(boxes))], axis=1)[:, :, None]
+    return Boxes(boxes.center, axes, boxes.size)
+
+
 def _mean_normals(points: Float, normals: Float, kept: NDArray[np.int64], reach: float) -> Float:
     """Unit normals at ``points[kept]``, averaged over the area samples within ``reach`` on the same side.
 

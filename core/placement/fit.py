@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from core.parameters import Mode, Preset, Solver
 from core.placement.boxes import Boxes
-from core.placement.candidates import candidates
+from core.placement.candidates import candidates, right_way_up
 from core.placement.filters import (
     Footprint,
     above,
@@ -109,7 +109,7 @@ def fit(
     else:
         boxes, loss = levenberg_marquardt(boxes, index, site.surfels, settle)
     kept = np.flatnonzero(well_aligned(loss))
-    boxes, loss = boxes[kept], loss[kept]
+    boxes, loss = right_way_up(boxes[kept]), loss[kept]
     left["aligned"] = len(boxes) + hanging
     kept = distinct(boxes, loss, COPY)
     boxes, loss = boxes[kept], loss[kept]

@@ -5,9 +5,9 @@ from hypothesis import strategies as st
 
 from core.asset.surface import Surface
 from core.placement.boxes import Boxes
-from core.placement.candidates import candidates, upright
+from core.placement.candidates import candidates, right_way_up, upright
 from core.placement.sampling import sample
-from tests.core.placement.shapes import cuboid, sphere
+from tests.core.placement.shapes import box, cuboid, rotation, sphere
 
 
 def on(shape: Surface, size: tuple[float, float, float], number: int, radius: float) -> Boxes:
@@ -78,3 +78,11 @@ def test_the_far_side_of_a_thin_wall_does_not_turn_a_box() -> None:
     inner = found[np.flatnonzero(np.abs(found.center[:, :2]).max(axis=1) < 8)]
     assert np.allclose(np.abs(inner.axes[:, 2, 2]), 1)
     assert np.array_equal(np.sign(inner.axes[:, 2, 2]), np.sign(inner.center[:, 2]))
+
+
+def test_text_that_fitting_put_on_its_head_is_turned_and_covers_the_same() -> None:
+    sound = box(axes=rotation((0, 0, 1), 20))
+    tipped = Boxes(sound.center, sound.axes * [[[-1], [-1], [1]]], sound.size)
+    assert right_way_up(sound).axes == pytest.approx(sound.axes)
+    assert right_way_up(tipped).axes == pytest.approx(sound.axes)
+    assert np.linalg.det(right_way_up(tipped).axes) == pytest.approx([1])

@@ -11,6 +11,7 @@ from core.asset.surface import Surface
 from core.errors import ErrorCode, MeshmarkError
 from core.ground.saliency import saliency
 from core.parameters import Mode, Parameters, Preset
+from core.placement.candidates import upright
 from core.placement.filters import overlapping
 from core.placement.objective import Placement
 from core.placement.place import place, place_more
@@ -168,6 +169,12 @@ def test_a_slat_barely_wider_than_the_text_is_high_gets_text_as_long_as_itself()
     found = placed(join(*slats))
     chosen = select(found, 16)
     assert found.boxes.size[chosen, 0].max() == 5.5
+
+
+def test_text_that_slid_over_an_edge_does_not_stand_on_its_head() -> None:
+    found = placed(join(*[moved(cuboid(30, 0.9, 0.9), shift=(0, 5 * level, 0)) for level in range(-2, 3)]))
+    level = np.einsum("bi,bi->b", found.boxes.axes[:, 1], upright(found.boxes.axes[:, 2])[:, 1])
+    assert level.min() > -1e-9
 
 
 def test_a_direction_in_which_only_a_grazing_mark_is_seen_gets_one_that_faces_it() -> None:
