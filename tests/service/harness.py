@@ -1,6 +1,8 @@
 """Real processes for the tests of the service: API, worker, Redis, each on a free port and in a folder of its own."""
 
+import contextlib
 import os
+import random
 import shutil
 import signal
 import socket
@@ -29,9 +31,11 @@ WORKER_COMMAND = [sys.executable, "-m", "celery", "-A", "tests.worker.apps", "wo
 
 
 def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    """One below those that the kernel lends to connections: a server that is started again finds it free again."""
+    while True:
+        with contextlib.suppress(OSError), socket.socket() as probe:
+            probe.bind(("127.0.0.1", random.randint(10_000, 32_767)))
+            return int(probe.getsockname()[1])
 
 
 @contextmanager
