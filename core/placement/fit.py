@@ -19,9 +19,8 @@ from core.placement.filters import (
     slid,
     smooth,
     thin_walled,
-    well_aligned,
 )
-from core.placement.finetune import adam, distinct, levenberg_marquardt
+from core.placement.finetune import LOSS_THRESHOLD, adam, distinct, levenberg_marquardt, loss_limit
 from core.placement.objective import (
     BARRED,
     FACING_VIEW,
@@ -45,8 +44,8 @@ Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
-THICKNESS, THINNEST, THICKEST = 0.09, 0.25, 0.6  # of the width; 0.5 at 5.5, as in the paper
-PAPER_SAMPLES, PAPER_RADIUS = 300, 1.0
+THICKNESS, THINNEST = 0.15, 0.25  # of the width: room for text that bends as much as it may
+PAPER_THICKNESS, PAPER_SAMPLES, PAPER_RADIUS = 0.5, 300, 1.0
 # Drawn before thinning, and about how many stay: as many as half a second fits on one core. Narrower text is looked for
 # only where wider text does little, and draws more: thin edges and small parts have little of the area.
 SAMPLES, CANDIDATES = 8000, 700
@@ -85,7 +84,8 @@ def fit(
     """
     parameters, index = site.parameters, site.index
     relief = abs(parameters.relief_at(width))
-    size = (width, width * site.aspect, float(np.clip(THICKNESS * width, THINNEST, THICKEST)))
+    thickness = PAPER_THICKNESS if parameters.preset is Preset.PAPER else max(THICKNESS * width, THINNEST)
+    size = (width, width * site.aspect, thickness)
     boxes = _candidates(site, size, wanted, rng)
     left = {"candidates": len(boxes)}
     hanging = 0
@@ -106,9 +106,11 @@ def fit(
 
     if parameters.solver is Solver.ADAM:
         boxes, loss = adam(boxes, index, progress)
+        limit = LOSS_THRESHOLD
     else:
         boxes, loss = levenberg_marquardt(boxes, index, site.surfels, settle)
-    kept = np.flatnonzero(well_aligned(loss))
+        limit = float(loss_limit(np.array(width)))
+    kept = np.flatnonzero(loss < limit)
     boxes, loss = right_way_up(boxes[kept]), loss[kept]
     left["aligned"] = len(boxes) + hanging
     kept = distinct(boxes, loss, COPY)

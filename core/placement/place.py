@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from core.asset.surface import MODEL_SIZE
 from core.errors import ErrorCode, MeshmarkError
 from core.placement.boxes import Boxes
-from core.placement.finetune import LOSS_THRESHOLD
 from core.placement.fit import fit
 from core.placement.objective import FACING_VIEW, Placement, within_reach
 from core.placement.selection import select
@@ -18,7 +17,7 @@ from core.placement.site import Site
 
 Bool = NDArray[np.bool_]
 
-WIDTHS = (7.5, 5.5, 4.0, 3.0, 2.0)
+WIDTHS = (6.2, 4.8, 3.7, 2.8, 2.0)
 SMALL = 1.2  # legible from close up; only for what nothing wider shows
 LAST_RESORT = 0.8  # only where there is nothing else at all
 # WIDTHS are meant for a word like "watermark", an eighth as high as wide; other proportions get the same area.
@@ -163,7 +162,7 @@ def _pool(one: Placement, other: Placement) -> Placement:
 
 
 REASONS = {
-    "aligned": f"the surface bends away from it or ends under it (loss above {LOSS_THRESHOLD})",
+    "aligned": "the surface bends away from it or ends under it",
     "free": "it reaches into a `keep_out` box",
     "covered": "it hangs over an edge, a hole or a second layer",
     "smooth": "the surface under it is too rough",

@@ -14,7 +14,7 @@ from core.parameters import Mode, Parameters, Preset
 from core.placement.candidates import upright
 from core.placement.filters import overlapping
 from core.placement.objective import Placement
-from core.placement.place import place, place_more
+from core.placement.place import LAST_RESORT, SMALL, WIDTHS, place, place_more
 from core.placement.selection import select
 from core.placement.site import Site, open_site
 from tests.core.asset.meshes import MESHES
@@ -49,7 +49,7 @@ def test_a_cube_of_twelve_faces_is_marked_on_every_side() -> None:
         (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)
     }  # fmt: skip
     assert found.visible[chosen][:, :24].any(axis=0).all()
-    assert np.all(found.boxes.size[chosen, 0] == 7.5)
+    assert np.all(found.boxes.size[chosen, 0] == WIDTHS[0])
 
 
 def test_boxes_lie_on_the_surface_and_look_outwards() -> None:
@@ -78,21 +78,30 @@ def test_parts_too_narrow_for_wide_text_get_narrower_text() -> None:
     found = placed(join(cuboid(30, 0.8, 0.8), moved(cuboid(3.2, 12, 3.2), shift=(0, 0.4, 0))))
     widths = set(found.boxes.size[select(found, 16), 0].tolist())
     assert len(widths) > 1
-    assert widths <= {7.5, 5.5, 4.0, 3.0, 2.0, 1.2, 0.8}
+    assert widths <= {*WIDTHS, SMALL, LAST_RESORT}
 
 
 def test_text_of_other_proportions_gets_the_same_area() -> None:
     long = placed(cuboid(30, 30, 30), aspect=0.03125)
-    assert np.allclose(long.boxes.size[:, 0], 15.0)
+    assert np.allclose(long.boxes.size[:, 0], 2 * WIDTHS[0])
     single = placed(cuboid(30, 30, 30), aspect=0.5)
-    assert np.allclose(single.boxes.size[:, 0], 3.75)
+    assert np.allclose(single.boxes.size[:, 0], WIDTHS[0] / 2)
 
 
 def test_the_paper_preset_uses_its_samples_and_its_size() -> None:
     found = placed(cuboid(30, 30, 30), preset=Preset.PAPER)
     assert 0 < len(found.boxes) <= 300
     assert np.all(found.boxes.size[:, 0] == 5.5)
-    assert np.all(found.boxes.size[:, 2] == pytest.approx(0.495))
+    assert np.all(found.boxes.size[:, 2] == 0.5)
+    assert found.loss.max() < 0.005
+
+
+def test_text_follows_a_body_round_as_far_as_it_stays_readable() -> None:
+    head = sphere(7)
+    assert len(placed(head, size=4.8).boxes) > 0
+    with pytest.raises(MeshmarkError) as caught:
+        placed(head, size=8.0)
+    assert "bends away" in caught.value.message
 
 
 def test_both_sides_of_an_open_sheet_are_told_apart() -> None:
@@ -160,7 +169,7 @@ def test_the_thin_edge_of_a_plate_gets_the_small_text_it_has_room_for() -> None:
     edge = np.abs(found.boxes.axes[chosen, 2, 1]) < 0.5
     assert edge.any()
     assert found.boxes.size[chosen, 0][edge].max() < 2.5
-    assert found.boxes.size[chosen, 0][~edge].max() == 7.5
+    assert found.boxes.size[chosen, 0][~edge].max() == WIDTHS[0]
     assert found.visible[chosen].any(axis=0).mean() > 0.8
 
 
@@ -168,7 +177,7 @@ def test_a_slat_barely_wider_than_the_text_is_high_gets_text_as_long_as_itself()
     slats = [moved(cuboid(30, 0.9, 0.9), shift=(0, 5 * level, 0)) for level in range(-2, 3)]
     found = placed(join(*slats))
     chosen = select(found, 16)
-    assert found.boxes.size[chosen, 0].max() == 5.5
+    assert found.boxes.size[chosen, 0].max() >= WIDTHS[1]
 
 
 def test_text_that_slid_over_an_edge_does_not_stand_on_its_head() -> None:
