@@ -9,7 +9,15 @@ from typing import Any
 
 import structlog
 from celery import Celery
-from celery.signals import setup_logging, task_postrun, task_prerun, worker_init, worker_ready, worker_shutting_down
+from celery.signals import (
+    setup_logging,
+    task_postrun,
+    task_prerun,
+    worker_init,
+    worker_ready,
+    worker_shutdown,
+    worker_shutting_down,
+)
 
 from service.config import Settings
 from service.jobs.queue import TASK, create_queue
@@ -49,7 +57,7 @@ def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
     """A Celery app that runs jobs with the engine at an import path "module:function"."""
     app = create_queue(settings)
     app.conf.update(
-        # Threads: each only watches a child process of its own (worker/runner.py), so it needs neither its own
+        # Threads: each only watches a job's process (worker/runner.py), so it needs neither its own
         # interpreter nor billiard's daemonic processes, which may not have children; and the consumer's thread stays
         # free to keep the broker's connection and to obey signals, which the solo pool cannot while a job runs.
         worker_pool="threads",
@@ -80,6 +88,7 @@ def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
     def prepare(**_: Any) -> None:
         configure_tracing("meshmark-worker")
         require_own_store(settings)
+        worker().template.start()  # it loads its libraries while all else gets ready
         require_sandbox(worker())
         beating = threading.Thread(target=pulse().beat_until, args=(worker().stopping,), name="pulse", daemon=True)
         beating.start()
@@ -92,6 +101,9 @@ def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
     def stop(**_: Any) -> None:
         worker().stop()
 
+    def end(**_: Any) -> None:
+        worker().close()
+
     app.task(watermark, name=TASK)
     setup_logging.connect(lambda **_: configure_logs(settings.log_level), weak=False)
     worker_init.connect(prepare, weak=False)
@@ -99,4 +111,5 @@ def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
     task_postrun.connect(lambda **_: pulse().ended(), weak=False)
     worker_ready.connect(start, weak=False)
     worker_shutting_down.connect(stop, weak=False)
+    worker_shutdown.connect(end, weak=False)
     return app

@@ -33,6 +33,7 @@ from worker.heartbeat import Heartbeat
 from worker.runner import Limits, Progress, Published, Work, run_engine
 from worker.sources import Sources
 from worker.stage_clock import StageClock
+from worker.template import Template
 
 # Seconds: how long to go on trying where store or ledger do not answer, and the pauses between.
 PATIENCE = 60.0
@@ -66,6 +67,13 @@ class Worker:
         self.sources = Sources(self.settings, self.ledger.sessions)
         self.scratch = self.settings.data_dir.resolve() / "scratch"
         self.scratch.mkdir(parents=True, exist_ok=True)
+        threads = self.settings.job_threads or max(1, len(os.sched_getaffinity(0)) // self.settings.worker_concurrency)
+        self.template = Template(self.engine, threads)
+
+    def close(self) -> None:
+        """End what it holds: the template of the jobs' processes, and the connections to the ledger."""
+        self.template.close()
+        self.ledger.close()
 
     def stop(self) -> None:
         """Begin no more jobs; those that run have some seconds to end before they are given back."""
@@ -138,7 +146,6 @@ class Worker:
         if source is None:  # canceled between the claim and here
             raise LeaseLostError
         work = Work(
-            engine=self.engine,
             input=self._fetch(source, folder, heartbeat),
             font=self._fetch(font, folder, heartbeat) if font else None,
             parameters=job.parameters,
@@ -147,8 +154,7 @@ class Worker:
             private=private_folders(self.settings),
             sandbox=self.settings.sandbox,
         )
-        threads = self.settings.job_threads or max(1, len(os.sched_getaffinity(0)) // self.settings.worker_concurrency)
-        limits = Limits(self.settings.job_time_limit, self.settings.job_memory_limit, threads)
+        limits = Limits(self.settings.job_time_limit, self.settings.job_memory_limit)
         report = folder / ("report" + SUFFIXES["report"])
         try:
             self._follow(job, work, limits, heartbeat)
@@ -164,7 +170,7 @@ class Worker:
 
     def _follow(self, job: Job, work: Work, limits: Limits, heartbeat: Heartbeat) -> None:
         """Run the engine, publish what it makes but the report, and pass on how it goes."""
-        with closing(run_engine(work, limits)) as events, StageClock() as clock:
+        with closing(run_engine(self.template, work, limits)) as events, StageClock() as clock:
             for event in events:
                 self._check(heartbeat)
                 if isinstance(event, Published) and event.kind is not ArtifactKind.REPORT:

@@ -43,7 +43,7 @@ def client_with(settings: Settings) -> Iterator[Client]:
     with TestClient(create_app(settings), raise_server_exceptions=False, follow_redirects=False) as http:
         client = Client(http, settings)
         yield client
-        client.worker.ledger.close()
+        client.worker.close()
 
 
 @pytest.fixture

@@ -89,12 +89,12 @@ def test_a_running_job_that_is_deleted_is_stopped_and_leaves_no_file(service: Se
 
 def test_a_job_survives_the_death_of_its_worker(service: Service) -> None:
     [worker] = [each for each in psutil.Process().children(recursive=True) if "tests.worker.apps" in each.cmdline()]
-    url = service.start_job("kill_parent", pid=worker.pid)
+    url = service.start_job("kill_worker", pid=worker.pid)
     assert service.wait_for(url, "succeeded")["attempts"] == 2
 
 
 def test_a_job_whose_workers_keep_dying_fails_as_worker_lost(service: Service) -> None:
-    job = service.wait_for(service.start_job("kill_parent"), "failed")
+    job = service.wait_for(service.start_job("kill_worker"), "failed")
     assert (job["error"]["code"], job["attempts"]) == ("worker_lost", 2)
 
 

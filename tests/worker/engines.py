@@ -17,6 +17,8 @@ from core.asset.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
 from core.parameters import Parameters
 
+WORKER = os.getppid()  # in the template that imports this, and in its children
+
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 
 
@@ -30,6 +32,10 @@ class Result:
     model: bytes
     report: dict[str, Any]
     preview: bytes | None
+
+
+def preload() -> None:
+    """It imports nothing later."""
 
 
 def directed(
@@ -125,7 +131,8 @@ def spawn(_order: dict[str, Any]) -> None:
 def reach_out(order: dict[str, Any]) -> None:
     """Try what the sandbox forbids, and tell what came of it."""
     found = {attempt.__name__: _outcome(attempt, order) for attempt in (connect, listen, read_private, write_outside)}
-    found |= {attempt.__name__: _outcome(attempt, order) for attempt in (read_worker, write_much, write_own)}
+    inside = (read_worker, read_template, write_much, write_own)
+    found |= {attempt.__name__: _outcome(attempt, order) for attempt in inside}
     raise MeshmarkError(ErrorCode.NO_PLACEMENT, json.dumps(found), ".")
 
 
@@ -154,6 +161,10 @@ def write_outside(order: dict[str, Any]) -> None:
 
 
 def read_worker(_order: dict[str, Any]) -> None:
+    Path(f"/proc/{WORKER}/environ").read_bytes()
+
+
+def read_template(_order: dict[str, Any]) -> None:
     Path(f"/proc/{os.getppid()}/environ").read_bytes()
 
 
@@ -171,10 +182,10 @@ def tell_environment(_order: dict[str, Any]) -> None:
     raise MeshmarkError(ErrorCode.NO_PLACEMENT, json.dumps(dict(os.environ)), ".")
 
 
-def kill_parent(order: dict[str, Any]) -> None:
-    """Kill the worker: each one, or only that with a process id."""
-    if order.get("pid", os.getppid()) == os.getppid():
-        os.kill(os.getppid(), signal.SIGKILL)
+def kill_worker(order: dict[str, Any]) -> None:
+    """Each one, or only that with a process id."""
+    if order.get("pid", WORKER) == WORKER:
+        os.kill(WORKER, signal.SIGKILL)
         time.sleep(600)
 
 
@@ -194,6 +205,6 @@ ACTIONS: dict[str, Callable[[dict[str, Any]], None]] = {
         spawn,
         reach_out,
         tell_environment,
-        kill_parent,
+        kill_worker,
     )
 }

@@ -22,7 +22,7 @@ def worker(tmp_path: Path) -> Iterator[Worker]:
     settings = Settings(data_dir=tmp_path / "data", lease_seconds=0.05)
     worker = Worker(settings, queue.create_queue(settings), "tests.worker.engines:directed")
     yield worker
-    worker.ledger.close()
+    worker.close()
 
 
 def create(worker: Worker) -> str:

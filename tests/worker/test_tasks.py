@@ -27,7 +27,7 @@ def worker_with(settings: Settings) -> Worker:
 def worker(tmp_path: Path) -> Iterator[Worker]:
     worker = worker_with(Settings(data_dir=tmp_path / "data", lease_seconds=60))
     yield worker
-    worker.ledger.close()
+    worker.close()
 
 
 def submit(worker: Worker, do: str = "work", **details: object) -> str:
@@ -194,7 +194,7 @@ def test_a_store_that_fails_for_a_while_delays_a_job_and_does_not_end_it(s3: S3,
         done = job(worker, job_id)
         assert (done.state, done.attempts) == (JobState.SUCCEEDED, 1)
         assert content(worker, done.artifact(ArtifactKind.MODEL)) == b"glTF of HI"
-        worker.ledger.close()
+        worker.close()
 
 
 def test_a_job_is_put_back_when_the_engine_finds_the_disk_full(worker: Worker) -> None:
@@ -222,7 +222,7 @@ def test_a_job_is_put_back_when_the_store_fails_for_longer_than_a_worker_waits(
         flaky.failing.clear()
         worker.run(job_id)
         assert job(worker, job_id).state == JobState.SUCCEEDED
-        worker.ledger.close()
+        worker.close()
 
 
 def test_the_engine_does_not_see_a_ledger_outside_the_data_folder_either(tmp_path: Path) -> None:
