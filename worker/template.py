@@ -60,7 +60,7 @@ class Child:
         """
         if not select.select([self._line], [], [], patience)[0]:
             if time.monotonic() > self._begin_by:
-                self._template.kill()
+                self._template.kill()  # it is stuck
             return None
         if not (said := self._line.recv(16)):
             raise EOFError

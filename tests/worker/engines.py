@@ -7,8 +7,10 @@ import os
 import signal
 import socket
 import subprocess
+import tempfile
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -178,6 +180,16 @@ def write_own(_order: dict[str, Any]) -> None:
     Path(os.environ["TMPDIR"], "own").write_bytes(b"1")
 
 
+def tell_process(_order: dict[str, Any]) -> None:
+    """What this process has of its own: process id, session, open descriptors, threads."""
+    opened = {}
+    for number in os.listdir("/proc/self/fd"):
+        with suppress(FileNotFoundError):  # the folder itself
+            opened[int(number)] = os.readlink(f"/proc/self/fd/{number}")
+    found = {"pid": os.getpid(), "session": os.getsid(0), "template": os.getppid(), "opened": opened}
+    raise MeshmarkError(ErrorCode.NO_PLACEMENT, json.dumps(found), tempfile.gettempdir())
+
+
 def tell_environment(_order: dict[str, Any]) -> None:
     raise MeshmarkError(ErrorCode.NO_PLACEMENT, json.dumps(dict(os.environ)), ".")
 
@@ -205,6 +217,7 @@ ACTIONS: dict[str, Callable[[dict[str, Any]], None]] = {
         spawn,
         reach_out,
         tell_environment,
+        tell_process,
         kill_worker,
     )
 }
