@@ -6,7 +6,6 @@ import select
 import signal
 import time
 from collections.abc import Generator
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any

@@ -27,9 +27,9 @@ import structlog
 
 from worker import child
 
-# A template that takes longer is stuck, and is killed: to load its libraries, perhaps from a cold disk, and fork; to kill
-# a child, whose memory has to be freed.
-START_SECONDS, END_SECONDS = 120.0, 20.0
+# A template that takes longer is stuck, and is killed.
+START_SECONDS = 120.0  # to load its libraries, perhaps from a cold disk, and to fork
+END_SECONDS = 20.0  # to kill a child, whose memory has to be freed
 TAIL = 4000  # last characters of stderr that are logged
 
 # What it gets of the worker's environment. The ledger's and the broker's passwords are not among it: its children
@@ -123,11 +123,11 @@ class Template:
             self._end()
         if self._process is None:
             self._control, theirs = socket.socketpair()
-            self._stderr = tempfile.TemporaryFile()
+            self._stderr = tempfile.TemporaryFile()  # noqa: SIM115  # it is closed in _end
             with theirs:
                 self._process = subprocess.Popen(
                     self._command,
-                    stdin=theirs,
+                    stdin=theirs.fileno(),
                     stdout=self._stderr,
                     stderr=self._stderr,
                     env=_environment(self._threads),

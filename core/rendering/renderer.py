@@ -35,8 +35,8 @@ def _pyrender() -> ModuleType:
 
 
 def preload() -> None:
-    """Import what a renderer will, without opening a display; without OpenGL, the renderer is to say what is missing."""
-    with suppress(Exception):
+    """Import what a renderer will, without opening a display."""
+    with suppress(Exception):  # where there is no OpenGL, the renderer says so
         _pyrender()
         for name in ("pyrender.platforms.egl", *(f"OpenGL.arrays.{handler}" for handler in _ARRAYS)):
             import_module(name)

@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -47,7 +46,7 @@ def loaded(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     home = tmp_path_factory.mktemp("home")
     environment = os.environ | {"OMP_NUM_THREADS": "1", "HOME": os.fspath(home), "XDG_CACHE_HOME": os.fspath(home)}
     ended = subprocess.run([sys.executable, "-c", SCRIPT], env=environment, stdout=subprocess.PIPE, check=True)
-    return json.loads(ended.stdout) | {"home": list(home.rglob("*"))}
+    return dict(json.loads(ended.stdout), home=list(home.rglob("*")))
 
 
 def test_whatever_a_function_of_the_engine_imports_is_loaded(loaded: dict[str, Any]) -> None:

@@ -181,11 +181,11 @@ def write_own(_order: dict[str, Any]) -> None:
 
 
 def tell_process(_order: dict[str, Any]) -> None:
-    """What this process has of its own: process id, session, open descriptors, threads."""
+    """What this process is and has open."""
     opened = {}
-    for number in os.listdir("/proc/self/fd"):
+    for path in Path("/proc/self/fd").iterdir():
         with suppress(FileNotFoundError):  # the folder itself
-            opened[int(number)] = os.readlink(f"/proc/self/fd/{number}")
+            opened[path.name] = os.fspath(path.readlink())
     found = {"pid": os.getpid(), "session": os.getsid(0), "template": os.getppid(), "opened": opened}
     raise MeshmarkError(ErrorCode.NO_PLACEMENT, json.dumps(found), tempfile.gettempdir())
 

@@ -105,7 +105,9 @@ def test_a_bug_in_the_engine_is_an_internal_error_without_its_details(template: 
     assert "secret" not in str(error)
 
 
-def test_the_engine_does_not_see_the_workers_secrets(template: Template, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_engine_does_not_see_the_workers_secrets(
+    template: Template, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("MESHMARK_DATABASE_URL", "postgresql://user:password@host/db")
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret")
     work = order(tmp_path, "tell_environment")
@@ -114,7 +116,9 @@ def test_the_engine_does_not_see_the_workers_secrets(template: Template, tmp_pat
     assert environment["TMPDIR"] == os.fspath(work.folder)
 
 
-def test_the_engine_is_told_where_to_compute(template: Template, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_engine_is_told_where_to_compute(
+    template: Template, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("MESHMARK_DEVICE", "cuda")
     monkeypatch.setenv("WARP_CACHE_PATH", os.fspath(tmp_path))
     environment = json.loads(failure(template, order(tmp_path, "tell_environment")).message)

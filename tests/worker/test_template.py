@@ -178,7 +178,8 @@ def test_a_real_job_imports_nothing_any_more_and_makes_the_bytes_of_a_process_of
             assert imported == []
             assert report["metrics"]["missing"].keys() <= {"ss"}
     command = [sys.executable, "-c", "import sys; from core.cli import main; sys.exit(main())", "apply"]
-    alone = [*command, SPOT, tmp_path / "alone.glb", "--text", "watermark"]
-    options = ["--count", "4", "--color", "#d02020", "--evaluate", "none"]
-    subprocess.run([*alone, *options], check=True, env=os.environ | {"OMP_NUM_THREADS": "2"}, capture_output=True)
-    assert results == [(tmp_path / "alone.glb").read_bytes()] * 2
+    alone = tmp_path / "alone.glb"
+    options = ["--text", "watermark", "--count", "4", "--color", "#d02020", "--evaluate", "none"]
+    environment = os.environ | {"OMP_NUM_THREADS": "2"}
+    subprocess.run([*command, str(SPOT), str(alone), *options], check=True, env=environment, capture_output=True)
+    assert results == [alone.read_bytes()] * 2
