@@ -157,11 +157,13 @@ def fill_disk(site: Site) -> None:
     if not folder.is_mount():
         print("no disk could be filled: that takes the right to mount one", file=sys.stderr)
         return
-    ballast = folder / "ballast"
-    with contextlib.suppress(OSError), ballast.open("wb", buffering=0) as file:
-        while True:
-            file.write(bytes(4096))
-    time.sleep(OUTAGE)
+    ballast, until = folder / "ballast", time.monotonic() + OUTAGE
+    with ballast.open("wb", buffering=0) as file:
+        while time.monotonic() < until:
+            try:
+                file.write(bytes(4096))
+            except OSError:
+                time.sleep(0.01)  # what a job frees is filled too
     ballast.unlink()
 
 
