@@ -74,7 +74,7 @@ class Child:
             Its exit code, its own if it had ended by itself; None if it never began, or its template is gone.
         """
         said = b""
-        with self._line as line, suppress(ConnectionError):
+        with self._line as line, suppress(OSError):
             if self._begun:
                 line.settimeout(END_SECONDS)
                 line.shutdown(socket.SHUT_WR)
