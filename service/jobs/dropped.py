@@ -2,7 +2,8 @@
 
 An object's id is a hash of its place and its version, so however often it is told of, it makes one job. Its row is
 recorded with the job; `output` then goes from pending to one of the other states, once, and what is pending is looked
-at again and again until it does. Writing twice is as good as once.
+at again and again until it does. Writing twice is as good as once. Where a job that died is tried again as another one,
+its object is that one's from then on.
 """
 
 import hashlib
@@ -10,7 +11,7 @@ import json
 from datetime import timedelta
 from enum import StrEnum
 
-from sqlalchemy import exists, select, update
+from sqlalchemy import ColumnElement, exists, select, update
 from sqlalchemy.orm import Session, aliased, sessionmaker
 
 from service.jobs.ledger import ACTIVE, now
@@ -51,6 +52,12 @@ def record(session: Session, job_id: str, object_id: str, source: str, key: str)
     session.flush()
 
 
+def hand_over(session: Session, job_id: str, successor: str) -> None:
+    """Make the object of a job that of another one, whose results are then the ones to be written."""
+    values = {"job_id": successor, "output": Output.PENDING, "tries": 0, "due_at": now()}
+    session.execute(update(DroppedObject).where(DroppedObject.job_id == job_id).values(**values))
+
+
 def job_of(sessions: Sessions, object_id: str) -> str | None:
     """The job of an object, if it has one."""
     with sessions() as session:
@@ -79,16 +86,16 @@ def take_due(sessions: Sessions, limit: int = 20) -> list[DroppedObject]:
 
 
 def settle(sessions: Sessions, item: DroppedObject, output: Output) -> None:
-    """Say what became of the results of an object that was taken."""
+    """Say what became of the results of an object that was taken, unless it was handed over to another job since."""
     with sessions.begin() as session:
-        session.execute(update(DroppedObject).where(DroppedObject.id == item.id).values(output=output))
+        session.execute(update(DroppedObject).where(*_same(item)).values(output=output))
 
 
 def postpone(sessions: Sessions, item: DroppedObject) -> None:
     """Let an object that was taken be tried again, after a pause that grows."""
     pause = min(2.0 ** min(item.tries, 16), LONGEST_PAUSE)
     with sessions.begin() as session:
-        later = update(DroppedObject).where(DroppedObject.id == item.id, DroppedObject.output == Output.PENDING)
+        later = update(DroppedObject).where(*_same(item), DroppedObject.output == Output.PENDING)
         session.execute(later.values(due_at=now() + timedelta(seconds=pause)))
 
 
@@ -102,7 +109,11 @@ def is_superseded(sessions: Sessions, item: DroppedObject) -> bool:
 
 def _change(sessions: Sessions, item: DroppedObject, **values: object) -> bool:
     """Change a row that nobody else has changed since it was read."""
-    unchanged = (DroppedObject.id == item.id, DroppedObject.output == Output.PENDING, DroppedObject.tries == item.tries)
+    unchanged = (*_same(item), DroppedObject.output == Output.PENDING, DroppedObject.tries == item.tries)
     with sessions.begin() as session:
         changed = update(DroppedObject).where(*unchanged).values(**values).returning(DroppedObject.id)
         return session.scalar(changed.execution_options(synchronize_session=False)) is not None
+
+
+def _same(item: DroppedObject) -> tuple[ColumnElement[bool], ...]:
+    return (DroppedObject.id == item.id, DroppedObject.job_id == item.job_id)

@@ -2,6 +2,7 @@
 
 import json
 import os
+import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -20,10 +21,11 @@ from obstore.store import S3Store
 from sqlalchemy import select, update
 
 from service.config import Settings
-from service.jobs import dropped, queue
+from service.jobs import contents, dropped, queue
+from service.jobs.dead import retry
 from service.jobs.dropped import Output
-from service.jobs.ledger import now
-from service.jobs.models import DroppedObject, Job, Priority, Queue
+from service.jobs.ledger import WORKER_LOST, Ledger, now
+from service.jobs.models import ArtifactKind, DroppedObject, Job, Priority, Queue
 from tests.service.conftest import Client, client_with
 from tests.service.harness import EMBEDDED_COMMAND, Service
 from tests.service.s3 import KEYS, S3, Bucket, Flaky
@@ -134,6 +136,12 @@ def run(client: Client, job_id: str) -> dict[str, Any]:
 def outputs(client: Client) -> list[str]:
     with client.worker.ledger.sessions() as session:
         return list(session.scalars(select(DroppedObject.output).order_by(DroppedObject.created_at)))
+
+
+def claimed(ledger: Ledger, job_id: str) -> Job:
+    job = ledger.claim(job_id, 60)
+    assert job is not None
+    return job
 
 
 def make_due(client: Client) -> None:
@@ -294,6 +302,52 @@ def test_a_worker_that_died_while_it_wrote_leaves_it_to_the_next(on_both: Client
     write_outputs(on_both.worker)
     assert outputs(on_both) == ["written"]
     assert watched.read("watermarked/a.obj.watermarked.glb") == b"glTF of HI"
+
+
+def dead(client: Client, job_id: str) -> None:
+    """Let the job's worker die too often."""
+    ledger = client.worker.ledger
+    assert ledger.claim(job_id, 0.001)
+    time.sleep(0.01)
+    assert ledger.recover(1, WORKER_LOST) == ([], [job_id])
+
+
+@pytest.mark.parametrize("brought", [False, True])
+def test_the_results_of_a_dead_job_that_is_tried_again_are_written_back(
+    brought: bool, on_both: Client, watched: Watched
+) -> None:
+    watched.drop("incoming/a.obj", asset())
+    [job_id] = accepted(on_both, watched.notification("incoming/a.obj"))
+    ledger, store = on_both.worker.ledger, on_both.artifacts
+    if brought:
+        with store.stage(BytesIO(asset()), limit=10_000, name="file") as staged:
+            lease = claimed(ledger, job_id).lease
+            assert contents.publish(ledger, store, lease, ArtifactKind.INPUT, staged)
+            assert ledger.release(lease)
+    dead(on_both, job_id)
+    write_outputs(on_both.worker)
+    assert outputs(on_both) == ["none"]
+    again = retry(ledger, store, job_id)
+    assert accepted(on_both, watched.notification("incoming/a.obj")) == [again.id]
+    assert run(on_both, again.id)["state"] == "succeeded"
+    write_outputs(on_both.worker)
+    assert outputs(on_both) == ["written"]
+    assert watched.read("watermarked/a.obj.watermarked.glb") == b"glTF of HI"
+
+
+def test_a_dead_job_that_is_tried_again_while_a_worker_looks_at_it_is_not_taken_for_done(
+    on_both: Client, watched: Watched
+) -> None:
+    watched.drop("incoming/a.obj", asset())
+    [job_id] = accepted(on_both, watched.notification("incoming/a.obj"))
+    dead(on_both, job_id)
+    sessions = on_both.worker.ledger.sessions
+    [item] = dropped.take_due(sessions)
+    again = retry(on_both.worker.ledger, on_both.artifacts, job_id)
+    dropped.settle(sessions, item, Output.NONE)
+    assert run(on_both, again.id)["state"] == "succeeded"
+    write_outputs(on_both.worker)
+    assert outputs(on_both) == ["written"]
 
 
 def test_results_that_were_deleted_are_not_written(client: Client, watched: Watched) -> None:
