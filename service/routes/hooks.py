@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from functools import partial
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Request, status
+from fastapi import APIRouter, Request, Response, status
 from fastapi.concurrency import run_in_threadpool
 from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy.exc import IntegrityError
@@ -14,6 +14,7 @@ from core.errors import ErrorCode, MeshmarkError
 from service.hooks.config import HookSource
 from service.hooks.events import Event, parse_notification
 from service.hooks.guard import check_signature, check_token
+from service.hooks.handshake import grant
 from service.jobs import dropped
 from service.problems import problem_responses
 from service.state import AppState, State
@@ -39,6 +40,19 @@ BODY: dict[str, Any] = {
         "content": {
             media_type: {"schema": {}}
             for media_type in ("application/json", "application/cloudevents+json", "application/cloudevents-batch+json")
+        },
+    }
+}
+HANDSHAKE: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "The sender named by `WebHook-Request-Origin` may send, at any rate.",
+        "headers": {
+            name: {"description": meaning, "schema": {"type": "string"}}
+            for name, meaning in {
+                "WebHook-Allowed-Origin": "The sender.",
+                "WebHook-Allowed-Rate": "`*`: any number of requests a minute.",
+                "Allow": "`POST`.",
+            }.items()
         },
     }
 }
@@ -76,14 +90,20 @@ class HookResult(BaseModel):
     ignored: list[IgnoredEvent]
 
 
+@router.options(
+    "/{source}",
+    response_class=Response,
+    responses=HANDSHAKE | problem_responses(ErrorCode.NOT_FOUND, ErrorCode.METHOD_NOT_ALLOWED),
+)
+async def allow_sender(request: Request, state: State, source: str) -> Response:
+    """Let a sender of CloudEvents, of those that the hook is configured with, register for sending notifications."""
+    return Response(headers=grant(_hook(state, source), request.headers))
+
+
 @router.post("/{source}", status_code=status.HTTP_202_ACCEPTED, responses=REFUSALS, openapi_extra=BODY)
 async def receive_notification(request: Request, state: State, source: str) -> HookResult:
     """Hear of objects in a bucket. Those that came under the input prefix are watermarked, once each."""
-    hook = state.settings.hooks.get(source)
-    if hook is None:
-        raise MeshmarkError(
-            ErrorCode.NOT_FOUND, f"There is no hook {source[:64]!r}.", "Use a name that the hooks file has."
-        )
+    hook = _hook(state, source)
     check_token(hook, request.headers)
     try:
         body = await request.body()
@@ -92,6 +112,15 @@ async def receive_notification(request: Request, state: State, source: str) -> H
     check_signature(hook, request.headers, body)
     events = parse_notification(hook.kind, request.headers, body)
     return await run_in_threadpool(_accept, state, source, hook, events)
+
+
+def _hook(state: AppState, name: str) -> HookSource:
+    hook = state.settings.hooks.get(name)
+    if hook is None:
+        raise MeshmarkError(
+            ErrorCode.NOT_FOUND, f"There is no hook {name[:64]!r}.", "Use a name that the hooks file has."
+        )
+    return hook
 
 
 def _accept(state: AppState, name: str, hook: HookSource, events: list[Event]) -> HookResult:

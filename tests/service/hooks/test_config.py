@@ -68,6 +68,8 @@ def changed(old: str, new: str) -> str:
         (changed("kind", f'hmac_secret = "{TOKEN}"\nkind'), "either"),
         (changed(f'token = "{TOKEN}"', 'token_file = "/nowhere/token"'), "token_file"),
         (changed('"s3"', '"ftp"'), "kind"),
+        (changed("kind", 'origins = ["events.example"]\nkind'), "CloudEvents"),
+        (changed('kind = "s3"', 'kind = "cloudevents"\norigins = ["*"]'), "origins"),
         (changed("kind", 'access_key_id = "a"\nkind'), "go together"),
         (changed('text = "HI"', 'txt = "HI"'), "text"),
         (changed('text = "HI"', 'text = ""'), "empty"),
