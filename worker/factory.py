@@ -20,6 +20,7 @@ from service.tracing import configure_tracing
 from worker import sandbox
 from worker.hook_outputs import start_writer
 from worker.pulse import Pulse
+from worker.receiving import receive
 from worker.sweeper import start_sweeper
 from worker.tasks import Worker, private_folders
 
@@ -48,21 +49,7 @@ def require_sandbox(worker: Worker) -> None:
 def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
     """A Celery app that runs jobs with the engine at an import path "module:function"."""
     app = create_queue(settings)
-    app.conf.update(
-        # Threads: each only watches a child process of its own (worker/runner.py), so it needs neither its own
-        # interpreter nor billiard's daemonic processes, which may not have children; and the consumer's thread stays
-        # free to keep the broker's connection and to obey signals, which the solo pool cannot while a job runs.
-        worker_pool="threads",
-        worker_concurrency=settings.worker_concurrency,
-        worker_prefetch_multiplier=1,
-        task_acks_late=True,
-        worker_hijack_root_logger=False,
-        worker_redirect_stdouts=False,
-        # Neither remote control nor events are used; on the file broker each would leave a queue of files behind.
-        worker_enable_remote_control=False,
-        worker_send_task_events=False,
-        worker_cancel_long_running_tasks_on_connection_loss=False,  # the lease decides, not the connection
-    )
+    receive(app, settings.worker_concurrency)
 
     @cache
     def pulse() -> Pulse:
