@@ -1,7 +1,7 @@
 """Take from a process what the engine does not need before it reads what is hostile.
 
 - The network: a seccomp filter refuses to make sockets of any kind, and io_uring, which could make them past it. It
-  refuses to look into other processes, too. (An inherited descriptor stays usable: there are three pipes and files.)
+  refuses to look into other processes and to take their connections, too. (An inherited descriptor stays usable: there are three pipes and files.)
 - Files: Landlock lets the process write in its own folder only, and read nothing in the private folders, which hold
   other tenants' files, the ledger and secrets, and of `/proc` only what is about itself.
 - Privileges: what is executed from here on gains none (`no_new_privs`).
@@ -23,10 +23,10 @@ from contextlib import suppress
 from pathlib import Path
 
 PR_SET_NO_NEW_PRIVS, PR_SET_SECCOMP, SECCOMP_MODE_FILTER = 38, 22, 2
-# linux/audit.h, and the numbers of: socket, ptrace, process_vm_readv, process_vm_writev, io_uring_setup
+# linux/audit.h, and the numbers of: socket, ptrace, process_vm_readv, process_vm_writev, io_uring_setup, pidfd_getfd
 SYSTEM_CALLS = {
-    "x86_64": (0xC000003E, (41, 101, 310, 311, 425)),
-    "aarch64": (0xC00000B7, (198, 117, 270, 271, 425)),
+    "x86_64": (0xC000003E, (41, 101, 310, 311, 425, 438)),
+    "aarch64": (0xC00000B7, (198, 117, 270, 271, 425, 438)),
 }
 X32 = 0x40000000  # from here on, numbers are of another way to call the same
 # linux/bpf_common.h: load a word, jump if equal, jump if greater or equal, return
