@@ -1,7 +1,8 @@
 """Take from a process what the engine does not need before it reads what is hostile.
 
 - The network: a seccomp filter refuses to make sockets of any kind, and io_uring, which could make them past it. It
-  refuses to look into other processes and to take their connections, too. (An inherited descriptor stays usable: there are three pipes and files.)
+  refuses to look into other processes and to take their connections, too. (An inherited descriptor stays usable: there
+  are three pipes and files.)
 - Files: Landlock lets the process write in its own folder only, and read nothing in the private folders, which hold
   other tenants' files, the ledger and secrets, and of `/proc` only what is about itself.
 - Privileges: what is executed from here on gains none (`no_new_privs`).
