@@ -33,7 +33,7 @@ from worker.heartbeat import Heartbeat
 from worker.results import open_result, replace_result
 from worker.runner import Limits, Progress, Published, Work, run_engine
 from worker.sources import Sources
-from worker.stage_clock import StageClock
+from worker.stage_clock import StageClock, known
 
 # Seconds: how long to go on trying where store or ledger do not answer, and the pauses between.
 PATIENCE = 60.0
@@ -174,7 +174,7 @@ class Worker:
                 if isinstance(event, Published) and event.kind is not ArtifactKind.REPORT:
                     self._publish(job.lease, event, heartbeat)
                 if isinstance(event, Progress):
-                    heartbeat.at(event.stage, event.fraction)
+                    heartbeat.at(known(event.stage), event.fraction)
                     clock.at(event.stage)
 
     def _bring(self, job: Job, folder: Path, heartbeat: Heartbeat) -> Artifact | None:
