@@ -1,8 +1,6 @@
-import socket
-import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing, suppress
+from contextlib import closing
 from pathlib import Path
 
 import anyio
@@ -14,36 +12,15 @@ from service.config import Settings
 from service.jobs.models import Job, JobState, Queue
 from service.jobs.queue import create_queue, depth
 from tests.service.harness import API_COMMAND, Service
+from tests.service.silent import SilentServer
 from tests.worker.engines import asset
 
 REQUESTS = 50  # more than there are threads for answering
 
 
-class SilentServer:
-    """A broker that takes every connection and says nothing, until it hangs up."""
-
-    def __init__(self) -> None:
-        self._lines: list[socket.socket] = []
-        self._server = socket.create_server(("127.0.0.1", 0), backlog=REQUESTS)
-        self.url = f"redis://127.0.0.1:{self._server.getsockname()[1]}/0"
-        self._thread = threading.Thread(target=self._accept)
-        self._thread.start()
-
-    def _accept(self) -> None:
-        with suppress(OSError):
-            while True:
-                self._lines.append(self._server.accept()[0])
-
-    def close(self) -> None:
-        self._server.shutdown(socket.SHUT_RDWR)
-        self._thread.join()
-        for line in (self._server, *self._lines):
-            line.close()
-
-
 def test_while_the_broker_says_nothing_all_requests_are_answered(tmp_path: Path) -> None:
     server = SilentServer()
-    service = Service(tmp_path, broker_url=server.url)
+    service = Service(tmp_path, broker_url=f"redis://{server.address}/0")
     with service.running(API_COMMAND), closing(server), ThreadPoolExecutor(REQUESTS) as pool:
         started = time.monotonic()
         accepted = [pool.submit(service.submit, asset(number=number)) for number in range(REQUESTS)]
