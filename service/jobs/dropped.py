@@ -70,32 +70,53 @@ def object_of(sessions: Sessions, job_id: str) -> DroppedObject | None:
         return session.scalar(select(DroppedObject).where(DroppedObject.job_id == job_id))
 
 
-def take_due(sessions: Sessions, limit: int = 20) -> list[DroppedObject]:
-    """Objects whose jobs have ended and whose results are to be written; nobody else gets them for a while."""
+def take_due(sessions: Sessions, source: str) -> DroppedObject | None:
+    """An object of a hook whose job has ended and whose results are to be written; nobody else gets it for a while."""
     moment = now()
+    pending = (DroppedObject.output == Output.PENDING, DroppedObject.due_at <= moment, DroppedObject.source == source)
     due = (
         select(DroppedObject)
         .join(Job, Job.id == DroppedObject.job_id)
-        .where(DroppedObject.output == Output.PENDING, DroppedObject.due_at <= moment, Job.state.not_in(ACTIVE))
+        .where(*pending, Job.state.not_in(ACTIVE))
         .order_by(DroppedObject.due_at)
-        .limit(limit)
+        .limit(20)  # of which others may take some at this moment
     )
     with sessions() as session:
         found = list(session.scalars(due))
-    return [item for item in found if _change(sessions, item, due_at=moment + TAKEN, tries=item.tries + 1)]
+    for item in found:
+        if _change(sessions, item, due_at=moment + TAKEN, tries=item.tries + 1):
+            item.tries += 1
+            return item
+    return None
 
 
 def settle(sessions: Sessions, item: DroppedObject, output: Output) -> None:
-    """Say what became of the results of an object that was taken, unless it was handed over to another job since."""
+    """Say what became of the results of an object that was taken, unless it was handed over or taken again since.
+
+    Where they were written, those of a later version that came meanwhile are written again: they may be under them.
+    """
+    later = (
+        DroppedObject.source == item.source,
+        DroppedObject.key == item.key,
+        DroppedObject.created_at > item.created_at,
+        DroppedObject.output.in_((Output.PENDING, Output.WRITTEN)),
+    )
+    again = {
+        "output": Output.PENDING,
+        "due_at": now(),
+        "tries": DroppedObject.tries + 1,
+    }  # whoever writes it is too late
     with sessions.begin() as session:
-        session.execute(update(DroppedObject).where(*_same(item)).values(output=output))
+        session.execute(update(DroppedObject).where(*_taken(item)).values(output=output))
+        if output is Output.WRITTEN:
+            session.execute(update(DroppedObject).where(*later).values(**again))
 
 
 def postpone(sessions: Sessions, item: DroppedObject) -> None:
     """Let an object that was taken be tried again, after a pause that grows."""
     pause = min(2.0 ** min(item.tries, 16), LONGEST_PAUSE)
     with sessions.begin() as session:
-        later = update(DroppedObject).where(*_same(item), DroppedObject.output == Output.PENDING)
+        later = update(DroppedObject).where(*_taken(item))
         session.execute(later.values(due_at=now() + timedelta(seconds=pause)))
 
 
@@ -109,11 +130,16 @@ def is_superseded(sessions: Sessions, item: DroppedObject) -> bool:
 
 def _change(sessions: Sessions, item: DroppedObject, **values: object) -> bool:
     """Change a row that nobody else has changed since it was read."""
-    unchanged = (*_same(item), DroppedObject.output == Output.PENDING, DroppedObject.tries == item.tries)
     with sessions.begin() as session:
-        changed = update(DroppedObject).where(*unchanged).values(**values).returning(DroppedObject.id)
+        changed = update(DroppedObject).where(*_taken(item)).values(**values).returning(DroppedObject.id)
         return session.scalar(changed.execution_options(synchronize_session=False)) is not None
 
 
-def _same(item: DroppedObject) -> tuple[ColumnElement[bool], ...]:
-    return (DroppedObject.id == item.id, DroppedObject.job_id == item.job_id)
+def _taken(item: DroppedObject) -> tuple[ColumnElement[bool], ...]:
+    """That an object is as it was when it was read or taken."""
+    return (
+        DroppedObject.id == item.id,
+        DroppedObject.job_id == item.job_id,
+        DroppedObject.tries == item.tries,
+        DroppedObject.output == Output.PENDING,
+    )

@@ -24,7 +24,7 @@ def test_an_object_that_is_gone_fails_its_job_and_writes_nothing(hooked: Client,
     [job_id] = accepted(hooked, watched.notification("incoming/never.obj"))
     job = run(hooked, job_id)
     assert (job["state"], job["error"]["code"]) == ("failed", "download_failed")
-    write_outputs(hooked.worker)
+    write_outputs(hooked.worker, "shop")
     assert outputs(hooked) == ["none"]
     assert watched.read("watermarked/never.obj.watermarked.glb") is None
 

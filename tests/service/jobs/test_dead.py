@@ -43,12 +43,12 @@ def test_the_results_of_a_dead_job_that_is_tried_again_are_written_back(
             assert contents.publish(ledger, store, lease, ArtifactKind.INPUT, staged)
             assert ledger.release(lease)
     dead(hooked_on_both, job_id)
-    write_outputs(hooked_on_both.worker)
+    write_outputs(hooked_on_both.worker, "shop")
     assert outputs(hooked_on_both) == ["none"]
     again = retry(ledger, store, job_id)
     assert accepted(hooked_on_both, watched.notification("incoming/a.obj")) == [again.id]
     assert run(hooked_on_both, again.id)["state"] == "succeeded"
-    write_outputs(hooked_on_both.worker)
+    write_outputs(hooked_on_both.worker, "shop")
     assert outputs(hooked_on_both) == ["written"]
     assert watched.read("watermarked/a.obj.watermarked.glb") == b"glTF of HI"
 
@@ -60,9 +60,10 @@ def test_a_dead_job_that_is_tried_again_while_a_worker_looks_at_it_is_not_taken_
     [job_id] = accepted(hooked_on_both, watched.notification("incoming/a.obj"))
     dead(hooked_on_both, job_id)
     sessions = hooked_on_both.worker.ledger.sessions
-    [item] = dropped.take_due(sessions)
+    item = dropped.take_due(sessions, "shop")
+    assert item is not None
     again = retry(hooked_on_both.worker.ledger, hooked_on_both.artifacts, job_id)
     dropped.settle(sessions, item, Output.NONE)
     assert run(hooked_on_both, again.id)["state"] == "succeeded"
-    write_outputs(hooked_on_both.worker)
+    write_outputs(hooked_on_both.worker, "shop")
     assert outputs(hooked_on_both) == ["written"]
