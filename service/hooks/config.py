@@ -105,7 +105,7 @@ class HooksFile(BaseModel):
     @model_validator(mode="after")
     def _never_feeds_itself(self) -> Self:
         for (name, one), (other_name, other) in product(self.sources.items(), repeat=2):
-            if (one.endpoint, one.bucket) != (other.endpoint, other.bucket):
+            if (one.endpoint.rstrip("/"), one.bucket) != (other.endpoint.rstrip("/"), other.bucket):
                 continue
             written, read = one.output_prefix, other.input_prefix
             if written.startswith(read) or read.startswith(written):

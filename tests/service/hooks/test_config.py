@@ -87,6 +87,9 @@ def test_one_hook_must_not_feed_another(tmp_path: Path) -> None:
     second = second.replace('output_prefix = "watermarked/"', 'output_prefix = "done/"')
     with pytest.raises(ValueError, match="would be read by second"):
         load_hooks(written(tmp_path, SHOP + second))
+    slashed = second.replace("bucket", 'endpoint = "http://minio:9000/"\nbucket')
+    with pytest.raises(ValueError, match="would be read by second"):
+        load_hooks(written(tmp_path, SHOP.replace("bucket", 'endpoint = "http://minio:9000"\nbucket') + slashed))
     elsewhere = second.replace('bucket = "assets"', 'bucket = "others"')
     assert set(load_hooks(written(tmp_path, SHOP + elsewhere))) == {"shop", "second"}
 
