@@ -21,6 +21,7 @@ from sqlalchemy.exc import OperationalError
 from core.errors import ErrorCode, MeshmarkError
 from service.config import SECRETS, Settings
 from service.correlation import on_behalf_of
+from service.hooks.config import secret_files
 from service.jobs import contents, queue, turns
 from service.jobs.artifacts import StoreUnavailableError, writing
 from service.jobs.ledger import Ledger
@@ -242,7 +243,8 @@ def private_folders(settings: Settings) -> tuple[Path, ...]:
     """What the engine must not see: the ledger, other jobs' files, the queue, and secrets."""
     private = [settings.data_dir.resolve(), SECRETS]
     if settings.hooks_file:
-        private.append(settings.hooks_file.resolve())  # it has tokens and keys of buckets
+        secret = [settings.hooks_file, *secret_files(settings.hooks_file)]  # tokens and keys of buckets
+        private += [path.resolve() for path in secret]
     url = make_url(settings.ledger_url)
     if url.get_backend_name() == "sqlite" and url.database:
         private += [Path(url.database + suffix).resolve() for suffix in ("", "-wal", "-shm")]

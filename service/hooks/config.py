@@ -137,3 +137,9 @@ def load_hooks(path: Path) -> Mapping[str, HookSource]:
             for item in error.errors(include_input=False, include_url=False)
         ]
         raise ValueError("; ".join(problems)) from None
+
+
+def secret_files(path: Path) -> list[Path]:
+    """The files in which secrets of the hooks in a file stand."""
+    sources = tomllib.loads(path.read_text())["sources"].values()
+    return [Path(value) for source in sources for name, value in source.items() if name.endswith(FROM_FILE)]

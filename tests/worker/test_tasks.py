@@ -233,6 +233,11 @@ def test_the_engine_does_not_see_a_ledger_outside_the_data_folder_either(tmp_pat
     )
     servers = Settings(data_dir=tmp_path, database_url="postgresql://user@host/jobs")
     assert private_folders(servers) == (tmp_path, SECRETS)
+    token, hooks = tmp_path / "token", tmp_path / "hooks.toml"
+    token.write_text("0123456789abcdef")
+    example = Path(__file__).parents[2] / "docker" / "hooks.example.toml"
+    hooks.write_text(example.read_text().replace('token = "change-me-0123456789abcdef"', f'token_file = "{token}"'))
+    assert private_folders(servers.model_copy(update={"hooks_file": hooks})) == (tmp_path, SECRETS, hooks, token)
 
 
 @pytest.mark.parametrize("do", ["link_instead", "pipe_instead"])
