@@ -111,8 +111,8 @@ def test_what_is_no_events_number_is_refused(text: str) -> None:
 def test_all_tenants_together_have_so_many_places(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "STREAMS", 2)
     streams = Streams()
-    with streams.place("acme"), streams.place("beta"):
-        with pytest.raises(MeshmarkError, match="service_unavailable"), streams.place("gamma"):
-            pytest.fail("there is no place")
+    refused = pytest.raises(MeshmarkError, match="service_unavailable")
+    with streams.place("acme"), streams.place("beta"), refused, streams.place("gamma"):
+        pytest.fail("there is no place")
     with streams.place("acme"), streams.place("gamma"):
         assert (streams.count("beta"), streams.count("gamma")) == (0, 1)
