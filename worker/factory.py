@@ -9,7 +9,7 @@ from typing import Any
 
 import structlog
 from celery import Celery
-from celery.signals import setup_logging, task_postrun, task_prerun, worker_init, worker_ready, worker_shutting_down
+from celery.signals import setup_logging, task_postrun, task_prerun, worker_init, worker_shutting_down
 
 from service.config import Settings
 from service.jobs.queue import TASK, create_queue
@@ -20,7 +20,7 @@ from service.tracing import configure_tracing
 from worker import sandbox
 from worker.hook_outputs import start_writer
 from worker.pulse import Pulse
-from worker.receiving import receive
+from worker.receiving import receive, required
 from worker.sweeper import start_sweeper
 from worker.tasks import Worker, private_folders
 
@@ -64,14 +64,13 @@ def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
 
     figures = ExitStack()  # never closed: they are served until the process ends
 
-    def prepare(**_: Any) -> None:
+    def prepare() -> None:
+        configure_logs(settings.log_level)  # Celery asks for it later only
         configure_tracing("meshmark-worker")
         require_own_store(settings)
         require_sandbox(worker())
         beating = threading.Thread(target=pulse().beat_until, args=(worker().stopping,), name="pulse", daemon=True)
         beating.start()
-
-    def start(**_: Any) -> None:
         figures.enter_context(metrics_server(settings.metrics_host, settings.worker_metrics_port))
         start_sweeper(worker())
         start_writer(worker())
@@ -81,9 +80,8 @@ def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
 
     app.task(watermark, name=TASK)
     setup_logging.connect(lambda **_: configure_logs(settings.log_level), weak=False)
-    worker_init.connect(prepare, weak=False)
+    worker_init.connect(required(prepare), weak=False)
     task_prerun.connect(lambda **_: pulse().began(), weak=False)
     task_postrun.connect(lambda **_: pulse().ended(), weak=False)
-    worker_ready.connect(start, weak=False)
     worker_shutting_down.connect(stop, weak=False)
     return app

@@ -1,9 +1,14 @@
 """How the Celery apps that receive messages are set up and started, that of jobs and that of webhooks."""
 
 import warnings
+from collections.abc import Callable
+from typing import Any
 
+import structlog
 from celery import Celery
 from celery.exceptions import SecurityWarning
+
+log = structlog.get_logger(__name__)
 
 
 def receive(app: Celery, concurrency: int) -> None:
@@ -25,6 +30,19 @@ def receive(app: Celery, concurrency: int) -> None:
         worker_send_task_events=False,
         worker_cancel_long_running_tasks_on_connection_loss=False,  # the ledger decides, not the connection
     )
+
+
+def required(step: Callable[[], None]) -> Callable[..., None]:
+    """A handler of `worker_init` for a step without which there is to be no worker; Celery would go on without it."""
+
+    def handle(**_: Any) -> None:
+        try:
+            step()
+        except Exception as error:
+            log.exception("the worker cannot start")
+            raise SystemExit(2) from error
+
+    return handle
 
 
 def run_until_stopped(app: Celery, *options: str) -> None:

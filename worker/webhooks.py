@@ -15,7 +15,7 @@ from typing import Any
 
 import structlog
 from celery import Celery
-from celery.signals import setup_logging, worker_ready, worker_shutting_down
+from celery.signals import setup_logging, worker_init, worker_shutting_down
 from kombu.exceptions import KombuError
 from sqlalchemy.exc import OperationalError
 
@@ -28,7 +28,7 @@ from service.outbound.client import OutboundClient
 from service.webhooks import deliveries, queue
 from service.webhooks.deliver import TIMEOUTS, Outcome, deliver, not_made
 from worker.child import die_with_parent
-from worker.receiving import receive, run_until_stopped
+from worker.receiving import receive, required, run_until_stopped
 
 CONCURRENCY = 32
 INTERVAL = 0.5  # seconds between two looks for what is due
@@ -115,7 +115,8 @@ def create_sender(settings: Settings) -> Celery:
 
     figures = ExitStack()  # never closed: they are served until the process ends
 
-    def start(**_: Any) -> None:
+    def start() -> None:
+        configure_logs(settings.log_level)  # Celery asks for it later only
         figures.enter_context(metrics_server(settings.metrics_host, settings.webhooks_metrics_port))
         threading.Thread(target=sweep_forever, args=(sender(),), name="sweeper", daemon=True).start()
 
@@ -124,7 +125,7 @@ def create_sender(settings: Settings) -> Celery:
 
     app.task(send, name=queue.TASK)
     setup_logging.connect(lambda **_: configure_logs(settings.log_level), weak=False)
-    worker_ready.connect(start, weak=False)
+    worker_init.connect(required(start), weak=False)
     worker_shutting_down.connect(stop, weak=False)
     return app
 
