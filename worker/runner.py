@@ -141,7 +141,7 @@ def _listen(
 def _event(message: dict[str, Any], folder: Path) -> Progress | Published:
     if kind := message.get("artifact"):
         return Published(ArtifactKind(kind), folder / (kind + SUFFIXES[kind]))
-    return Progress(message["stage"], min(max(message["progress"], 0.0), 1.0))
+    return Progress(message["stage"], max(0.0, min(1.0, message["progress"])))
 
 
 def _check_limits(pid: int, limits: Limits, deadline: float) -> None:

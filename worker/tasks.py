@@ -21,6 +21,7 @@ from sqlalchemy.exc import OperationalError
 from core.errors import ErrorCode, MeshmarkError
 from service.config import SECRETS, Settings
 from service.correlation import on_behalf_of
+from service.hooks.config import secret_files
 from service.jobs import contents, queue, turns
 from service.jobs.artifacts import StoreUnavailableError, writing
 from service.jobs.ledger import Ledger
@@ -30,14 +31,16 @@ from service.metrics import ARTIFACT_BYTES, JOB_SECONDS, JOB_WAIT_SECONDS
 from service.tracing import tracer
 from worker.child import SUFFIXES
 from worker.heartbeat import Heartbeat
+from worker.results import open_result, replace_result
 from worker.runner import Limits, Progress, Published, Work, run_engine
 from worker.sources import Sources
-from worker.stage_clock import StageClock
+from worker.stage_clock import StageClock, known
 from worker.template import Template
 
 # Seconds: how long to go on trying where store or ledger do not answer, and the pauses between.
 PATIENCE = 60.0
 FIRST_PAUSE, LONGEST_PAUSE = 0.2, 5.0
+LARGEST_REPORT = 2**26  # bytes
 
 log = structlog.get_logger(__name__)
 T = TypeVar("T")
@@ -165,7 +168,9 @@ class Worker:
             if not report.exists():
                 raise
             log.warning("the engine ended before it had measured its result", code=error.code.value)
-            report.write_bytes(_explained(report.read_bytes(), error))
+            with open_result(report) as file:
+                written = file.read(LARGEST_REPORT)
+            replace_result(report, _explained(written, error))
         self._publish(job.lease, Published(ArtifactKind.REPORT, report), heartbeat)
 
     def _follow(self, job: Job, work: Work, limits: Limits, heartbeat: Heartbeat) -> None:
@@ -176,7 +181,7 @@ class Worker:
                 if isinstance(event, Published) and event.kind is not ArtifactKind.REPORT:
                     self._publish(job.lease, event, heartbeat)
                 if isinstance(event, Progress):
-                    heartbeat.at(event.stage, event.fraction)
+                    heartbeat.at(known(event.stage), event.fraction)
                     clock.at(event.stage)
 
     def _bring(self, job: Job, folder: Path, heartbeat: Heartbeat) -> Artifact | None:
@@ -198,17 +203,17 @@ class Worker:
         return path
 
     def _publish(self, lease: Lease, event: Published, heartbeat: Heartbeat) -> None:
-        def publish() -> bool:
-            size = event.path.stat().st_size
-            with (
-                event.path.open("rb") as stream,
-                self.artifacts.stage(stream, limit=size, name=event.kind) as staged,
-            ):
-                return contents.publish(self.ledger, self.artifacts, lease, event.kind, staged)
+        def publish() -> int | None:
+            with open_result(event.path) as stream:
+                size = os.fstat(stream.fileno()).st_size
+                with self.artifacts.stage(stream, limit=size, name=event.kind) as staged:
+                    published = contents.publish(self.ledger, self.artifacts, lease, event.kind, staged)
+            return size if published else None
 
-        if not self._patiently(heartbeat, publish):
+        size = self._patiently(heartbeat, publish)
+        if size is None:
             raise LeaseLostError
-        ARTIFACT_BYTES.labels(event.kind).inc(event.path.stat().st_size)
+        ARTIFACT_BYTES.labels(event.kind).inc(size)
 
     def _patiently(self, heartbeat: Heartbeat, call: Callable[[], T]) -> T:
         """Call again and again while store or ledger do not answer, as long as the lease holds and PATIENCE lasts."""
@@ -244,7 +249,8 @@ def private_folders(settings: Settings) -> tuple[Path, ...]:
     """What the engine must not see: the ledger, other jobs' files, the queue, and secrets."""
     private = [settings.data_dir.resolve(), SECRETS]
     if settings.hooks_file:
-        private.append(settings.hooks_file.resolve())  # it has tokens and keys of buckets
+        secret = [settings.hooks_file, *secret_files(settings.hooks_file)]  # tokens and keys of buckets
+        private += [path.resolve() for path in secret]
     url = make_url(settings.ledger_url)
     if url.get_backend_name() == "sqlite" and url.database:
         private += [Path(url.database + suffix).resolve() for suffix in ("", "-wal", "-shm")]

@@ -190,6 +190,20 @@ def tell_process(_order: dict[str, Any]) -> None:
     raise MeshmarkError(ErrorCode.NO_PLACEMENT, json.dumps(found), tempfile.gettempdir())
 
 
+def link_instead(order: dict[str, Any]) -> None:
+    """Leave links to what the worker may read in the place of results."""
+    _instead_of_writing(lambda path: path.symlink_to(order["private"]))
+
+
+def pipe_instead(_order: dict[str, Any]) -> None:
+    """Leave pipes, which nobody writes to, in the place of results."""
+    _instead_of_writing(os.mkfifo)
+
+
+def _instead_of_writing(make: Callable[[Path], object]) -> None:
+    setattr(Path, "write_bytes", lambda path, _content: make(path))  # noqa: B010
+
+
 def tell_environment(_order: dict[str, Any]) -> None:
     raise MeshmarkError(ErrorCode.NO_PLACEMENT, json.dumps(dict(os.environ)), ".")
 
@@ -216,6 +230,8 @@ ACTIONS: dict[str, Callable[[dict[str, Any]], None]] = {
         chatter,
         spawn,
         reach_out,
+        link_instead,
+        pipe_instead,
         tell_environment,
         tell_process,
         kill_worker,

@@ -60,6 +60,7 @@ def test_other_ways_to_the_network_and_to_other_processes_are_shut(tmp_path: Pat
         "libc = ctypes.CDLL(None, use_errno=True)\n"
         "for number in SYSTEM_CALLS[platform.machine()][1]:\n"
         "    assert libc.syscall(number, 1, 1, 0, 0, 0) == -1 and ctypes.get_errno() == 13, number\n"
+        "assert libc.syscall(438, 0, 0, 0) == -1 and ctypes.get_errno() == 13  # pidfd_getfd\n"
         "assert libc.syscall(X32 + 41, 2, 1, 0) == -1 and ctypes.get_errno() == 13\n"
         "assert libc.syscall(39) > 0 or platform.machine() != 'x86_64'\n"
         "assert libc.prctl(39, 0, 0, 0, 0) == 1  # PR_GET_NO_NEW_PRIVS\n"
