@@ -1,7 +1,8 @@
 """The one way of an asset through the engine, readable from top to bottom.
 
 Stages that need torch and the geometry libraries import them when they start: these take more than a second and a
-quarter of a gigabyte to load, which a file that cannot be read shall not cost.
+quarter of a gigabyte to load, which a file that cannot be read shall not cost. A process that runs the engine again and
+again calls :func:`preload` first.
 """
 
 import json
@@ -29,6 +30,7 @@ from core.embossing.mesh import WorkingMesh
 from core.errors import ErrorCode, MeshmarkError
 from core.lettering.outline import Lettering, lettering
 from core.parameters import Evaluate, Parameters
+from core.preload import preload as preload
 from core.rendering.pictures import PICTURE_SIZE, pictures
 from core.rendering.preview import contact_sheet
 from core.rendering.renderer import Renderer

@@ -16,6 +16,7 @@ import structlog
 import uvicorn
 import yaml
 from fastapi import FastAPI
+from sqlalchemy.exc import OperationalError
 
 from service.app import create_app
 from service.config import Settings, load_settings
@@ -23,7 +24,7 @@ from service.dead_jobs import add_jobs_commands, run_jobs_command
 from service.keys import add_keys_commands, run_keys_command
 from service.logs import configure_logs
 from service.show_settings import show_settings
-from service.stores import require_own_store, run_adopt_store
+from service.stores import no_database, require_own_store, run_adopt_store
 from service.tracing import configure_tracing
 
 RESTART_DELAY = 1.0  # seconds; a worker that cannot start shall not be started in a busy loop
@@ -138,6 +139,15 @@ def main() -> None:
         for variable, value, origin in rows:
             print(f"{variable:{widths[0]}}  {value:{widths[1]}}  {origin}")
         return
+    try:
+        run(arguments)
+    except OperationalError as error:
+        print(no_database(error), file=sys.stderr)
+        sys.exit(2)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Do what the command line asks for."""
     match arguments.what:
         case "openapi":
             sys.stdout.write(openapi())

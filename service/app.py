@@ -11,6 +11,7 @@ from pydantic.json_schema import models_json_schema
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from service.access import SCHEME
+from service.announcer import Announcer
 from service.config import Settings
 from service.http_metrics import HttpMetrics
 from service.jobs.artifacts import GRACE
@@ -96,7 +97,7 @@ def create_app(settings: Settings) -> FastAPI:
             "broker": partial(depth, queue, Queue.SMALL),
             "store": artifacts.ping,
         }
-        state = AppState(settings, ledger, artifacts, queue, Readiness(parts))
+        state = AppState(settings, ledger, artifacts, queue, Announcer(queue), Readiness(parts))
         state.artifacts.clear_staging(GRACE)
         app.state.meshmark = state
         with metrics_server(settings.metrics_host, settings.metrics_port, LedgerCollector(ledger.sessions)):

@@ -18,7 +18,8 @@ from service.jobs.events import ENDINGS
 from service.jobs.models import JobEvent
 
 EVENT_ID = "^([0-9]{1,9})?$"
-STREAMS_PER_TENANT = 100  # open at a time at one API process
+# Open at a time at one API process. Each looks at the ledger twice a second: some six hundred keep a process busy.
+STREAMS, STREAMS_PER_TENANT = 500, 100
 POLL = 0.5  # seconds between two looks at the ledger
 PING = 15.0  # seconds of silence after which a comment shows that the line still holds
 LONGEST = 600.0  # seconds; a client that comes back then shows its key anew
@@ -47,13 +48,19 @@ class Streams:
         """A place for one more stream of a tenant.
 
         Raises:
-            MeshmarkError: ``too_many_streams``.
+            MeshmarkError: ``too_many_streams``; ``service_unavailable`` where all tenants together have too many.
         """
         if self._open[tenant] >= STREAMS_PER_TENANT:
             raise MeshmarkError(
                 ErrorCode.TOO_MANY_STREAMS,
                 f"{STREAMS_PER_TENANT} event streams of yours are open, the most at a time.",
                 "Close some, or ask for the jobs' states or their webhooks instead.",
+            )
+        if self._open.total() >= STREAMS:
+            raise MeshmarkError(
+                ErrorCode.SERVICE_UNAVAILABLE,
+                f"{STREAMS} event streams are open here, the most at a time.",
+                "Try again in a few seconds, or ask for the jobs' states or their webhooks instead.",
             )
         self._open[tenant] += 1
         try:

@@ -6,6 +6,7 @@ from typing import Annotated
 from celery import Celery
 from fastapi import Depends, Request
 
+from service.announcer import Announcer
 from service.config import Settings
 from service.event_stream import Streams
 from service.jobs.artifacts import ArtifactStore
@@ -21,6 +22,7 @@ class AppState:
     ledger: Ledger
     artifacts: ArtifactStore
     queue: Celery
+    announcer: Announcer
     readiness: Readiness
     streams: Streams = field(default_factory=Streams)
 

@@ -4,6 +4,8 @@ import sys
 import time
 from contextlib import closing
 
+from sqlalchemy.exc import OperationalError
+
 from service.config import Settings
 from service.jobs.artifacts import StoreUnavailableError
 from service.jobs.ledger import Ledger
@@ -14,23 +16,31 @@ PATIENCE, PAUSE = 60.0, 1.0  # seconds
 
 
 def require_own_store(settings: Settings, patience: float = PATIENCE) -> None:
-    """Claim the store for the ledger; one that does not answer is waited for, as it may only be restarted.
+    """Claim the store for the ledger; where one of them does not answer, it is waited for: it may only be restarted.
 
     Raises:
-        SystemExit: with code 2 and a sentence on stderr, where it is another's or has not answered for so long.
+        SystemExit: with code 2 and a sentence on stderr, where the store is another's, or one of them has not answered
+            for so long.
     """
     deadline = time.monotonic() + patience
-    with closing(Ledger(settings.ledger_url)) as ledger:
-        store = open_store(settings)
-        while True:
-            try:
-                return claim(ledger, store)
-            except ForeignStoreError as error:
-                sys.exit(_failed(str(error)))
-            except StoreUnavailableError as error:
-                if time.monotonic() >= deadline:
-                    sys.exit(_failed(f"{error.message} Check MESHMARK_STORE_URL and its keys, or the folder's disk."))
-            time.sleep(PAUSE)
+    while True:
+        try:
+            with closing(Ledger(settings.ledger_url)) as ledger:
+                return claim(ledger, open_store(settings))
+        except ForeignStoreError as error:
+            sys.exit(_failed(str(error)))
+        except StoreUnavailableError as error:
+            if time.monotonic() >= deadline:
+                sys.exit(_failed(f"{error.message} Check MESHMARK_STORE_URL and its keys, or the folder's disk."))
+        except OperationalError as error:
+            if time.monotonic() >= deadline:
+                sys.exit(_failed(no_database(error)))
+        time.sleep(PAUSE)
+
+
+def no_database(error: OperationalError) -> str:
+    """A sentence about a database that does not answer."""
+    return f"The database does not answer: {' '.join(str(error.orig).split())} Check MESHMARK_DATABASE_URL."
 
 
 def _failed(sentence: str) -> int:

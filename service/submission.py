@@ -6,9 +6,6 @@ from dataclasses import dataclass, field
 from pathlib import PurePath
 from typing import Any, NamedTuple
 
-import structlog
-from celery import Celery
-from kombu.exceptions import KombuError
 from sqlalchemy.orm import Session
 
 from core.errors import ErrorCode, MeshmarkError
@@ -18,10 +15,8 @@ from service.jobs import contents, idempotency, queue
 from service.jobs.artifacts import Staged
 from service.jobs.ledger import Submission
 from service.jobs.limits import check_active
-from service.jobs.models import ArtifactKind, Job, JobState, Priority
+from service.jobs.models import ArtifactKind, Job, Priority
 from service.state import AppState
-
-log = structlog.get_logger(__name__)
 
 
 def _nothing(_session: Session, _job_id: str) -> None:
@@ -118,16 +113,6 @@ def submit(state: AppState, order: Order) -> Accepted:
             priority=order.priority,
         )
         return Accepted(contents.create_job(state.ledger, state.artifacts, order.filename, wanted, staged, submission))
-
-
-def announce(broker: Celery, job: Job) -> None:
-    """Tell the workers about a new job. A broker that does not answer delays it, and loses nothing."""
-    if job.state != JobState.QUEUED:
-        return
-    try:
-        queue.send(broker, job.id, job.queue)
-    except (KombuError, OSError) as error:
-        log.error("the broker does not answer; a worker's sweeper will find the job", job=job.id, error=str(error))
 
 
 def plain_name(filename: str | None) -> str:

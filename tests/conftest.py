@@ -2,11 +2,15 @@
 
 import os
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
+from service.config import Settings
+from tests.service.conftest import Client, client_with
 from tests.service.postgres import Postgres, postgres_server
 from tests.service.s3 import S3, s3_server
+from tests.service.watched import Watched
 
 os.environ.setdefault("MESHMARK_CACHE", "false")  # tests send the same asset often, and mean to see it worked on
 
@@ -21,3 +25,32 @@ def postgres() -> Iterator[Postgres]:
 def s3() -> Iterator[S3]:
     with s3_server() as server:
         yield server
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    """A new, empty database of each kind; PostgreSQL is started by the first test that asks for it."""
+    if request.param == "sqlite":
+        return f"sqlite:///{tmp_path / 'folder' / 'ledger.sqlite3'}"
+    return str(request.getfixturevalue("postgres").new_database())
+
+
+@pytest.fixture
+def watched(s3: S3) -> Watched:
+    """A bucket with a hook."""
+    return Watched(s3.new_bucket(), s3.url)
+
+
+@pytest.fixture
+def hooked(watched: Watched, tmp_path: Path) -> Iterator[Client]:
+    """A client of a service with this hook."""
+    with client_with(Settings(data_dir=tmp_path, hooks_file=watched.hooks_file(tmp_path))) as client:
+        yield client
+
+
+@pytest.fixture
+def hooked_on_both(watched: Watched, database_url: str, tmp_path: Path) -> Iterator[Client]:
+    """The same on each database."""
+    hooks = watched.hooks_file(tmp_path)
+    with client_with(Settings(data_dir=tmp_path, database_url=database_url, hooks_file=hooks)) as client:
+        yield client

@@ -5,16 +5,15 @@ Given a process, it ends with it, as that of the embedded service does.
 
 import argparse
 import sys
-import warnings
 
 from celery import Celery
-from celery.exceptions import SecurityWarning
 
 from service.config import load_settings
 from service.jobs.models import Queue
 from service.jobs.queue import name
 from worker.child import die_with_parent
 from worker.pulse import check
+from worker.receiving import run_until_stopped
 
 
 def main(app: Celery) -> None:
@@ -28,12 +27,8 @@ def main(app: Celery) -> None:
         sys.exit(check(load_settings()))  # 0, or 1 and a sentence on stderr
     if arguments.parent is not None:
         die_with_parent(arguments.parent)
-    # Harmless here, where messages are JSON and never pickles; Celery still refuses to start as root with pickles.
-    warnings.filterwarnings("ignore", "You're running the worker with superuser privileges", SecurityWarning)
-    options = ["--without-gossip", "--without-mingle", "--without-heartbeat"]
-    if arguments.queues:
-        options += ["--queues", ",".join(map(name, arguments.queues))]
-    app.worker_main(["--quiet", "worker", *options])
+    queues = ["--queues", ",".join(map(name, arguments.queues))] if arguments.queues else []
+    run_until_stopped(app, *queues)
 
 
 def _queues(text: str) -> list[Queue]:

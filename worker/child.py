@@ -1,4 +1,4 @@
-"""The process that runs the engine once: `python -m worker.child`, started by :mod:`worker.runner`.
+"""The process that runs the engine once, forked by :mod:`worker.template` for :mod:`worker.runner`.
 
 It reads one JSON object from stdin and answers in JSON lines on a pipe of its own, since native libraries print on
 stdout: `{"stage", "progress"}`, `{"artifact", "path"}`, and last `{"done": true}`, `{"error": {...}}`, or, where the
@@ -8,16 +8,16 @@ disk is, `{"full": true}`. Files stay in the working folder it was given.
 import ctypes
 import errno
 import faulthandler
-import importlib
 import json
 import os
 import resource
 import signal
 import sys
+import tempfile
 import traceback
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, NoReturn, TextIO
 
 from core.errors import ErrorCode, MeshmarkError
 from worker import sandbox
@@ -25,7 +25,10 @@ from worker import sandbox
 PR_SET_PDEATHSIG = 1
 LARGEST_FILE = 2**31  # bytes; results are far smaller
 CPU_MARGIN = 60  # seconds beyond what all cores can give in the job's time: for a worker that does not look any more
+CHANNEL = 3  # the descriptor of its answers, after stdin, stdout and stderr
 SUFFIXES = {"model": ".glb", "report": ".json", "preview": ".png"}
+
+Engine = Callable[..., Any]  # core.pipeline.watermark, or one like it
 
 
 def die_with_parent(parent: int) -> None:
@@ -36,12 +39,12 @@ def die_with_parent(parent: int) -> None:
         os._exit(1)
 
 
-def run(request: dict[str, Any], say: Callable[..., None]) -> None:
+def run(engine: Engine, request: dict[str, Any], say: Callable[..., None]) -> None:
     """Call the engine and say what it publishes.
 
     Args:
-        request: ``engine`` as "module:function", ``input`` and ``font`` as paths, ``parameters``, ``budgets``,
-            ``folder``.
+        engine: what is called.
+        request: ``input`` and ``font`` as paths, ``parameters``, ``budgets``, ``folder``.
         say: sends one message.
 
     Raises:
@@ -61,8 +64,6 @@ def run(request: dict[str, Any], say: Callable[..., None]) -> None:
         published.add(kind)
         say(artifact=kind, path=os.fspath(path))
 
-    module, _, function = request["engine"].partition(":")
-    engine = getattr(importlib.import_module(module), function)
     result = engine(
         Path(request["input"]).read_bytes(),
         parse_parameters(request["parameters"]),
@@ -97,14 +98,30 @@ def confine(request: dict[str, Any]) -> dict[str, bool]:
     return sandbox.enter(Path(request["folder"]), map(Path, request["private"]), caches)
 
 
-def main() -> None:
-    """Serve one request and exit without the teardown of native libraries, which adds nothing but time and crashes."""
+def keep_only(request: int, stderr: int, channel: int) -> None:
+    """Make these the first descriptors, and close all others, those of the template among them."""
+    for number, file in enumerate((request, stderr, stderr, channel)):
+        os.dup2(file, number, inheritable=number != CHANNEL)
+    os.closerange(CHANNEL + 1, os.sysconf("SC_OPEN_MAX"))
+
+
+def main(engine: Engine, parent: int, *files: int) -> NoReturn:
+    """Serve one request and exit without the teardown of native libraries, which adds nothing but time and crashes.
+
+    Args:
+        engine: what is called.
+        parent: the process that forked this one, with which it ends.
+        files: descriptors of the request, of stderr and of the channel.
+    """
+    os.setsid()  # one group to kill
+    die_with_parent(parent)
+    keep_only(*files)
     request = json.load(sys.stdin)
-    die_with_parent(request["parent"])
+    os.environ["TMPDIR"], tempfile.tempdir = request["folder"], None
     limit(request["seconds"])
     in_force = confine(request)
     faulthandler.enable()
-    channel: TextIO = os.fdopen(request["channel"], "w", buffering=1)
+    channel: TextIO = os.fdopen(CHANNEL, "w", buffering=1)
 
     def say(**message: Any) -> None:
         channel.write(json.dumps(message) + "\n")
@@ -112,7 +129,7 @@ def main() -> None:
     try:
         if request["sandbox"] == "required" and not all(in_force.values()):
             raise RuntimeError(f"the sandbox is not whole: {in_force}")
-        run(request, say)
+        run(engine, request, say)
         say(done=True)
     except MeshmarkError as error:
         say(error={"code": error.code, "message": error.message, "remedy": error.remedy})
@@ -138,7 +155,3 @@ def main() -> None:
         )
     sys.stderr.flush()
     os._exit(0)
-
-
-if __name__ == "__main__":
-    main()

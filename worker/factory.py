@@ -9,7 +9,7 @@ from typing import Any
 
 import structlog
 from celery import Celery
-from celery.signals import setup_logging, task_postrun, task_prerun, worker_init, worker_ready, worker_shutting_down
+from celery.signals import setup_logging, task_postrun, task_prerun, worker_init, worker_shutdown, worker_shutting_down
 
 from service.config import Settings
 from service.jobs.queue import TASK, create_queue
@@ -20,6 +20,7 @@ from service.tracing import configure_tracing
 from worker import sandbox
 from worker.hook_outputs import start_writer
 from worker.pulse import Pulse
+from worker.receiving import receive, required
 from worker.sweeper import start_sweeper
 from worker.tasks import Worker, private_folders
 
@@ -48,21 +49,7 @@ def require_sandbox(worker: Worker) -> None:
 def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
     """A Celery app that runs jobs with the engine at an import path "module:function"."""
     app = create_queue(settings)
-    app.conf.update(
-        # Threads: each only watches a child process of its own (worker/runner.py), so it needs neither its own
-        # interpreter nor billiard's daemonic processes, which may not have children; and the consumer's thread stays
-        # free to keep the broker's connection and to obey signals, which the solo pool cannot while a job runs.
-        worker_pool="threads",
-        worker_concurrency=settings.worker_concurrency,
-        worker_prefetch_multiplier=1,
-        task_acks_late=True,
-        worker_hijack_root_logger=False,
-        worker_redirect_stdouts=False,
-        # Neither remote control nor events are used; on the file broker each would leave a queue of files behind.
-        worker_enable_remote_control=False,
-        worker_send_task_events=False,
-        worker_cancel_long_running_tasks_on_connection_loss=False,  # the lease decides, not the connection
-    )
+    receive(app, settings.worker_concurrency)
 
     @cache
     def pulse() -> Pulse:
@@ -77,14 +64,14 @@ def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
 
     figures = ExitStack()  # never closed: they are served until the process ends
 
-    def prepare(**_: Any) -> None:
+    def prepare() -> None:
+        configure_logs(settings.log_level)  # Celery asks for it later only
         configure_tracing("meshmark-worker")
         require_own_store(settings)
+        worker().template.start()  # it loads its libraries while all else gets ready
         require_sandbox(worker())
         beating = threading.Thread(target=pulse().beat_until, args=(worker().stopping,), name="pulse", daemon=True)
         beating.start()
-
-    def start(**_: Any) -> None:
         figures.enter_context(metrics_server(settings.metrics_host, settings.worker_metrics_port))
         start_sweeper(worker())
         start_writer(worker())
@@ -92,11 +79,14 @@ def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
     def stop(**_: Any) -> None:
         worker().stop()
 
+    def end(**_: Any) -> None:
+        worker().close()
+
     app.task(watermark, name=TASK)
     setup_logging.connect(lambda **_: configure_logs(settings.log_level), weak=False)
-    worker_init.connect(prepare, weak=False)
+    worker_init.connect(required(prepare), weak=False)
     task_prerun.connect(lambda **_: pulse().began(), weak=False)
     task_postrun.connect(lambda **_: pulse().ended(), weak=False)
-    worker_ready.connect(start, weak=False)
     worker_shutting_down.connect(stop, weak=False)
+    worker_shutdown.connect(end, weak=False)
     return app

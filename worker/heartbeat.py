@@ -20,7 +20,8 @@ log = structlog.get_logger(__name__)
 class Heartbeat:
     """Renews a lease in a thread of its own, and passes on where the work stands, until the block ends.
 
-    `lost` is set when the lease is void, or when the ledger could not be reached for as long as the lease holds.
+    `lost` is set when the lease is void, when the ledger could not be reached for as long as the lease holds, and when
+    the ledger does not take what it is told.
     """
 
     def __init__(self, ledger: Ledger, lease: Lease, lease_seconds: float) -> None:
@@ -60,6 +61,9 @@ class Heartbeat:
                 log.warning("the job ledger does not answer", error=str(error.orig))
                 if time.monotonic() > renewed + self._lease_seconds:
                     break
+            except Exception:
+                log.exception("the lease cannot be renewed")
+                break
             self._wake.wait(min(INTERVAL, self._lease_seconds / 4))
         else:
             return

@@ -12,32 +12,20 @@ from obstore.store import S3Store
 
 from core.errors import ErrorCode, MeshmarkError
 from service.hooks.config import HookSource
+from service.jobs import s3_bucket
 from service.jobs.artifacts import CHUNK, StoreUnavailableError
 
 REFUSALS = (PermissionDeniedError, UnauthenticatedError)
+TIMEOUTS = ("5s", "120s")
 RETRIES: Any = {"max_retries": 2, "retry_timeout": timedelta(seconds=10)}
 
 log = structlog.get_logger(__name__)
 
 
 def open_bucket(hook: HookSource) -> S3Store:
-    """The hook's bucket. What is not configured is found as every tool for S3 does."""
-    own = {
-        "endpoint": hook.endpoint,
-        "region": hook.region,
-        "access_key_id": hook.access_key_id.get_secret_value(),
-        "secret_access_key": hook.secret_access_key.get_secret_value(),
-    }
-    return S3Store(
-        hook.bucket,
-        config={key: value for key, value in own.items() if value},  # type: ignore[arg-type]
-        client_options={
-            "allow_http": hook.endpoint.startswith("http://"),
-            "connect_timeout": "5s",
-            "timeout": "120s",
-        },
-        retry_config=RETRIES,
-    )
+    """The hook's bucket."""
+    keys = (hook.access_key_id, hook.secret_access_key)
+    return s3_bucket.open_bucket(hook.bucket, None, hook.endpoint, hook.region, *keys, TIMEOUTS, RETRIES)
 
 
 def read_object(hook: HookSource, key: str, target: BinaryIO, limit: int, check: Callable[[], None]) -> None:

@@ -1,7 +1,7 @@
 """Write what became of dropped objects back to their buckets.
 
-A step of its own beside the jobs: a bucket that fails delays no other job, a worker that dies leaves its rows to the
-others, and what was written twice is the same.
+A step of its own beside the jobs, in a thread for each hook: a bucket that fails or hangs delays no job and no other
+bucket. A worker that dies leaves its rows to the others, and what was written twice is the same.
 """
 
 import threading
@@ -11,7 +11,7 @@ import structlog
 from core.errors import MeshmarkError
 from service.hooks.config import HookSource
 from service.jobs import dropped
-from service.jobs.artifacts import ArtifactStore, StoreUnavailableError
+from service.jobs.artifacts import ArtifactStore
 from service.jobs.dropped import Output
 from service.jobs.models import ArtifactKind, DroppedObject, Job, JobState
 from worker.hook_bucket import write_object
@@ -24,12 +24,12 @@ MEDIA_TYPES = {ArtifactKind.REPORT: "application/json", ArtifactKind.MODEL: "mod
 log = structlog.get_logger(__name__)
 
 
-def write_outputs(worker: Worker) -> None:
-    """Write the results of all jobs of dropped objects that have ended since."""
+def write_outputs(worker: Worker, source: str) -> None:
+    """Write the results of all jobs of a hook's objects that have ended since."""
     sessions = worker.ledger.sessions
-    for item in dropped.take_due(sessions):
+    while not worker.stopping.is_set() and (item := dropped.take_due(sessions, source)):
         try:
-            output = _write(worker, item)
+            output = _write(worker, worker.settings.hooks[source], item)
         except MeshmarkError as error:
             log.warning(
                 "results could not be written to their bucket; trying again", job=item.job_id, reason=str(error)
@@ -40,10 +40,7 @@ def write_outputs(worker: Worker) -> None:
             log.info("a dropped object is done with", job=item.job_id, output=output.value)
 
 
-def _write(worker: Worker, item: DroppedObject) -> Output:
-    hook = worker.settings.hooks.get(item.source)
-    if hook is None:
-        raise StoreUnavailableError  # until it is configured again
+def _write(worker: Worker, hook: HookSource, item: DroppedObject) -> Output:
     job = worker.ledger.get(item.job_id, hook.tenant)
     if job is None or job.state != JobState.SUCCEEDED:
         return Output.NONE
@@ -63,16 +60,17 @@ def _copy(store: ArtifactStore, hook: HookSource, job: Job, key: str) -> None:
             write_object(hook, hook.output_key(key, suffix), content, MEDIA_TYPES[kind])
 
 
-def write_forever(worker: Worker) -> None:
+def write_forever(worker: Worker, source: str) -> None:
     """Write until the worker stops. A failed pass is logged and the next one comes."""
     while not worker.stopping.wait(INTERVAL):
         try:
-            write_outputs(worker)
+            write_outputs(worker, source)
         except Exception:
-            log.exception("writing to the buckets of hooks failed")
+            log.exception("writing to the bucket of a hook failed", hook=source)
 
 
 def start_writer(worker: Worker) -> None:
-    """Write in a background thread, where there are hooks."""
-    if worker.settings.hooks:
-        threading.Thread(target=write_forever, args=(worker,), name="hook-outputs", daemon=True).start()
+    """Write in the background, for each hook that there is."""
+    for source in worker.settings.hooks:
+        name = f"hook-outputs-{source}"
+        threading.Thread(target=write_forever, args=(worker, source), name=name, daemon=True).start()

@@ -1,9 +1,11 @@
 """Take from a process what the engine does not need before it reads what is hostile.
 
 - The network: a seccomp filter refuses to make sockets of any kind, and io_uring, which could make them past it. It
-  refuses to look into other processes, too. (An inherited descriptor stays usable: there are three pipes and files.)
+  refuses to look into other processes and to take their connections, too. (An inherited descriptor stays usable: there
+  are a pipe and two files.)
 - Files: Landlock lets the process write in its own folder only, and read nothing in the private folders, which hold
   other tenants' files, the ledger and secrets, and of `/proc` only what is about itself.
+- Its process group, which it cannot leave: what it starts is killed with it.
 - Privileges: what is executed from here on gains none (`no_new_privs`).
 
 Linux only; no rights are needed, so it works in a container and for any user. What is missing is said.
@@ -23,10 +25,11 @@ from contextlib import suppress
 from pathlib import Path
 
 PR_SET_NO_NEW_PRIVS, PR_SET_SECCOMP, SECCOMP_MODE_FILTER = 38, 22, 2
-# linux/audit.h, and the numbers of: socket, ptrace, process_vm_readv, process_vm_writev, io_uring_setup
+# linux/audit.h, and the numbers of: socket, ptrace, process_vm_readv, process_vm_writev, io_uring_setup, pidfd_getfd,
+# setpgid, setsid
 SYSTEM_CALLS = {
-    "x86_64": (0xC000003E, (41, 101, 310, 311, 425)),
-    "aarch64": (0xC00000B7, (198, 117, 270, 271, 425)),
+    "x86_64": (0xC000003E, (41, 101, 310, 311, 425, 438, 109, 112)),
+    "aarch64": (0xC00000B7, (198, 117, 270, 271, 425, 438, 154, 157)),
 }
 X32 = 0x40000000  # from here on, numbers are of another way to call the same
 # linux/bpf_common.h: load a word, jump if equal, jump if greater or equal, return

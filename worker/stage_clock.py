@@ -14,6 +14,11 @@ STAGES = ("reading", "lettering", "placing", "embossing", "writing", "reporting"
 OTHER = "other"
 
 
+def known(stage: str) -> str:
+    """A stage that a child named, if it is one."""
+    return stage if stage in STAGES else OTHER
+
+
 class StageClock:
     """Runs while the engine does."""
 
@@ -32,7 +37,7 @@ class StageClock:
 
     def at(self, stage: str | None) -> None:
         """The stage the engine is in from now on; None: in none."""
-        stage = stage if stage is None or stage in STAGES else OTHER
+        stage = None if stage is None else known(stage)
         if stage == self._stage:
             return
         moment = time.monotonic()

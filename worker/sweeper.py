@@ -32,9 +32,6 @@ def sweep(worker: Worker) -> None:
         for job_id in lost:
             log.warning("job announced again", job=job_id)
             queue.send(worker.celery, job_id, each)
-    for job_id in worker.ledger.overdue():
-        contents.discard(worker.ledger, worker.artifacts, worker.ledger.drop_artifacts(job_id))
-        log.info("job expired: its files are deleted", job=job_id)
     idempotency.forget(worker.ledger.sessions)
     events.forget(worker.ledger.sessions, now() - events.KEPT)
     sources.forget(worker.ledger.sessions)
@@ -43,6 +40,13 @@ def sweep(worker: Worker) -> None:
     for folder in folders:
         if folder.name not in held:
             shutil.rmtree(folder, ignore_errors=True)
+
+
+def remove_expired(worker: Worker) -> None:
+    """Delete the files of jobs that have expired."""
+    for job_id in worker.ledger.overdue():
+        contents.discard(worker.ledger, worker.artifacts, worker.ledger.drop_artifacts(job_id))
+        log.info("job expired: its files are deleted", job=job_id)
 
 
 def sweep_store(worker: Worker, share: int) -> None:
@@ -54,23 +58,28 @@ def sweep_store(worker: Worker, share: int) -> None:
 
 
 def sweep_forever(worker: Worker) -> None:
-    """Sweep until the worker stops: jobs several times per lease, the store slowly, from a share drawn by chance on.
-
-    A failed pass is logged and the next one comes.
-    """
-    share, due = random.randrange(SHARES), time.monotonic()
+    """Sweep until the worker stops, several times per lease. A failed pass is logged and the next one comes."""
     while not worker.stopping.wait(worker.settings.lease_seconds / 4):
         try:
             sweep(worker)
-            if time.monotonic() >= due:
-                share, due = share + 1, time.monotonic() + GRACE / SHARES
-                sweep_store(worker, share)
         except Exception:
             log.exception("sweep failed")
 
 
-def start_sweeper(worker: Worker) -> threading.Thread:
-    """Sweep in a background thread."""
-    thread = threading.Thread(target=sweep_forever, args=(worker,), name="sweeper", daemon=True)
-    thread.start()
-    return thread
+def sweep_files_forever(worker: Worker) -> None:
+    """Delete what has expired, and sweep the store, slowly, from a share drawn by chance on, until the worker stops."""
+    share, due = random.randrange(SHARES), time.monotonic()
+    while not worker.stopping.wait(worker.settings.lease_seconds / 4):
+        try:
+            remove_expired(worker)
+            if time.monotonic() >= due:
+                share, due = share + 1, time.monotonic() + GRACE / SHARES
+                sweep_store(worker, share)
+        except Exception:
+            log.exception("sweep of the store failed")
+
+
+def start_sweeper(worker: Worker) -> None:
+    """Sweep in the background, in two threads: no lost job waits for a store that is slow to delete."""
+    for name, run in (("sweeper", sweep_forever), ("file-sweeper", sweep_files_forever)):
+        threading.Thread(target=run, args=(worker,), name=name, daemon=True).start()

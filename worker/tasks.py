@@ -21,6 +21,7 @@ from sqlalchemy.exc import OperationalError
 from core.errors import ErrorCode, MeshmarkError
 from service.config import SECRETS, Settings
 from service.correlation import on_behalf_of
+from service.hooks.config import secret_files
 from service.jobs import contents, queue, turns
 from service.jobs.artifacts import StoreUnavailableError, writing
 from service.jobs.ledger import Ledger
@@ -30,13 +31,16 @@ from service.metrics import ARTIFACT_BYTES, JOB_SECONDS, JOB_WAIT_SECONDS
 from service.tracing import tracer
 from worker.child import SUFFIXES
 from worker.heartbeat import Heartbeat
+from worker.results import open_result, replace_result
 from worker.runner import Limits, Progress, Published, Work, run_engine
 from worker.sources import Sources
-from worker.stage_clock import StageClock
+from worker.stage_clock import StageClock, known
+from worker.template import Template
 
 # Seconds: how long to go on trying where store or ledger do not answer, and the pauses between.
 PATIENCE = 60.0
 FIRST_PAUSE, LONGEST_PAUSE = 0.2, 5.0
+LARGEST_REPORT = 2**26  # bytes
 
 log = structlog.get_logger(__name__)
 T = TypeVar("T")
@@ -66,6 +70,13 @@ class Worker:
         self.sources = Sources(self.settings, self.ledger.sessions)
         self.scratch = self.settings.data_dir.resolve() / "scratch"
         self.scratch.mkdir(parents=True, exist_ok=True)
+        threads = self.settings.job_threads or max(1, len(os.sched_getaffinity(0)) // self.settings.worker_concurrency)
+        self.template = Template(self.engine, threads)
+
+    def close(self) -> None:
+        """End what it holds: the template of the jobs' processes, and the connections to the ledger."""
+        self.template.close()
+        self.ledger.close()
 
     def stop(self) -> None:
         """Begin no more jobs; those that run have some seconds to end before they are given back."""
@@ -138,7 +149,6 @@ class Worker:
         if source is None:  # canceled between the claim and here
             raise LeaseLostError
         work = Work(
-            engine=self.engine,
             input=self._fetch(source, folder, heartbeat),
             font=self._fetch(font, folder, heartbeat) if font else None,
             parameters=job.parameters,
@@ -147,8 +157,7 @@ class Worker:
             private=private_folders(self.settings),
             sandbox=self.settings.sandbox,
         )
-        threads = self.settings.job_threads or max(1, len(os.sched_getaffinity(0)) // self.settings.worker_concurrency)
-        limits = Limits(self.settings.job_time_limit, self.settings.job_memory_limit, threads)
+        limits = Limits(self.settings.job_time_limit, self.settings.job_memory_limit)
         report = folder / ("report" + SUFFIXES["report"])
         try:
             self._follow(job, work, limits, heartbeat)
@@ -159,18 +168,20 @@ class Worker:
             if not report.exists():
                 raise
             log.warning("the engine ended before it had measured its result", code=error.code.value)
-            report.write_bytes(_explained(report.read_bytes(), error))
+            with open_result(report) as file:
+                written = file.read(LARGEST_REPORT)
+            replace_result(report, _explained(written, error))
         self._publish(job.lease, Published(ArtifactKind.REPORT, report), heartbeat)
 
     def _follow(self, job: Job, work: Work, limits: Limits, heartbeat: Heartbeat) -> None:
         """Run the engine, publish what it makes but the report, and pass on how it goes."""
-        with closing(run_engine(work, limits)) as events, StageClock() as clock:
+        with closing(run_engine(self.template, work, limits)) as events, StageClock() as clock:
             for event in events:
                 self._check(heartbeat)
                 if isinstance(event, Published) and event.kind is not ArtifactKind.REPORT:
                     self._publish(job.lease, event, heartbeat)
                 if isinstance(event, Progress):
-                    heartbeat.at(event.stage, event.fraction)
+                    heartbeat.at(known(event.stage), event.fraction)
                     clock.at(event.stage)
 
     def _bring(self, job: Job, folder: Path, heartbeat: Heartbeat) -> Artifact | None:
@@ -192,17 +203,17 @@ class Worker:
         return path
 
     def _publish(self, lease: Lease, event: Published, heartbeat: Heartbeat) -> None:
-        def publish() -> bool:
-            size = event.path.stat().st_size
-            with (
-                event.path.open("rb") as stream,
-                self.artifacts.stage(stream, limit=size, name=event.kind) as staged,
-            ):
-                return contents.publish(self.ledger, self.artifacts, lease, event.kind, staged)
+        def publish() -> int | None:
+            with open_result(event.path) as stream:
+                size = os.fstat(stream.fileno()).st_size
+                with self.artifacts.stage(stream, limit=size, name=event.kind) as staged:
+                    published = contents.publish(self.ledger, self.artifacts, lease, event.kind, staged)
+            return size if published else None
 
-        if not self._patiently(heartbeat, publish):
+        size = self._patiently(heartbeat, publish)
+        if size is None:
             raise LeaseLostError
-        ARTIFACT_BYTES.labels(event.kind).inc(event.path.stat().st_size)
+        ARTIFACT_BYTES.labels(event.kind).inc(size)
 
     def _patiently(self, heartbeat: Heartbeat, call: Callable[[], T]) -> T:
         """Call again and again while store or ledger do not answer, as long as the lease holds and PATIENCE lasts."""
@@ -238,7 +249,8 @@ def private_folders(settings: Settings) -> tuple[Path, ...]:
     """What the engine must not see: the ledger, other jobs' files, the queue, and secrets."""
     private = [settings.data_dir.resolve(), SECRETS]
     if settings.hooks_file:
-        private.append(settings.hooks_file.resolve())  # it has tokens and keys of buckets
+        secret = [settings.hooks_file, *secret_files(settings.hooks_file)]  # tokens and keys of buckets
+        private += [path.resolve() for path in secret]
     url = make_url(settings.ledger_url)
     if url.get_backend_name() == "sqlite" and url.database:
         private += [Path(url.database + suffix).resolve() for suffix in ("", "-wal", "-shm")]

@@ -8,7 +8,6 @@ import random
 import sys
 import threading
 import time
-import warnings
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import cache
@@ -16,8 +15,7 @@ from typing import Any
 
 import structlog
 from celery import Celery
-from celery.exceptions import SecurityWarning
-from celery.signals import setup_logging, worker_ready, worker_shutting_down
+from celery.signals import setup_logging, worker_init, worker_shutting_down
 from kombu.exceptions import KombuError
 from sqlalchemy.exc import OperationalError
 
@@ -30,6 +28,7 @@ from service.outbound.client import OutboundClient
 from service.webhooks import deliveries, queue
 from service.webhooks.deliver import TIMEOUTS, Outcome, deliver, not_made
 from worker.child import die_with_parent
+from worker.receiving import receive, required, run_until_stopped
 
 CONCURRENCY = 32
 INTERVAL = 0.5  # seconds between two looks for what is due
@@ -104,16 +103,8 @@ def create_sender(settings: Settings) -> Celery:
     app.conf.update(
         task_queues={queue.QUEUE: {"exchange": queue.QUEUE, "routing_key": queue.QUEUE}},
         task_default_queue=queue.QUEUE,
-        worker_pool="threads",
-        worker_concurrency=CONCURRENCY,
-        worker_prefetch_multiplier=1,
-        task_acks_late=True,
-        worker_hijack_root_logger=False,
-        worker_redirect_stdouts=False,
-        worker_enable_remote_control=False,
-        worker_send_task_events=False,
-        worker_cancel_long_running_tasks_on_connection_loss=False,
     )
+    receive(app, CONCURRENCY)
 
     @cache  # made when the worker runs: whoever only imports the app shall not create folders and tables
     def sender() -> Sender:
@@ -124,7 +115,8 @@ def create_sender(settings: Settings) -> Celery:
 
     figures = ExitStack()  # never closed: they are served until the process ends
 
-    def start(**_: Any) -> None:
+    def start() -> None:
+        configure_logs(settings.log_level)  # Celery asks for it later only
         figures.enter_context(metrics_server(settings.metrics_host, settings.webhooks_metrics_port))
         threading.Thread(target=sweep_forever, args=(sender(),), name="sweeper", daemon=True).start()
 
@@ -133,7 +125,7 @@ def create_sender(settings: Settings) -> Celery:
 
     app.task(send, name=queue.TASK)
     setup_logging.connect(lambda **_: configure_logs(settings.log_level), weak=False)
-    worker_ready.connect(start, weak=False)
+    worker_init.connect(required(start), weak=False)
     worker_shutting_down.connect(stop, weak=False)
     return app
 
@@ -142,10 +134,7 @@ def main(parent: int | None) -> None:
     """Send webhooks until a signal ends it or its parent, where one is given, is gone."""
     if parent is not None:
         die_with_parent(parent)
-    # Harmless here, as in worker.__main__.
-    warnings.filterwarnings("ignore", "You're running the worker with superuser privileges", SecurityWarning)
-    options = ["--without-gossip", "--without-mingle", "--without-heartbeat"]
-    create_sender(load_settings()).worker_main(["--quiet", "worker", *options])
+    run_until_stopped(create_sender(load_settings()))
 
 
 if __name__ == "__main__":

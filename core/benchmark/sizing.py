@@ -64,7 +64,7 @@ def sizing(
         mix: shares by faces; by default, every asset of the profile is as likely.
         wait: seconds that 95% of the jobs may wait until they start.
         busy: the largest share of the workers that may be busy on average: what is left is for uneven hours.
-        overhead: seconds a job takes beside the engine: its process starts, libraries load, files come and go.
+        overhead: seconds a job takes beside the engine: its process starts, files come and go.
         seed: of every random draw.
         effort: how much is simulated.
 

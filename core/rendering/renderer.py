@@ -1,7 +1,9 @@
 """Pictures of a GLB: pyrender behind one small interface, headless through EGL."""
 
 import os
+from contextlib import suppress
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType, TracebackType
 from typing import Any, Self
@@ -20,6 +22,7 @@ FIELD_OF_VIEW = np.radians(20)  # a long lens: letters keep their shape away fro
 MARGIN = 1.03
 
 _SHADERS = Path(__file__).parent / "shaders"
+_ARRAYS = ("ctypesarrays", "ctypesparameters", "ctypespointers", "lists", "numpymodule", "strings")  # of PyOpenGL
 
 
 def _pyrender() -> ModuleType:
@@ -29,6 +32,14 @@ def _pyrender() -> ModuleType:
     import pyrender
 
     return pyrender  # type: ignore[no-any-return]
+
+
+def preload() -> None:
+    """Import what a renderer will, without opening a display."""
+    with suppress(Exception):  # where there is no OpenGL, the renderer says so
+        _pyrender()
+        for name in ("pyrender.platforms.egl", *(f"OpenGL.arrays.{handler}" for handler in _ARRAYS)):
+            import_module(name)
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ SUFFIXES = (".glb", ".gltf", ".obj", ".stl", ".ply", ".off", ".3mf", ".dae", ".z
 FROM_FILE = "_file"  # `token_file = "/run/secrets/token"` stands for `token` with what is in that file
 
 Name = Annotated[str, StringConstraints(pattern="^[a-z0-9][a-z0-9-]{0,62}$")]
+Origin = Annotated[str, StringConstraints(to_lower=True, pattern=r"^[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?$")]
 Prefix = Annotated[str, Field(min_length=1, max_length=500, pattern="^[^/].*/$")]
 
 
@@ -40,6 +41,7 @@ class HookSource(BaseModel):
     token_header: str = "Authorization"
     hmac_secret: SecretStr | None = None
     hmac_header: str = "X-Hub-Signature-256"
+    origins: tuple[Origin, ...] = ()  # of senders that ask whether they may send: see service.hooks.handshake
     tenant: Name = DEFAULT_TENANT
     bucket: Annotated[str, Field(pattern="^[a-z0-9][a-z0-9.-]*$")]
     endpoint: Annotated[str, Field(pattern="^$|^https?://")] = ""
@@ -82,6 +84,8 @@ class HookSource(BaseModel):
         secrets = [secret.get_secret_value() for secret in (self.token, self.hmac_secret) if secret is not None]
         if len(secrets) != 1 or len(secrets[0]) < 16:
             raise ValueError("it needs either a token or an hmac_secret, of 16 characters or more")
+        if self.origins and self.kind != "cloudevents":
+            raise ValueError("origins are of senders of CloudEvents: they go with kind cloudevents")
         if bool(self.access_key_id.get_secret_value()) != bool(self.secret_access_key.get_secret_value()):
             raise ValueError("access_key_id and secret_access_key go together")
         return self
@@ -101,7 +105,7 @@ class HooksFile(BaseModel):
     @model_validator(mode="after")
     def _never_feeds_itself(self) -> Self:
         for (name, one), (other_name, other) in product(self.sources.items(), repeat=2):
-            if (one.endpoint, one.bucket) != (other.endpoint, other.bucket):
+            if (one.endpoint.rstrip("/"), one.bucket) != (other.endpoint.rstrip("/"), other.bucket):
                 continue
             written, read = one.output_prefix, other.input_prefix
             if written.startswith(read) or read.startswith(written):
@@ -133,3 +137,9 @@ def load_hooks(path: Path) -> Mapping[str, HookSource]:
             for item in error.errors(include_input=False, include_url=False)
         ]
         raise ValueError("; ".join(problems)) from None
+
+
+def secret_files(path: Path) -> list[Path]:
+    """The files in which secrets of the hooks in a file stand."""
+    sources = tomllib.loads(path.read_text())["sources"].values()
+    return [Path(value) for source in sources for name, value in source.items() if name.endswith(FROM_FILE)]

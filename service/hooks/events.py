@@ -95,6 +95,7 @@ def _record(record: dict[str, Any]) -> Event:
 def _event(happened: str, bucket: Any, key: Any, item: dict[str, Any], identity: str) -> Event:
     if not isinstance(bucket, str) or not isinstance(key, str):
         raise TypeError("names are text")
+    (bucket + key).encode()  # JSON can say halves of characters, which are none
     names = ("versionId", "version-id", "generation", "eTag", "etag", "sequencer")
     version = next((str(item[name]) for name in names if item.get(name) not in (None, "", "null")), identity)
     return Event(bool(CREATED.search(happened)), bucket, key, version)

@@ -4,6 +4,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session, sessionmaker
 
 from core.errors import ErrorCode
+from service.jobs import dropped
 from service.jobs.artifacts import ArtifactStore
 from service.jobs.ledger import Content, Ledger, MissingContentError, Submission
 from service.jobs.models import ArtifactKind, Job, JobState, Priority
@@ -21,6 +22,9 @@ def dead_jobs(sessions: sessionmaker[Session], tenant: str | None = None) -> lis
 def retry(ledger: Ledger, store: ArtifactStore, job_id: str) -> Job:
     """A new job of the same tenant with what a dead one was given; that one stays as it ended.
 
+    That of a dropped object takes the dead one's place: its results are written back, and its asset, where none was
+    brought yet, is brought from the bucket.
+
     Raises:
         LookupError: there is no such job, or its files are gone.
     """
@@ -36,9 +40,10 @@ def retry(ledger: Ledger, store: ArtifactStore, job_id: str) -> Job:
         webhook=dead.webhook,
         queue=dead.queue,
         priority=Priority(dead.priority),
+        condition=lambda session, successor: dropped.hand_over(session, job_id, successor),
     )
     try:
-        if ArtifactKind.INPUT in contents:
+        if ArtifactKind.INPUT in contents or dropped.object_of(ledger.sessions, job_id):
             return ledger.create(dead.filename, dead.parameters, contents, store.has, submission, dead.result_key)
     except MissingContentError:
         pass

@@ -2,7 +2,8 @@
 
 An object's id is a hash of its place and its version, so however often it is told of, it makes one job. Its row is
 recorded with the job; `output` then goes from pending to one of the other states, once, and what is pending is looked
-at again and again until it does. Writing twice is as good as once.
+at again and again until it does. Writing twice is as good as once. Where a job that died is tried again as another one,
+its object is that one's from then on.
 """
 
 import hashlib
@@ -10,7 +11,7 @@ import json
 from datetime import timedelta
 from enum import StrEnum
 
-from sqlalchemy import exists, select, update
+from sqlalchemy import ColumnElement, exists, select, update
 from sqlalchemy.orm import Session, aliased, sessionmaker
 
 from service.jobs.ledger import ACTIVE, now
@@ -51,6 +52,12 @@ def record(session: Session, job_id: str, object_id: str, source: str, key: str)
     session.flush()
 
 
+def hand_over(session: Session, job_id: str, successor: str) -> None:
+    """Make the object of a job that of another one, whose results are then the ones to be written."""
+    values = {"job_id": successor, "output": Output.PENDING, "tries": 0, "due_at": now()}
+    session.execute(update(DroppedObject).where(DroppedObject.job_id == job_id).values(**values))
+
+
 def job_of(sessions: Sessions, object_id: str) -> str | None:
     """The job of an object, if it has one."""
     with sessions() as session:
@@ -63,32 +70,53 @@ def object_of(sessions: Sessions, job_id: str) -> DroppedObject | None:
         return session.scalar(select(DroppedObject).where(DroppedObject.job_id == job_id))
 
 
-def take_due(sessions: Sessions, limit: int = 20) -> list[DroppedObject]:
-    """Objects whose jobs have ended and whose results are to be written; nobody else gets them for a while."""
+def take_due(sessions: Sessions, source: str) -> DroppedObject | None:
+    """An object of a hook whose job has ended and whose results are to be written; nobody else gets it for a while."""
     moment = now()
+    pending = (DroppedObject.output == Output.PENDING, DroppedObject.due_at <= moment, DroppedObject.source == source)
     due = (
         select(DroppedObject)
         .join(Job, Job.id == DroppedObject.job_id)
-        .where(DroppedObject.output == Output.PENDING, DroppedObject.due_at <= moment, Job.state.not_in(ACTIVE))
+        .where(*pending, Job.state.not_in(ACTIVE))
         .order_by(DroppedObject.due_at)
-        .limit(limit)
+        .limit(20)  # of which others may take some at this moment
     )
     with sessions() as session:
         found = list(session.scalars(due))
-    return [item for item in found if _change(sessions, item, due_at=moment + TAKEN, tries=item.tries + 1)]
+    for item in found:
+        if _change(sessions, item, due_at=moment + TAKEN, tries=item.tries + 1):
+            item.tries += 1
+            return item
+    return None
 
 
 def settle(sessions: Sessions, item: DroppedObject, output: Output) -> None:
-    """Say what became of the results of an object that was taken."""
+    """Say what became of the results of an object that was taken, unless it was handed over or taken again since.
+
+    Where they were written, those of a later version that came meanwhile are written again: they may be under them.
+    """
+    later = (
+        DroppedObject.source == item.source,
+        DroppedObject.key == item.key,
+        DroppedObject.created_at > item.created_at,
+        DroppedObject.output.in_((Output.PENDING, Output.WRITTEN)),
+    )
+    again = {
+        "output": Output.PENDING,
+        "due_at": now(),
+        "tries": DroppedObject.tries + 1,
+    }  # whoever writes it is too late
     with sessions.begin() as session:
-        session.execute(update(DroppedObject).where(DroppedObject.id == item.id).values(output=output))
+        session.execute(update(DroppedObject).where(*_taken(item)).values(output=output))
+        if output is Output.WRITTEN:
+            session.execute(update(DroppedObject).where(*later).values(**again))
 
 
 def postpone(sessions: Sessions, item: DroppedObject) -> None:
     """Let an object that was taken be tried again, after a pause that grows."""
     pause = min(2.0 ** min(item.tries, 16), LONGEST_PAUSE)
     with sessions.begin() as session:
-        later = update(DroppedObject).where(DroppedObject.id == item.id, DroppedObject.output == Output.PENDING)
+        later = update(DroppedObject).where(*_taken(item))
         session.execute(later.values(due_at=now() + timedelta(seconds=pause)))
 
 
@@ -102,7 +130,16 @@ def is_superseded(sessions: Sessions, item: DroppedObject) -> bool:
 
 def _change(sessions: Sessions, item: DroppedObject, **values: object) -> bool:
     """Change a row that nobody else has changed since it was read."""
-    unchanged = (DroppedObject.id == item.id, DroppedObject.output == Output.PENDING, DroppedObject.tries == item.tries)
     with sessions.begin() as session:
-        changed = update(DroppedObject).where(*unchanged).values(**values).returning(DroppedObject.id)
+        changed = update(DroppedObject).where(*_taken(item)).values(**values).returning(DroppedObject.id)
         return session.scalar(changed.execution_options(synchronize_session=False)) is not None
+
+
+def _taken(item: DroppedObject) -> tuple[ColumnElement[bool], ...]:
+    """That an object is as it was when it was read or taken."""
+    return (
+        DroppedObject.id == item.id,
+        DroppedObject.job_id == item.job_id,
+        DroppedObject.tries == item.tries,
+        DroppedObject.output == Output.PENDING,
+    )

@@ -4,6 +4,7 @@ Only those: what has ended may be many millions, and is counted by the process t
 """
 
 from collections.abc import Iterator
+from itertools import product
 
 import structlog
 from prometheus_client import Metric
@@ -14,13 +15,13 @@ from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session, sessionmaker
 
 from service.jobs.ledger import ACTIVE, now
-from service.jobs.models import DeliveryState, Job, JobState, WebhookDelivery
+from service.jobs.models import DeliveryState, Job, JobState, Queue, WebhookDelivery
 
 log = structlog.get_logger(__name__)
 
 
 class LedgerCollector(Collector):
-    """Jobs by state, how long the oldest one waits, and webhooks that are to be sent."""
+    """Jobs by state and queue, how long the oldest one in each queue waits, and webhooks that are to be sent."""
 
     def __init__(self, sessions: sessionmaker[Session]) -> None:
         self._sessions = sessions
@@ -30,10 +31,11 @@ class LedgerCollector(Collector):
         up = GaugeMetricFamily("meshmark_ledger_up", "1 where the ledger answered, else 0.")
         try:
             with self._sessions() as session:
-                active = select(Job.state, func.count(), func.min(Job.created_at)).where(Job.state.in_(ACTIVE))
+                figures = (Job.state, Job.queue, func.count(), func.min(Job.created_at))
+                active = select(*figures).where(Job.state.in_(ACTIVE)).group_by(Job.state, Job.queue)
                 pending = select(func.count()).where(WebhookDelivery.state == DeliveryState.PENDING)
                 webhooks = session.scalar(pending) or 0
-                rows = {state: (count, oldest) for state, count, oldest in session.execute(active.group_by(Job.state))}
+                rows = {(state, queue): (count, oldest) for state, queue, count, oldest in session.execute(active)}
         except OperationalError as error:
             log.error("the job ledger does not answer", error=str(error.orig))
             up.add_metric([], 0)
@@ -41,13 +43,16 @@ class LedgerCollector(Collector):
             return
         up.add_metric([], 1)
         yield up
-        jobs = GaugeMetricFamily("meshmark_jobs", "Jobs that wait (queued) or run.", labels=["state"])
-        for state in ACTIVE:
-            jobs.add_metric([state], rows[state][0] if state in rows else 0)
+        jobs = GaugeMetricFamily("meshmark_jobs", "Jobs that wait (queued) or run.", labels=["state", "queue"])
+        for state, queue in product(ACTIVE, Queue):  # all of them: a series that comes and goes cannot be scaled by
+            count, _ = rows.get((state, queue), (0, None))
+            jobs.add_metric([state, queue], count)
         yield jobs
-        oldest = GaugeMetricFamily("meshmark_queue_oldest_seconds", "Since the acceptance of the oldest waiting job.")
-        waiting = rows.get(JobState.QUEUED)
-        oldest.add_metric([], max(0.0, (now() - waiting[1]).total_seconds()) if waiting else 0)
+        since = "Since the acceptance of the oldest waiting job."
+        oldest = GaugeMetricFamily("meshmark_queue_oldest_seconds", since, labels=["queue"])
+        for queue in Queue:
+            _, accepted = rows.get((JobState.QUEUED, queue), (0, None))
+            oldest.add_metric([queue], max(0.0, (now() - accepted).total_seconds()) if accepted else 0)
         yield oldest
         to_send = GaugeMetricFamily("meshmark_webhooks_pending", "Webhooks that are to be sent, or sent again.")
         to_send.add_metric([], webhooks)

@@ -8,14 +8,15 @@ from typing import Any
 import obstore
 import structlog
 from obstore.exceptions import AlreadyExistsError, BaseError
-from obstore.store import S3Store as Bucket
 
 from service.config import Settings
 from service.jobs.artifacts import CHUNK, MARKER, NAME, ArtifactStore, Staged, Stored, StoreUnavailableError
+from service.jobs.s3_bucket import open_bucket
 
 PIECE = 8 * 2**20  # bytes asked for at a time: a client that reads slowly holds no connection to the store
 LINK_LIFETIME = timedelta(minutes=5)
 # A request waits for a store that fails about ten seconds; a worker goes on trying by itself.
+TIMEOUTS = ("3s", "30s")
 RETRIES: Any = {"max_retries": 2, "retry_timeout": timedelta(seconds=10), "backoff": {"base": 2}}
 
 log = structlog.get_logger(__name__)
@@ -27,25 +28,17 @@ class S3Store(ArtifactStore):
     def __init__(self, settings: Settings) -> None:
         super().__init__(staging=settings.data_dir.resolve() / "staging")
         bucket, _, prefix = settings.store_url.removeprefix("s3://").partition("/")
-        # What is not set is found as every tool for S3 does: AWS_... in the environment, or the machine's role.
-        own = {
-            "endpoint": settings.s3_endpoint,
-            "region": settings.s3_region,
-            "access_key_id": settings.s3_access_key_id.get_secret_value(),
-            "secret_access_key": settings.s3_secret_access_key.get_secret_value(),
-        }
         self._url = settings.store_url
         self._presign = settings.s3_presign
-        self._bucket = Bucket(
+        self._bucket = open_bucket(
             bucket,
-            prefix=prefix.strip("/") or None,
-            config={key: value for key, value in own.items() if value},  # type: ignore[arg-type]
-            client_options={
-                "allow_http": settings.s3_endpoint.startswith("http://"),
-                "connect_timeout": "3s",
-                "timeout": "30s",
-            },
-            retry_config=RETRIES,
+            prefix.strip("/") or None,
+            settings.s3_endpoint,
+            settings.s3_region,
+            settings.s3_access_key_id,
+            settings.s3_secret_access_key,
+            TIMEOUTS,
+            RETRIES,
         )
 
     def has(self, sha256: str) -> bool:

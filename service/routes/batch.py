@@ -17,7 +17,7 @@ from service.orders import order_from
 from service.problems import Problem, ledger_unavailable, problem_of, problem_responses
 from service.routes.schemas import EXAMPLE, JobView, PriorityName, view
 from service.state import AppState, State
-from service.submission import Accepted, announce, submit
+from service.submission import Accepted, submit
 
 MOST = 100
 
@@ -111,7 +111,7 @@ def create_watermarks(
             results.append(_refused(error))
         else:
             if not replayed:
-                background.add_task(announce, state.queue, job)
+                background.add_task(state.announcer.announce, job)
             results.append(BatchResult(status=status.HTTP_202_ACCEPTED, replayed=replayed, job=view(request, job)))
     return BatchResults(items=results)
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from functools import partial
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Request, status
+from fastapi import APIRouter, BackgroundTasks, Request, Response, status
 from fastapi.concurrency import run_in_threadpool
 from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy.exc import IntegrityError
@@ -14,10 +14,11 @@ from core.errors import ErrorCode, MeshmarkError
 from service.hooks.config import HookSource
 from service.hooks.events import Event, parse_notification
 from service.hooks.guard import check_signature, check_token
+from service.hooks.handshake import grant
 from service.jobs import dropped
 from service.problems import problem_responses
 from service.state import AppState, State
-from service.submission import Order, announce, plain_name, submit
+from service.submission import Order, plain_name, submit
 
 LONGEST_KEY = 1024  # of S3, in bytes
 
@@ -39,6 +40,19 @@ BODY: dict[str, Any] = {
         "content": {
             media_type: {"schema": {}}
             for media_type in ("application/json", "application/cloudevents+json", "application/cloudevents-batch+json")
+        },
+    }
+}
+HANDSHAKE: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "The sender named by `WebHook-Request-Origin` may send, at any rate.",
+        "headers": {
+            name: {"description": meaning, "schema": {"type": "string"}}
+            for name, meaning in {
+                "WebHook-Allowed-Origin": "The sender.",
+                "WebHook-Allowed-Rate": "`*`: any number of requests a minute.",
+                "Allow": "`POST`.",
+            }.items()
         },
     }
 }
@@ -76,14 +90,20 @@ class HookResult(BaseModel):
     ignored: list[IgnoredEvent]
 
 
+@router.options(
+    "/{source}",
+    response_class=Response,
+    responses=HANDSHAKE | problem_responses(ErrorCode.NOT_FOUND, ErrorCode.METHOD_NOT_ALLOWED),
+)
+async def allow_sender(request: Request, state: State, source: str) -> Response:
+    """Let a sender of CloudEvents, of those that the hook is configured with, register for sending notifications."""
+    return Response(headers=grant(_hook(state, source), request.headers))
+
+
 @router.post("/{source}", status_code=status.HTTP_202_ACCEPTED, responses=REFUSALS, openapi_extra=BODY)
-async def receive_notification(request: Request, state: State, source: str) -> HookResult:
+async def receive_notification(request: Request, background: BackgroundTasks, state: State, source: str) -> HookResult:
     """Hear of objects in a bucket. Those that came under the input prefix are watermarked, once each."""
-    hook = state.settings.hooks.get(source)
-    if hook is None:
-        raise MeshmarkError(
-            ErrorCode.NOT_FOUND, f"There is no hook {source[:64]!r}.", "Use a name that the hooks file has."
-        )
+    hook = _hook(state, source)
     check_token(hook, request.headers)
     try:
         body = await request.body()
@@ -91,16 +111,27 @@ async def receive_notification(request: Request, state: State, source: str) -> H
         raise MeshmarkError(ErrorCode.INVALID_REQUEST, "The request broke off.", "Send it again.") from None
     check_signature(hook, request.headers, body)
     events = parse_notification(hook.kind, request.headers, body)
-    return await run_in_threadpool(_accept, state, source, hook, events)
+    return await run_in_threadpool(_accept, state, source, hook, events, background)
 
 
-def _accept(state: AppState, name: str, hook: HookSource, events: list[Event]) -> HookResult:
+def _hook(state: AppState, name: str) -> HookSource:
+    hook = state.settings.hooks.get(name)
+    if hook is None:
+        raise MeshmarkError(
+            ErrorCode.NOT_FOUND, f"There is no hook {name[:64]!r}.", "Use a name that the hooks file has."
+        )
+    return hook
+
+
+def _accept(
+    state: AppState, name: str, hook: HookSource, events: list[Event], background: BackgroundTasks
+) -> HookResult:
     result = HookResult(jobs=[], ignored=[])
     for event in events:
         if reason := next(_objections(hook, event), None):
             result.ignored.append(IgnoredEvent(key=event.key[:LONGEST_KEY], reason=reason))
         else:
-            result.jobs.append(HookJob(key=event.key, job=_job_of(state, name, hook, event)))
+            result.jobs.append(HookJob(key=event.key, job=_job_of(state, name, hook, event, background)))
     return result
 
 
@@ -120,7 +151,7 @@ def _objections(hook: HookSource, event: Event) -> Iterator[str]:
         yield "The name cannot be used."
 
 
-def _job_of(state: AppState, name: str, hook: HookSource, event: Event) -> str:
+def _job_of(state: AppState, name: str, hook: HookSource, event: Event, background: BackgroundTasks) -> str:
     """The job of an object: that which it has, or a new one."""
     sessions = state.ledger.sessions
     object_id = dropped.identity(name, event.bucket, event.key, event.version)
@@ -141,5 +172,5 @@ def _job_of(state: AppState, name: str, hook: HookSource, event: Event) -> str:
         if job_id is None:
             raise
         return job_id
-    announce(state.queue, job)
+    background.add_task(state.announcer.announce, job)
     return job.id

@@ -19,7 +19,7 @@ from service.orders import order_from
 from service.problems import problem_responses
 from service.routes.schemas import JobPage, JobView, Moment, PriorityName, view
 from service.state import AppState, State
-from service.submission import announce, submit
+from service.submission import submit
 
 router = APIRouter(prefix="/v1/watermarks", tags=["watermarks"], route_class=GuardedRoute)
 
@@ -215,7 +215,7 @@ def create_watermark(
     if replayed:
         response.headers["Idempotent-Replayed"] = "true"
     else:
-        background.add_task(announce, state.queue, job)  # a broker that does not answer delays no client
+        background.add_task(state.announcer.announce, job)  # the client does not wait for it
     accepted = view(request, job)
     response.headers["Location"] = accepted.links.self
     return accepted

@@ -13,6 +13,7 @@ from prometheus_client import REGISTRY
 
 from service.config import Settings
 from service.jobs.ledger_metrics import LedgerCollector
+from service.jobs.models import Queue
 from service.metrics import metrics_server
 from service.webhooks.deliveries import announce
 from tests.service.conftest import client_with
@@ -24,7 +25,9 @@ from worker.webhooks import Sender
 DOCKER = Path(__file__).parents[2] / "docker"
 DASHBOARD: dict[str, Any] = json.loads((DOCKER / "grafana" / "meshmark.json").read_text())
 EXPRESSIONS = [target["expr"] for panel in DASHBOARD["panels"] for target in panel["targets"]]
-KEDA = yaml.safe_load((DOCKER / "keda.yaml").read_text())["spec"]["triggers"][0]["metadata"]
+KEDA = [
+    rule["spec"]["triggers"][0]["metadata"]["query"] for rule in yaml.safe_load_all((DOCKER / "keda.yaml").read_text())
+]
 BY_PROMETHEUS = {"le", "job", "instance"}  # what it adds itself, or histograms have
 
 
@@ -66,7 +69,7 @@ def selectors(node: object) -> Iterator[promql_parser.VectorSelector]:
                 yield from selectors(item)
 
 
-@pytest.mark.parametrize("expression", [*EXPRESSIONS, KEDA["query"]])
+@pytest.mark.parametrize("expression", [*EXPRESSIONS, *KEDA])
 def test_every_expression_is_promql_over_metrics_and_labels_that_are_served(
     expression: str, served: dict[str, set[str]]
 ) -> None:
@@ -83,6 +86,15 @@ def test_every_expression_is_promql_over_metrics_and_labels_that_are_served(
         for label in group.split(",")
     }
     assert grouped - BY_PROMETHEUS <= set().union(*(served[item.name or ""] for item in read))
+
+
+def test_each_queue_has_a_rule_by_which_its_workers_are_scaled() -> None:
+    read = [
+        {matcher.name: matcher.value for matcher in item.matchers.matchers}
+        for query in KEDA
+        for item in selectors(promql_parser.parse(query))
+    ]
+    assert read == [{"queue": queue} for queue in Queue]
 
 
 def test_legends_name_labels_that_their_expressions_keep() -> None:

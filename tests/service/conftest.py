@@ -43,18 +43,10 @@ def client_with(settings: Settings) -> Iterator[Client]:
     with TestClient(create_app(settings), raise_server_exceptions=False, follow_redirects=False) as http:
         client = Client(http, settings)
         yield client
-        client.worker.ledger.close()
+        client.worker.close()
 
 
 @pytest.fixture
 def client(tmp_path: Path) -> Iterator[Client]:
     with client_with(Settings(data_dir=tmp_path, max_upload_bytes=100_000, max_font_bytes=50_000)) as client:
         yield client
-
-
-@pytest.fixture(params=["sqlite", "postgresql"])
-def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
-    """A new, empty database of each kind; PostgreSQL is started by the first test that asks for it."""
-    if request.param == "sqlite":
-        return f"sqlite:///{tmp_path / 'folder' / 'ledger.sqlite3'}"
-    return str(request.getfixturevalue("postgres").new_database())

@@ -68,9 +68,10 @@ def test_a_job_survives_kill_9_of_its_worker(service: Service, tmp_path: Path) -
     url = service.start_job(wait_for=os.fspath(go))
     wait_until(lambda: service.job(url)["stage"] == "placing")
     worker = worker_process()
-    engines = worker.children()
+    family = worker.children(recursive=True)
+    assert len(family) == 2  # the template and the engine's process
     worker.send_signal(signal.SIGKILL)
-    wait_until(lambda: all(map(gone, engines)))
+    wait_until(lambda: all(map(gone, family)))
     go.touch()
     second = [*WORKER_COMMAND, "--hostname=second@test"]
     if "MESHMARK_STORE_URL" in service.environment:

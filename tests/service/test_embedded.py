@@ -89,12 +89,12 @@ def test_a_running_job_that_is_deleted_is_stopped_and_leaves_no_file(service: Se
 
 def test_a_job_survives_the_death_of_its_worker(service: Service) -> None:
     [worker] = [each for each in psutil.Process().children(recursive=True) if "tests.worker.apps" in each.cmdline()]
-    url = service.start_job("kill_parent", pid=worker.pid)
+    url = service.start_job("kill_worker", pid=worker.pid)
     assert service.wait_for(url, "succeeded")["attempts"] == 2
 
 
 def test_a_job_whose_workers_keep_dying_fails_as_worker_lost(service: Service) -> None:
-    job = service.wait_for(service.start_job("kill_parent"), "failed")
+    job = service.wait_for(service.start_job("kill_worker"), "failed")
     assert (job["error"]["code"], job["attempts"]) == ("worker_lost", 2)
 
 
@@ -106,7 +106,7 @@ def test_stopping_ends_api_worker_and_engine_and_the_job_goes_on_at_the_next_sta
         family = psutil.Process(process.pid).children(recursive=True)
         process.send_signal(signal.SIGTERM)
         assert process.wait(10) == 0
-    assert len(family) == 2  # the worker and the engine's process
+    assert len(family) == 3  # the worker, the template, and the engine's process
     assert all(map(gone, family))
     go.touch()
     with service.running(EMBEDDED_COMMAND):
@@ -144,9 +144,11 @@ def test_a_worker_killed_in_the_middle_of_the_real_engine_loses_no_job(tmp_path:
         url = service.submit(SPOT, params='{"text": "watermark", "count": 4}').headers["Location"]
         wait_until(lambda: service.job(url)["stage"] in ("placing", "embossing"))
         [worker] = [child for child in psutil.Process(process.pid).children() if "worker" in child.cmdline()]
-        [engine] = worker.children()
+        [template] = worker.children()
+        [engine] = template.children()
         worker.kill()
         job = service.wait_for(url, "succeeded", seconds=60)
+        assert gone(template)
         assert gone(engine)
         assert (job["attempts"], job["error"]) == (2, None)
         assert service.client.get(job["links"]["model"]).content[:4] == b"glTF"

@@ -106,3 +106,13 @@ def test_the_last_event_is_named_by_its_number(text: str | None, number: int) ->
 def test_what_is_no_events_number_is_refused(text: str) -> None:
     with pytest.raises(MeshmarkError, match="invalid_request"):
         parse_last_event_id(text)
+
+
+def test_all_tenants_together_have_so_many_places(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "STREAMS", 2)
+    streams = Streams()
+    refused = pytest.raises(MeshmarkError, match="service_unavailable")
+    with streams.place("acme"), streams.place("beta"), refused, streams.place("gamma"):
+        pytest.fail("there is no place")
+    with streams.place("acme"), streams.place("gamma"):
+        assert (streams.count("beta"), streams.count("gamma")) == (0, 1)

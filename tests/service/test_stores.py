@@ -10,6 +10,7 @@ from service.config import Settings
 from service.jobs.ledger import Ledger
 from service.jobs.stores import open_store
 from service.stores import require_own_store, run_adopt_store
+from tests.service.postgres import postgres_server
 from tests.service.s3 import S3, Flaky, bucket_settings
 
 
@@ -31,6 +32,43 @@ def test_a_store_that_does_not_answer_is_named_at_start(tmp_path: Path, capsys: 
         require_own_store(settings, patience=0)
     assert ended.value.code == 2
     assert "cannot be reached" in capsys.readouterr().err
+
+
+NOBODY = "postgresql://meshmark:password-of-the-tests@127.0.0.1:9/ledger"
+
+
+def test_a_database_that_does_not_answer_is_named_at_start(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        require_own_store(Settings(data_dir=tmp_path, database_url=NOBODY), patience=0)
+    assert ended.value.code == 2
+    told = capsys.readouterr().err
+    assert told.startswith("The database does not answer: ")
+    assert told.endswith("Check MESHMARK_DATABASE_URL.\n")
+    assert (told.count("\n"), "password" in told) == (1, False)
+
+
+@pytest.mark.parametrize("command", [["keys", "list"], ["jobs", "dead"], ["adopt-store"]])
+def test_commands_say_so_too(command: list[str], tmp_path: Path) -> None:
+    variables = {"MESHMARK_DATA_DIR": os.fspath(tmp_path), "MESHMARK_DATABASE_URL": NOBODY}
+    ended = subprocess.run(
+        [sys.executable, "-m", "service", *command],
+        env=os.environ | variables,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert ended.returncode == 2
+    assert ended.stderr.startswith("The database does not answer: ")
+    assert "Traceback" not in ended.stderr
+
+
+def test_a_database_that_is_back_soon_is_waited_for(tmp_path: Path) -> None:
+    """By a worker too, which else would start without having looked at anything."""
+    with postgres_server() as server:
+        settings = Settings(data_dir=tmp_path, database_url=server.new_database())
+        server.stop()
+        threading.Timer(1, server.start).start()
+        require_own_store(settings, patience=30)
 
 
 def test_the_command_hands_a_store_over_and_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,8 +7,10 @@ import os
 import signal
 import socket
 import subprocess
+import tempfile
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,8 @@ from typing import Any
 from core.asset.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
 from core.parameters import Parameters
+
+WORKER = os.getppid()  # in the template that imports this, and in its children
 
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 
@@ -30,6 +34,10 @@ class Result:
     model: bytes
     report: dict[str, Any]
     preview: bytes | None
+
+
+def preload() -> None:
+    """It imports nothing later."""
 
 
 def directed(
@@ -125,7 +133,8 @@ def spawn(_order: dict[str, Any]) -> None:
 def reach_out(order: dict[str, Any]) -> None:
     """Try what the sandbox forbids, and tell what came of it."""
     found = {attempt.__name__: _outcome(attempt, order) for attempt in (connect, listen, read_private, write_outside)}
-    found |= {attempt.__name__: _outcome(attempt, order) for attempt in (read_worker, write_much, write_own)}
+    inside = (read_worker, read_template, write_much, write_own)
+    found |= {attempt.__name__: _outcome(attempt, order) for attempt in inside}
     raise MeshmarkError(ErrorCode.NO_PLACEMENT, json.dumps(found), ".")
 
 
@@ -154,6 +163,10 @@ def write_outside(order: dict[str, Any]) -> None:
 
 
 def read_worker(_order: dict[str, Any]) -> None:
+    Path(f"/proc/{WORKER}/environ").read_bytes()
+
+
+def read_template(_order: dict[str, Any]) -> None:
     Path(f"/proc/{os.getppid()}/environ").read_bytes()
 
 
@@ -167,14 +180,38 @@ def write_own(_order: dict[str, Any]) -> None:
     Path(os.environ["TMPDIR"], "own").write_bytes(b"1")
 
 
+def tell_process(_order: dict[str, Any]) -> None:
+    """What this process is and has open."""
+    opened = {}
+    for path in Path("/proc/self/fd").iterdir():
+        with suppress(FileNotFoundError):  # the folder itself
+            opened[path.name] = os.fspath(path.readlink())
+    found = {"pid": os.getpid(), "session": os.getsid(0), "template": os.getppid(), "opened": opened}
+    raise MeshmarkError(ErrorCode.NO_PLACEMENT, json.dumps(found), tempfile.gettempdir())
+
+
+def link_instead(order: dict[str, Any]) -> None:
+    """Leave links to what the worker may read in the place of results."""
+    _instead_of_writing(lambda path: path.symlink_to(order["private"]))
+
+
+def pipe_instead(_order: dict[str, Any]) -> None:
+    """Leave pipes, which nobody writes to, in the place of results."""
+    _instead_of_writing(os.mkfifo)
+
+
+def _instead_of_writing(make: Callable[[Path], object]) -> None:
+    setattr(Path, "write_bytes", lambda path, _content: make(path))  # noqa: B010
+
+
 def tell_environment(_order: dict[str, Any]) -> None:
     raise MeshmarkError(ErrorCode.NO_PLACEMENT, json.dumps(dict(os.environ)), ".")
 
 
-def kill_parent(order: dict[str, Any]) -> None:
-    """Kill the worker: each one, or only that with a process id."""
-    if order.get("pid", os.getppid()) == os.getppid():
-        os.kill(os.getppid(), signal.SIGKILL)
+def kill_worker(order: dict[str, Any]) -> None:
+    """Each one, or only that with a process id."""
+    if order.get("pid", WORKER) == WORKER:
+        os.kill(WORKER, signal.SIGKILL)
         time.sleep(600)
 
 
@@ -193,7 +230,10 @@ ACTIONS: dict[str, Callable[[dict[str, Any]], None]] = {
         chatter,
         spawn,
         reach_out,
+        link_instead,
+        pipe_instead,
         tell_environment,
-        kill_parent,
+        tell_process,
+        kill_worker,
     )
 }

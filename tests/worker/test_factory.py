@@ -17,7 +17,7 @@ def worker_with(folder: Path, mode: str) -> Worker:
 def test_a_worker_starts_where_the_engine_can_be_shut_in(tmp_path: Path) -> None:
     worker = worker_with(tmp_path, "required")
     require_sandbox(worker)
-    worker.ledger.close()
+    worker.close()
 
 
 def test_where_it_cannot_a_worker_starts_only_if_that_is_allowed(
@@ -31,4 +31,4 @@ def test_where_it_cannot_a_worker_starts_only_if_that_is_allowed(
     assert ended.value.code == 2
     assert "cannot shut the engine off from: files" in capsys.readouterr().err
     for worker in (lenient, strict):
-        worker.ledger.close()
+        worker.close()

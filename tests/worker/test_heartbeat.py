@@ -3,7 +3,7 @@ from pathlib import Path
 
 from service.jobs.ledger import WORKER_LOST, Ledger
 from service.jobs.models import Job
-from tests.service.postgres import postgres_server
+from tests.service.postgres import Postgres, postgres_server
 from tests.worker.waiting import wait_until
 from worker.heartbeat import Heartbeat
 
@@ -57,3 +57,13 @@ def test_a_database_that_is_restarted_costs_no_lease_and_one_that_stays_away_doe
             server.stop()
             assert heartbeat.lost.wait(10)
         ledger.close()
+
+
+def test_a_heart_that_stops_for_whatever_reason_is_noticed(postgres: Postgres) -> None:
+    """Here for a stage that the ledger does not take, as an engine that was taken over may name one."""
+    ledger = Ledger(postgres.new_database())
+    job = claimed(ledger, 60)
+    with Heartbeat(ledger, job.lease, 60) as heartbeat:
+        heartbeat.at("x" * 100, 0.5)
+        assert heartbeat.lost.wait(5)
+    ledger.close()

@@ -11,9 +11,10 @@ from core.errors import MeshmarkError
 from tests.worker.engines import asset
 from worker.runner import Limits, Work, run_engine
 from worker.sandbox import probe
+from worker.template import Template
 
 
-def test_the_engine_reaches_neither_network_nor_files_nor_its_worker(tmp_path: Path) -> None:
+def test_the_engine_reaches_neither_network_nor_files_nor_its_worker(template: Template, tmp_path: Path) -> None:
     """Each attempt would succeed outside of the sandbox."""
     scratch, private, outside = tmp_path / "data" / "scratch", tmp_path / "data" / "ledger", tmp_path / "outside"
     scratch.mkdir(parents=True)
@@ -23,7 +24,6 @@ def test_the_engine_reaches_neither_network_nor_files_nor_its_worker(tmp_path: P
         source = scratch / "asset.obj"
         source.write_bytes(asset("reach_out", **details))
         work = Work(
-            "tests.worker.engines:directed",
             source,
             None,
             {"text": "HI"},
@@ -32,13 +32,14 @@ def test_the_engine_reaches_neither_network_nor_files_nor_its_worker(tmp_path: P
             private=(tmp_path / "data",),
         )
         with pytest.raises(MeshmarkError) as caught:
-            list(run_engine(work, Limits(60, 2**32, 1)))
+            list(run_engine(template, work, Limits(60, 2**32)))
     assert json.loads(caught.value.message) == {
         "connect": "EACCES",
         "listen": "EACCES",
         "read_private": "EACCES",
         "write_outside": "EACCES",
         "read_worker": "EACCES",
+        "read_template": "EACCES",
         "write_much": "EFBIG",
         "write_own": "done",
     }
@@ -59,6 +60,7 @@ def test_other_ways_to_the_network_and_to_other_processes_are_shut(tmp_path: Pat
         "libc = ctypes.CDLL(None, use_errno=True)\n"
         "for number in SYSTEM_CALLS[platform.machine()][1]:\n"
         "    assert libc.syscall(number, 1, 1, 0, 0, 0) == -1 and ctypes.get_errno() == 13, number\n"
+        "assert libc.syscall(438, 0, 0, 0) == -1 and ctypes.get_errno() == 13  # pidfd_getfd\n"
         "assert libc.syscall(X32 + 41, 2, 1, 0) == -1 and ctypes.get_errno() == 13\n"
         "assert libc.syscall(39) > 0 or platform.machine() != 'x86_64'\n"
         "assert libc.prctl(39, 0, 0, 0, 0) == 1  # PR_GET_NO_NEW_PRIVS\n"

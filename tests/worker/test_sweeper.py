@@ -1,7 +1,9 @@
 import io
 import os
+import threading
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from datetime import timedelta
 from pathlib import Path
 
@@ -11,9 +13,14 @@ from sqlalchemy import select
 from service.config import Settings
 from service.jobs import idempotency, queue
 from service.jobs.artifacts import GRACE
-from service.jobs.models import IdempotencyKey, JobState, Queue
+from service.jobs.ledger import Content
+from service.jobs.models import ArtifactKind, IdempotencyKey, JobState, Queue
 from service.jobs.ownership import claim
-from worker.sweeper import sweep, sweep_store
+from tests.service.postgres import Postgres
+from tests.service.s3 import Bucket, bucket_settings
+from tests.service.silent import SilentServer
+from tests.worker.waiting import wait_until
+from worker.sweeper import start_sweeper, sweep, sweep_store
 from worker.tasks import Worker, scratch_name
 
 
@@ -22,7 +29,7 @@ def worker(tmp_path: Path) -> Iterator[Worker]:
     settings = Settings(data_dir=tmp_path / "data", lease_seconds=0.05)
     worker = Worker(settings, queue.create_queue(settings), "tests.worker.engines:directed")
     yield worker
-    worker.ledger.close()
+    worker.close()
 
 
 def create(worker: Worker) -> str:
@@ -97,3 +104,25 @@ def test_content_that_no_job_refers_to_is_removed_when_it_is_old(worker: Worker)
         assert worker.artifacts.has(staged.sha256)
         sweep_store(worker, share)
         assert not worker.artifacts.has(staged.sha256)
+
+
+def test_a_store_that_does_not_answer_keeps_no_lost_job_waiting(postgres: Postgres, tmp_path: Path) -> None:
+    """Files are to be deleted, and each deletion is waited for."""
+    with closing(SilentServer()) as server:
+        silent = bucket_settings(Bucket(f"http://{server.address}", "bucket"), tmp_path)
+        settings = silent.model_copy(
+            update={"database_url": postgres.new_database(), "lease_seconds": 0.2, "retention_seconds": 0.001}
+        )
+        worker = Worker(settings, queue.create_queue(settings), "tests.worker.engines:directed")
+        overdue = {ArtifactKind.INPUT: Content("0" * 64, 1)}
+        done = worker.ledger.claim(worker.ledger.create("a.obj", {}, overdue, lambda _: True).id, 60)
+        assert done is not None
+        assert worker.ledger.succeed(done.lease)
+        start_sweeper(worker)
+        wait_until(lambda: state(worker, done.id) == JobState.EXPIRED)
+        lost = create(worker)
+        assert worker.ledger.claim(lost, 0.001)
+        wait_until(lambda: state(worker, lost) == JobState.QUEUED, 5)
+        worker.stop()
+    wait_until(lambda: not any("sweeper" in thread.name for thread in threading.enumerate()))
+    worker.ledger.close()

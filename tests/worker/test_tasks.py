@@ -2,6 +2,7 @@ import json
 import os
 import sqlite3
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import closing
 from io import BytesIO
@@ -27,7 +28,7 @@ def worker_with(settings: Settings) -> Worker:
 def worker(tmp_path: Path) -> Iterator[Worker]:
     worker = worker_with(Settings(data_dir=tmp_path / "data", lease_seconds=60))
     yield worker
-    worker.ledger.close()
+    worker.close()
 
 
 def submit(worker: Worker, do: str = "work", **details: object) -> str:
@@ -194,7 +195,7 @@ def test_a_store_that_fails_for_a_while_delays_a_job_and_does_not_end_it(s3: S3,
         done = job(worker, job_id)
         assert (done.state, done.attempts) == (JobState.SUCCEEDED, 1)
         assert content(worker, done.artifact(ArtifactKind.MODEL)) == b"glTF of HI"
-        worker.ledger.close()
+        worker.close()
 
 
 def test_a_job_is_put_back_when_the_engine_finds_the_disk_full(worker: Worker) -> None:
@@ -222,7 +223,7 @@ def test_a_job_is_put_back_when_the_store_fails_for_longer_than_a_worker_waits(
         flaky.failing.clear()
         worker.run(job_id)
         assert job(worker, job_id).state == JobState.SUCCEEDED
-        worker.ledger.close()
+        worker.close()
 
 
 def test_the_engine_does_not_see_a_ledger_outside_the_data_folder_either(tmp_path: Path) -> None:
@@ -232,3 +233,28 @@ def test_the_engine_does_not_see_a_ledger_outside_the_data_folder_either(tmp_pat
     )
     servers = Settings(data_dir=tmp_path, database_url="postgresql://user@host/jobs")
     assert private_folders(servers) == (tmp_path, SECRETS)
+    token, hooks = tmp_path / "token", tmp_path / "hooks.toml"
+    token.write_text("0123456789abcdef")
+    example = Path(__file__).parents[2] / "docker" / "hooks.example.toml"
+    hooks.write_text(example.read_text().replace('token = "change-me-0123456789abcdef"', f'token_file = "{token}"'))
+    assert private_folders(servers.model_copy(update={"hooks_file": hooks})) == (tmp_path, SECRETS, hooks, token)
+
+
+@pytest.mark.parametrize("do", ["link_instead", "pipe_instead"])
+@pytest.mark.parametrize("when", ["do", "then"])
+def test_an_engine_that_leaves_no_files_but_ways_elsewhere_gets_nothing_published(
+    do: str, when: str, worker: Worker, tmp_path: Path
+) -> None:
+    """It was taken over, and cannot read the data folder itself; the worker can. `then` is after a first report."""
+    private = tmp_path / "data" / "secret"
+    private.write_text(secret := '{"metrics": {"missing": {}}}')
+    order = {"do": do} if when == "do" else {"do": "work", "then": do}
+    job_id = submit(worker, **order, private=os.fspath(private))
+    started = time.monotonic()
+    worker.run(job_id)
+    assert time.monotonic() < started + 10
+    published = [content(worker, item) for item in job(worker, job_id).artifacts if item.kind != ArtifactKind.INPUT]
+    assert secret.encode() not in published
+    if when == "do":
+        assert (job(worker, job_id).error_code, published) == ("engine_crashed", [])
+    assert private.read_text() == secret

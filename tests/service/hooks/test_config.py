@@ -68,6 +68,8 @@ def changed(old: str, new: str) -> str:
         (changed("kind", f'hmac_secret = "{TOKEN}"\nkind'), "either"),
         (changed(f'token = "{TOKEN}"', 'token_file = "/nowhere/token"'), "token_file"),
         (changed('"s3"', '"ftp"'), "kind"),
+        (changed("kind", 'origins = ["events.example"]\nkind'), "CloudEvents"),
+        (changed('kind = "s3"', 'kind = "cloudevents"\norigins = ["*"]'), "origins"),
         (changed("kind", 'access_key_id = "a"\nkind'), "go together"),
         (changed('text = "HI"', 'txt = "HI"'), "text"),
         (changed('text = "HI"', 'text = ""'), "empty"),
@@ -85,6 +87,9 @@ def test_one_hook_must_not_feed_another(tmp_path: Path) -> None:
     second = second.replace('output_prefix = "watermarked/"', 'output_prefix = "done/"')
     with pytest.raises(ValueError, match="would be read by second"):
         load_hooks(written(tmp_path, SHOP + second))
+    slashed = second.replace("bucket", 'endpoint = "http://minio:9000/"\nbucket')
+    with pytest.raises(ValueError, match="would be read by second"):
+        load_hooks(written(tmp_path, SHOP.replace("bucket", 'endpoint = "http://minio:9000"\nbucket') + slashed))
     elsewhere = second.replace('bucket = "assets"', 'bucket = "others"')
     assert set(load_hooks(written(tmp_path, SHOP + elsewhere))) == {"shop", "second"}
 

@@ -115,6 +115,7 @@ def test_data_without_any_version_is_known_by_the_events_id() -> None:
         b'{"Records": [{"eventName": "ObjectCreated:Put"}]}',
         json.dumps({"Records": [record(key=7)]}).encode(),
         json.dumps({"Records": [record(key="%ff")]}).encode(),
+        json.dumps({"Records": [record(key="half a character: \ud83e")]}).encode(),
         b'{"detail": {"bucket": {"name": 1}, "object": {"key": []}}}',
         b"[" * 100_000,
         b"\xff\xfe",

@@ -6,12 +6,12 @@ from sqlalchemy import create_engine
 from sqlalchemy.orm import sessionmaker
 
 from core.errors import ErrorCode, MeshmarkError
-from service.jobs.ledger import Ledger
+from service.jobs.ledger import Ledger, Submission
 from service.jobs.ledger_metrics import LedgerCollector
-from service.jobs.models import DEFAULT_TENANT
+from service.jobs.models import DEFAULT_TENANT, Queue
 from service.webhooks.endpoints import create_endpoint
 from tests.service.harness import free_port
-from tests.service.metrics import value
+from tests.service.metrics import label_values, value
 
 
 @pytest.fixture
@@ -40,6 +40,17 @@ def test_jobs_that_wait_and_run_are_counted_and_those_that_ended_are_not(ledger:
     assert 0 < value(answer, "meshmark_queue_oldest_seconds") < 60
     ledger.fail(second.lease, MeshmarkError(ErrorCode.NO_FACES, "", ""))
     assert value(figures(ledger), "meshmark_jobs", state="running") == 0
+
+
+def test_each_queue_has_figures_of_its_own_that_are_there_while_it_is_empty(ledger: Ledger) -> None:
+    for queue in (Queue.LARGE, Queue.LARGE, Queue.SMALL):
+        ledger.create("a.obj", {}, {}, lambda _: True, Submission(queue=queue))
+    answer = figures(ledger)
+    waiting = {queue: value(answer, "meshmark_jobs", state="queued", queue=queue) for queue in Queue}
+    assert waiting == {Queue.SMALL: 1, Queue.LARGE: 2, Queue.GPU: 0}
+    oldest = {queue: value(answer, "meshmark_queue_oldest_seconds", queue=queue) > 0 for queue in Queue}
+    assert oldest == {Queue.SMALL: True, Queue.LARGE: True, Queue.GPU: False}
+    assert label_values(answer, "queue") == set(Queue)
 
 
 def test_webhooks_that_are_to_be_sent_are_counted(ledger: Ledger) -> None:

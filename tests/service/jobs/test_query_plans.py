@@ -131,7 +131,7 @@ def sweep(ledger: Ledger) -> None:
 def tell(ledger: Ledger) -> None:
     for lost in (False, True):
         deliveries.announce(ledger.sessions, lost)
-    dropped.take_due(ledger.sessions)
+    dropped.take_due(ledger.sessions, "source")
 
 
 @pytest.mark.parametrize("act", [accept, work, look, measure, sweep, tell])

@@ -13,7 +13,7 @@ from service.jobs import queue
 from service.jobs.models import ArtifactKind, Queue
 from tests.service.conftest import Client, client_with
 from tests.worker.engines import asset
-from worker.sweeper import sweep
+from worker.sweeper import remove_expired
 
 
 def post(client: Client, **request: Any) -> Response:
@@ -251,10 +251,10 @@ def test_a_job_expires_when_its_time_is_over(tmp_path: Path) -> None:
         job = client.http.get(url).json()
         until = datetime.fromisoformat(job["expires_at"]) - datetime.fromisoformat(job["finished_at"])
         assert until.total_seconds() == 1
-        sweep(client.worker)
+        remove_expired(client.worker)
         assert client.http.get(f"{url}/model").status_code == 200
         time.sleep(1)
-        sweep(client.worker)
+        remove_expired(client.worker)
         for part in ("model", "report", "preview"):
             answer = client.http.get(f"{url}/{part}")
             assert (answer.status_code, answer.json()["code"]) == (410, "job_expired")

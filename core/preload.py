@@ -1,0 +1,21 @@
+"""Import everything at once that :mod:`core.pipeline` would import bit by bit, for processes that run it often."""
+
+from importlib import import_module
+
+from core.rendering import renderer
+
+# What stages, readers and metrics import when they need it; a test runs the engine and finds what is missing here.
+LATER = (
+    *("core.ground.ground", "core.ground.joints", "core.ground.regions", "core.ground.texture", "core.placement.place"),
+    *("core.embossing.emboss", "core.embossing.stamp", "core.report", "core.metrics.measure"),
+    *("DracoPy", "meshopt", "manifold3d", "trimesh.exchange.dae", "rapidocr"),
+    *("PIL.BmpImagePlugin", "PIL.GifImagePlugin", "PIL.JpegImagePlugin", "PIL.PngImagePlugin", "PIL.PpmImagePlugin"),
+    "PIL.WebPImagePlugin",
+)
+
+
+def preload() -> None:
+    """Nothing but imports: a process that has done it has one thread and no device open, and can be forked."""
+    for name in LATER:
+        import_module(name)
+    renderer.preload()

@@ -1,0 +1,52 @@
+"""How the Celery apps that receive messages are set up and started, that of jobs and that of webhooks."""
+
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import structlog
+from celery import Celery
+from celery.exceptions import SecurityWarning
+
+log = structlog.get_logger(__name__)
+
+
+def receive(app: Celery, concurrency: int) -> None:
+    """Let an app receive messages with so many threads.
+
+    Threads: each only waits, for a child process of its own or for a server, so it needs neither its own interpreter
+    nor billiard's daemonic processes, which may not have children; and the consumer's thread stays free to keep the
+    broker's connection and to obey signals, which the solo pool cannot while a task runs.
+    """
+    app.conf.update(
+        worker_pool="threads",
+        worker_concurrency=concurrency,
+        worker_prefetch_multiplier=1,
+        task_acks_late=True,
+        worker_hijack_root_logger=False,
+        worker_redirect_stdouts=False,
+        # Neither remote control nor events are used; on the file broker each would leave a queue of files behind.
+        worker_enable_remote_control=False,
+        worker_send_task_events=False,
+        worker_cancel_long_running_tasks_on_connection_loss=False,  # the ledger decides, not the connection
+    )
+
+
+def required(step: Callable[[], None]) -> Callable[..., None]:
+    """A handler of `worker_init` for a step without which there is to be no worker; Celery would go on without it."""
+
+    def handle(**_: Any) -> None:
+        try:
+            step()
+        except Exception as error:
+            log.exception("the worker cannot start")
+            raise SystemExit(2) from error
+
+    return handle
+
+
+def run_until_stopped(app: Celery, *options: str) -> None:
+    """Receive messages until a signal ends it."""
+    # Harmless here, where messages are JSON and never pickles; Celery still refuses to start as root with pickles.
+    warnings.filterwarnings("ignore", "You're running the worker with superuser privileges", SecurityWarning)
+    app.worker_main(["--quiet", "worker", "--without-gossip", "--without-mingle", "--without-heartbeat", *options])
