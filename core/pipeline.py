@@ -45,7 +45,6 @@ if TYPE_CHECKING:
     from core.report import Warnings
 
 FAILED_CUTS = 10  # for each mark that is asked for
-MORE_SEARCHES = 2  # for places, where cuts failed
 
 Progress = Callable[[str, float], None]
 Publish = Callable[[str, bytes], None]
@@ -201,14 +200,14 @@ def _emboss(job: Job) -> None:
     chosen: list[int] = list(job.placement.start)
     # A cut is the costly part; where this many fail, the rest of the asset is no better.
     cuts_left = FAILED_CUTS * job.parameters.count
-    refused_before, searches_left = 0, MORE_SEARCHES
+    searched = False
     while cuts_left > 0:
         chosen = select(job.placement, job.parameters.count, fixed=list(job.marks), dead=dead, start=chosen)
         fresh = [box for box in chosen if box not in job.marks]
         if not fresh:
-            if len(dead) == refused_before or searches_left == 0:
+            if not dead or searched:  # a second time finds little
                 break
-            refused_before, searches_left = len(dead), searches_left - 1
+            searched = True
             job.placement = place_more(job.site, job.placement, list(job.marks), dead, job.rng)
             chosen = list(job.placement.start)
             continue
