@@ -44,9 +44,10 @@ FINE_GRID, FINE_STEPS = (15, 4), 6
 EXACT_GRID, EXACT_STEPS = (10, 3), 2  # what is left to do on the surface itself after the passes on its stand-in
 CONVERGED, NEGLIGIBLE = 0.01, 1e-6  # relative decrease of the cost; the cost itself
 LONGEST_MOVE, LARGEST_TURN = 1.0, 0.5  # per step: size-30 units, radians
-# Weight of the squared sine of the roll against the mean squared distance: enough to keep free directions
-# upright, too little to hold a box off the surface.
-ROLL_WEIGHT = 0.015
+# Weight of the squared sine of the roll against the mean squared distance, in units of the limit that this may reach:
+# enough to keep text upright where the surface lets it, and on a saddle, which is straight along its diagonals only; too
+# little to hold a box off the surface.
+ROLL_WEIGHT = 3.0
 
 
 def loss_limit(width: Float) -> Float:
@@ -163,8 +164,9 @@ def _fit(
     local = unit[None] * torch.tensor(boxes.size, device=device)[:, None, :]
     up = torch.tensor(boxes.axes[:, 1] if reference is None else reference, device=device)
     center, axes = torch.tensor(boxes.center, device=device), torch.tensor(boxes.axes, device=device)
+    weight = torch.tensor(ROLL_WEIGHT * loss_limit(boxes.size[:, 0]), device=device)
     damping = torch.full((len(boxes),), 1e-2, dtype=torch.float64, device=device)
-    squared, cost, hessian, gradient = _linearise(center, axes, local, up, index)
+    squared, cost, hessian, gradient = _linearise(center, axes, local, up, weight, index)
     going = torch.arange(len(boxes), device=device)
     for _ in range(steps):
         scale = torch.diagonal(hessian[going], dim1=1, dim2=2) + 1e-3
@@ -172,7 +174,7 @@ def _fit(
         step = -torch.linalg.solve(damped, gradient[going])
         moved = center[going] + _clamp(step[:, :3], LONGEST_MOVE)
         turned = axes[going] @ _rotation(_clamp(step[:, 3:], LARGEST_TURN)).transpose(1, 2)
-        trial = _linearise(moved, turned, local[going], up[going], index)
+        trial = _linearise(moved, turned, local[going], up[going], weight[going], index)
         decrease = cost[going] - trial[1]
         better = decrease > 0
         # A box whose last step gained next to nothing has arrived; asking for its distances again is waste.
@@ -189,9 +191,10 @@ def _fit(
 
 
 def _linearise(
-    center: Tensor, axes: Tensor, local: Tensor, up: Tensor, index: Closest
+    center: Tensor, axes: Tensor, local: Tensor, up: Tensor, weight: Tensor, index: Closest
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Mean squared distance (B,), cost with the roll prior (B,), Gauss-Newton matrix (B, 6, 6), gradient (B, 6)."""
+    """Mean squared distance (B,), cost with the roll prior of ``weight`` (B,), Gauss-Newton matrix (B, 6, 6), gradient
+    (B, 6)."""
     arm = local @ axes
     points = arm + center[:, None, :]
     distance, _, nearest = index.closest(points.numpy(force=True).reshape(-1, 3))
@@ -212,9 +215,9 @@ def _linearise(
     right = axes[:, 0]
     roll = (right * up).sum(-1)
     slope = torch.linalg.cross(right, up)
-    hessian[:, 3:, 3:] += ROLL_WEIGHT * slope[:, :, None] * slope[:, None, :]
-    gradient[:, 3:] += ROLL_WEIGHT * roll[:, None] * slope
-    return squared, squared + ROLL_WEIGHT * roll.square(), hessian, gradient
+    hessian[:, 3:, 3:] += weight[:, None, None] * slope[:, :, None] * slope[:, None, :]
+    gradient[:, 3:] += (weight * roll)[:, None] * slope
+    return squared, squared + weight * roll.square(), hessian, gradient
 
 
 def _clamp(step: Tensor, longest: float) -> Tensor:

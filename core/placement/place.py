@@ -24,7 +24,7 @@ LAST_RESORT = 0.8  # only where there is nothing else at all
 USUAL_ASPECT = 0.125
 # A direction is served well by as large a share of what text of a width can do for it at best. With so many of the
 # directions that any surface looks at served well, text of that width is not tried.
-BETTER, ENOUGH = 0.85, 0.97
+BETTER, ENOUGH = 0.85, 0.98
 
 
 def narrowest_legible(aspect: float) -> float:
