@@ -25,9 +25,9 @@ torch.set_num_threads(1)
 
 LOSS_POINTS = 179  # the paper's J
 LOSS_THRESHOLD = 0.005  # the paper's well-aligned box, squared size-30 units
-# Of the width, the root mean square distance that is well aligned too: on a ball of radius 7, a rump or a head, text may
-# be 4.9 wide then, where the paper's threshold allows 3.4. On 33 assets uncoloured text is read better than with less
-# (0.02) and as well as with more (0.04).
+# Of the width, the root mean square distance that is well aligned too: on a ball of radius 7, a rump or a head, text
+# may be 4.9 wide then, where the paper's threshold allows 3.4. On 33 assets uncoloured text is read better than with
+# less (0.02) and as well as with more (0.04).
 BEND = 0.03
 ADAM_STEPS = 200  # the paper's
 # Not given in the paper. Boxes below the threshold after at most 200 steps, of 231 on its elephant and 153 on its
@@ -45,8 +45,8 @@ EXACT_GRID, EXACT_STEPS = (10, 3), 2  # what is left to do on the surface itself
 CONVERGED, NEGLIGIBLE = 0.01, 1e-6  # relative decrease of the cost; the cost itself
 LONGEST_MOVE, LARGEST_TURN = 1.0, 0.5  # per step: size-30 units, radians
 # Weight of the squared sine of the roll against the mean squared distance, in units of the limit that this may reach:
-# enough to keep text upright where the surface lets it, and on a saddle, which is straight along its diagonals only; too
-# little to hold a box off the surface.
+# enough to keep text upright where the surface lets it, and on a saddle, which is straight along its diagonals only;
+# too little to hold a box off the surface.
 ROLL_WEIGHT = 3.0
 
 
