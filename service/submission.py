@@ -93,7 +93,7 @@ def submit(state: AppState, order: Order) -> Accepted:
             if isinstance(reserved, str):
                 return Accepted(_recorded(state, order.tenant, reserved), replayed=True)
             reservation = reserved
-            stack.enter_context(idempotency.given_back_on_failure(sessions, reservation))
+            stack.enter_context(idempotency.holding(sessions, reservation))
 
         def condition(session: Session, job_id: str) -> None:
             if state.settings.max_active_jobs:

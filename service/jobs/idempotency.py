@@ -1,12 +1,14 @@
 """Requests that may be sent again: one key, one job (draft-ietf-httpapi-idempotency-key-header).
 
 A request first reserves its key, then records its job and settles the key in one transaction. A reservation holds for
-some minutes only, so that a process that was killed blocks nobody for long; its token keeps one that was overtaken
-from recording a second job. A request that fails gives its key back.
+seconds only, so that a process that was killed blocks nobody for long; while the request is at work it is renewed, for
+a store that is slow may take its time. Its token keeps one that was overtaken from recording a second job. A request
+that fails gives its key back.
 """
 
 import hashlib
 import json
+import threading
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -23,7 +25,7 @@ from core.errors import ErrorCode, MeshmarkError
 from service.jobs.ledger import now
 from service.jobs.models import IdempotencyKey
 
-HELD = timedelta(minutes=3)  # a store that is slow may take its time; see service.jobs.contents
+HELD, RENEWED = timedelta(seconds=15), 5.0  # seconds between two renewals
 KEPT = timedelta(hours=24)
 INSERT = {"sqlite": sqlite.insert, "postgresql": postgresql.insert}
 
@@ -89,8 +91,12 @@ def settle(session: Session, reservation: Reservation, job_id: str) -> None:
 
 
 @contextmanager
-def given_back_on_failure(sessions: sessionmaker[Session], reservation: Reservation) -> Iterator[None]:
-    """Let a key be used again at once if what is done with its reservation fails."""
+def holding(sessions: sessionmaker[Session], reservation: Reservation) -> Iterator[None]:
+    """Keep a key reserved while something is done with its reservation, and let it be used again at once if that
+    fails."""
+    over = threading.Event()
+    renewing = threading.Thread(target=_renew_until, args=(over, sessions, reservation), name="key", daemon=True)
+    renewing.start()
     try:
         yield
     except BaseException:
@@ -100,6 +106,18 @@ def given_back_on_failure(sessions: sessionmaker[Session], reservation: Reservat
         except OperationalError as error:
             log.warning("an idempotency key could not be given back; it will be free soon", error=str(error.orig))
         raise
+    finally:
+        over.set()
+
+
+def _renew_until(over: threading.Event, sessions: sessionmaker[Session], reservation: Reservation) -> None:
+    while not over.wait(RENEWED):
+        try:
+            with sessions.begin() as session:
+                renewed = update(IdempotencyKey).where(*_mine(reservation)).values(expires_at=now() + HELD)
+                session.execute(renewed.execution_options(synchronize_session=False))
+        except OperationalError as error:
+            log.warning("an idempotency key could not be renewed", error=str(error.orig))
 
 
 def forget(sessions: sessionmaker[Session]) -> None:

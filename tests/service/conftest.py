@@ -42,8 +42,10 @@ def client_with(settings: Settings) -> Iterator[Client]:
     """A running application with these settings."""
     with TestClient(create_app(settings), raise_server_exceptions=False, follow_redirects=False) as http:
         client = Client(http, settings)
-        yield client
-        client.worker.close()
+        try:
+            yield client
+        finally:
+            client.worker.close()
 
 
 @pytest.fixture

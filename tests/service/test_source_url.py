@@ -21,6 +21,7 @@ from tests.service.s3 import S3, bucket_settings
 from tests.worker.engines import asset
 from tests.worker.waiting import wait_until
 from worker.sweeper import sweep
+from worker.template import Template
 
 SECRET = "X-Signature=0123456789abcdef"
 
@@ -202,7 +203,7 @@ def test_an_asset_that_is_none_fails_the_job_with_the_gates_words(tmp_path: Path
     """With the engine of the service: the tests' own looks at nothing."""
     letter = replying(response(b"Dear sir or madam, this is a letter."))
     with serving(letter) as server, client_of(server, tmp_path) as client:
-        client.worker.engine = "core.pipeline:watermark"
+        client.worker.template = Template("core.pipeline:watermark", threads=1)
         url = post(client, address(server)).headers["Location"]
         client.run(url)
         assert client.http.get(url).json()["error"]["code"] == "unknown_format"

@@ -8,7 +8,7 @@ from sqlalchemy import select
 
 from core.errors import ErrorCode, MeshmarkError
 from service.jobs import idempotency
-from service.jobs.idempotency import Reservation, fingerprint, forget, given_back_on_failure, reserve, settle
+from service.jobs.idempotency import Reservation, fingerprint, forget, holding, reserve, settle
 from service.jobs.ledger import Ledger, Submission
 from service.jobs.models import IdempotencyKey
 
@@ -64,7 +64,7 @@ def test_tenants_have_keys_of_their_own(ledger: Ledger) -> None:
 
 
 def test_the_key_of_a_request_that_failed_is_free_again(ledger: Ledger) -> None:
-    with pytest.raises(ZeroDivisionError), given_back_on_failure(ledger.sessions, reserved(ledger)):
+    with pytest.raises(ZeroDivisionError), holding(ledger.sessions, reserved(ledger)):
         raise ZeroDivisionError
     record(ledger, reserved(ledger, print_=OTHER))
 
@@ -72,7 +72,7 @@ def test_the_key_of_a_request_that_failed_is_free_again(ledger: Ledger) -> None:
 def test_what_fails_after_the_job_was_recorded_does_not_free_its_key(ledger: Ledger) -> None:
     reservation = reserved(ledger)
     job_id = record(ledger, reservation)
-    with pytest.raises(ZeroDivisionError), given_back_on_failure(ledger.sessions, reservation):
+    with pytest.raises(ZeroDivisionError), holding(ledger.sessions, reservation):
         raise ZeroDivisionError
     assert reserve(ledger.sessions, "acme", "a", ONE) == job_id
 
@@ -83,16 +83,28 @@ def test_a_request_that_was_overtaken_records_nothing(ledger: Ledger, monkeypatc
     time.sleep(0.06)
     monkeypatch.undo()
     current = reserved(ledger)
-    with pytest.raises(MeshmarkError) as refused, given_back_on_failure(ledger.sessions, slow):
+    with pytest.raises(MeshmarkError) as refused, holding(ledger.sessions, slow):
         record(ledger, slow)
     assert refused.value.code == ErrorCode.IDEMPOTENCY_KEY_IN_USE
     assert refusal(ledger) == ErrorCode.IDEMPOTENCY_KEY_IN_USE, "the key is still the other request's"
     job_id = record(ledger, current)
-    with pytest.raises(MeshmarkError) as refused, given_back_on_failure(ledger.sessions, slow):
+    with pytest.raises(MeshmarkError) as refused, holding(ledger.sessions, slow):
         record(ledger, slow)
     assert refused.value.code == ErrorCode.IDEMPOTENCY_KEY_IN_USE
     assert ledger.waiting(-1) == [job_id]
     assert reserve(ledger.sessions, "acme", "a", ONE) == job_id
+
+
+def test_a_request_that_takes_longer_than_a_reservation_holds_keeps_its_key(
+    ledger: Ledger, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(idempotency, "HELD", timedelta(seconds=0.4))
+    monkeypatch.setattr(idempotency, "RENEWED", 0.05)
+    reservation = reserved(ledger)
+    with holding(ledger.sessions, reservation):
+        time.sleep(0.8)
+        assert refusal(ledger) == ErrorCode.IDEMPOTENCY_KEY_IN_USE
+        record(ledger, reservation)
 
 
 def test_of_many_requests_with_one_key_one_records_a_job(ledger: Ledger, database_url: str) -> None:
