@@ -48,10 +48,12 @@ placed. This takes the place of the paper's octants, which spread marks without 
 What each term does to the metrics is in the report of ``meshmark benchmark --methods objective``.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
 from core.asset.polygons import hex_linear
 from core.asset.surface import Surface
@@ -60,6 +62,7 @@ from core.placement.candidates import upright
 from core.rendering.views import fibonacci_directions, view_directions
 
 Float = NDArray[np.float64]
+Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 Single = NDArray[np.float32]
 
@@ -179,38 +182,68 @@ class Placement:
     crowd: float = OBJECTIVE.crowd
     start: tuple[int, ...] = ()
 
-    def served(self, chosen: list[int]) -> tuple[Single, Single]:
+    def served(self, chosen: Sequence[int]) -> tuple[Single, Single]:
         """(J,) each: how well the best and the second best of the ``chosen`` boxes serve each column."""
-        one = np.zeros((2, self.likelihood.shape[1]), np.float32)
-        best = np.partition(np.concatenate([one, self.likelihood[chosen]]), (-2, -1), axis=0)
-        return best[-1], best[-2]
+        (best, second, _), _ = self._leaders(chosen)
+        return best, second
 
-    def gain(self, chosen: list[list[int]]) -> Float:
-        """(B, K) what adding each box to each of K choices adds to the objective."""
+    def gain(self, chosen: Sequence[int]) -> Float:
+        """(B,) what adding each box to the ``chosen`` adds to the objective."""
+        best, second = self.served(chosen)
+        added = self._added(best, second) @ self.weight.astype(np.float32)
+        return np.asarray(added - self.crowd * self.beside(chosen).sum(axis=1) - self.cost)
+
+    def gain_without(self, chosen: Sequence[int]) -> Float:
+        """(B, K) :meth:`gain` where each of the K ``chosen`` boxes in turn is left out.
+
+        Only in those columns does that make a difference in which the one left out is best or second best.
+        """
+        (best, second, third), owner = self._leaders(chosen)
         weight = self.weight.astype(np.float32)
-        gain = np.empty((len(self.boxes), len(chosen)))
-        for column, one in enumerate(chosen):
-            best, second = self.served(one)
-            added = np.maximum(self.likelihood - best, 0) + self.backup * np.maximum(
-                np.minimum(self.likelihood, best) - second, 0
-            )
-            gain[:, column] = added @ weight - self.crowd * self.beside(one)
-        return gain - self.cost[:, None]
+        whole = self._added(best, second)
+        gain = np.repeat((whole @ weight)[:, None], len(chosen), axis=1).astype(np.float64)
+        for rank, (one, other) in enumerate([(second, third), (best, third)]):
+            owned = np.zeros((len(weight), len(chosen)), np.float32)
+            held = np.flatnonzero(owner[rank] >= 0)
+            owned[held, owner[rank, held]] = weight[held]
+            gain += (self._added(one, other) - whole) @ owned
+        near = self.beside(chosen)
+        return np.asarray(gain - self.crowd * (near.sum(axis=1, keepdims=True) - near) - self.cost[:, None])
 
-    def beside(self, chosen: list[int]) -> Float:
-        """(B,) how many of the ``chosen`` boxes each box stands beside: those within :data:`BESIDE` on the same side
-        of the surface, nearer ones counting more, itself not."""
-        apart = np.linalg.norm(self.boxes.center[:, None] - self.boxes.center[chosen], axis=2)
+    def _leaders(self, chosen: Sequence[int]) -> tuple[Single, Int]:
+        """(3, J) the three largest likelihoods of the ``chosen`` boxes in each column, 0 where there are fewer, and
+        (2, J) which of ``chosen`` has the largest and the second largest; -1 for none."""
+        none = np.zeros((3, self.likelihood.shape[1]), np.float32)
+        rows = np.concatenate([self.likelihood[list(chosen)], none])
+        order = np.argsort(-rows, axis=0, kind="stable")[:3]
+        return np.take_along_axis(rows, order, axis=0), np.where(order < len(chosen), order, -1)[:2]
+
+    def _added(self, best: Single, second: Single) -> Single:
+        """(B, J) what each box adds in each column where others serve it ``best`` and ``second`` best (J,)."""
+        backed = np.minimum(self.likelihood, best)
+        backed -= second
+        np.maximum(backed, 0, out=backed)
+        backed *= self.backup
+        added = self.likelihood - best
+        np.maximum(added, 0, out=added)
+        added += backed
+        return added
+
+    def beside(self, chosen: Sequence[int]) -> Float:
+        """(B, K) how much each box stands beside each of the K ``chosen``: 1 less the distance over :data:`BESIDE`
+        on the same side of the surface, 0 for itself."""
+        chosen = list(chosen)
+        apart = cdist(self.boxes.center, self.boxes.center[chosen])
         same_side = self.boxes.axes[:, 2] @ self.boxes.axes[chosen, 2].T > 0
         near = np.maximum(1 - apart / BESIDE, 0) * same_side
         near[chosen, np.arange(len(chosen))] = 0
-        return np.asarray(near.sum(axis=1))
+        return np.asarray(near)
 
-    def value(self, chosen: list[int]) -> float:
+    def value(self, chosen: Sequence[int]) -> float:
         """The objective F of ``chosen``."""
         best, second = self.served(chosen)
-        crowded = self.crowd * self.beside(chosen)[chosen].sum() / 2
-        return float(self.weight @ (best + self.backup * second) - self.cost[chosen].sum() - crowded)
+        crowded = self.crowd * self.beside(chosen)[list(chosen)].sum() / 2
+        return float(self.weight @ (best + self.backup * second) - self.cost[list(chosen)].sum() - crowded)
 
 
 def facing(boxes: Boxes, directions: Float) -> Bool:

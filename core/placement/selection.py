@@ -14,7 +14,7 @@ from core.spatial import SpatialIndex
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
-Free = Callable[[list[int]], Bool]  # which boxes overlap none of the given ones
+Free = Callable[[list[int]], Bool]
 
 SPACING = 0.3  # between boxes, size-30 units
 EXCHANGES = 64
@@ -58,8 +58,15 @@ def select(
         usable &= ~placement.barred
     overlap = cache(lambda one: overlapping(placement.boxes, one, SPACING))
 
+    def overlaps(chosen: list[int]) -> Bool:
+        return np.stack([~usable, *(overlap(one) for one in chosen)], axis=1)
+
     def free(chosen: list[int]) -> Bool:
-        return np.asarray(np.all([usable, *(~overlap(one) for one in chosen)], axis=0))
+        return ~overlaps(chosen).any(axis=1)
+
+    def free_without(chosen: list[int]) -> Bool:
+        table = overlaps(chosen)
+        return np.asarray(table.sum(axis=1, keepdims=True) == table[:, 1:])
 
     begun = list(fixed)
     for one in start:
@@ -69,7 +76,7 @@ def select(
     for chosen in tried:
         _add(placement, chosen, free, count)
         for _ in range(EXCHANGES):
-            if not _exchange(placement, chosen, free, len(fixed)):
+            if not _exchange(placement, chosen, free_without, len(fixed)):
                 break
             _add(placement, chosen, free, count)
     return max(tried, key=placement.value)
@@ -79,26 +86,25 @@ def _add(placement: Placement, chosen: list[int], free: Free, count: int) -> Non
     """Add the box that gains most, while any gains. The first is added even so: an asset is never
     left unmarked."""
     while len(chosen) < count:
-        gain = np.where(free(chosen), placement.gain([chosen])[:, 0], -np.inf)
+        gain = np.where(free(chosen), placement.gain(chosen), -np.inf)
         if len(gain) == 0 or gain.max() <= (0 if chosen else -np.inf):
             return
         chosen.append(int(gain.argmax()))
 
 
-def _exchange(placement: Placement, chosen: list[int], free: Free, fixed: int) -> bool:
+def _exchange(placement: Placement, chosen: list[int], free_without: Free, fixed: int) -> bool:
     """Make the one change of a single box, another in its place or none, that raises the objective most, if any."""
     if len(chosen) == fixed:
         return False
-    others = [chosen[:position] + chosen[position + 1 :] for position in range(fixed, len(chosen))]
-    gain = placement.gain(others)
-    own = gain[chosen[fixed:], np.arange(len(others))]
-    gain[~np.stack([free(rest) for rest in others], axis=1)] = -np.inf
+    gain = placement.gain_without(chosen)[:, fixed:]
+    own = gain[chosen[fixed:], np.arange(gain.shape[1])]
+    gain[~free_without(chosen)[:, fixed:]] = -np.inf
     best, which = gain.max(axis=0), gain.argmax(axis=0)
-    better = np.maximum(best, 0 if len(others) > 1 else -np.inf) - own
+    better = np.maximum(best, 0 if len(chosen) > 1 else -np.inf) - own
     position = int(better.argmax())
     if better[position] <= NEGLIGIBLE:
         return False
-    if best[position] > 0 or len(others) == 1:
+    if best[position] > 0 or len(chosen) == 1:
         chosen[fixed + position] = int(which[position])
     else:
         chosen.pop(fixed + position)
