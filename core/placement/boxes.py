@@ -39,3 +39,12 @@ class Boxes:
     def to_local(self, index: int, points: Float) -> Float:
         """(N, 3) points in the frame of box ``index``: x right, y up, z along the normal, origin at its centre."""
         return np.asarray((points - self.center[index]) @ self.axes[index].T)
+
+
+def join(one: Boxes, other: Boxes) -> Boxes:
+    """The boxes of both; those of ``one`` keep their numbers."""
+    return Boxes(
+        np.concatenate([one.center, other.center]),
+        np.concatenate([one.axes, other.axes]),
+        np.concatenate([one.size, other.size]),
+    )

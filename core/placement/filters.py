@@ -80,7 +80,7 @@ def well_aligned(loss: Float) -> Bool:
     return np.asarray(loss < LOSS_THRESHOLD)
 
 
-def slid(boxes: Boxes, met: Footprint) -> Boxes:
+def slid(boxes: Boxes, met: Footprint, ahead: float) -> Boxes:
     """Boxes moved along their plane to where the surface under them goes on.
 
     Each moves by twice the way from its middle to the middle of that part of its footprint which stands on surface: a
@@ -90,7 +90,7 @@ def slid(boxes: Boxes, met: Footprint) -> Boxes:
     stands = _stands(met, boxes)
     share = stands.sum(axis=1, keepdims=True)
     middle = np.einsum("bn,bnk->bk", stands, met.local) / np.maximum(share, 1)
-    return Boxes(boxes.center + 2 * np.einsum("bk,bkj->bj", middle, boxes.axes[:, :2]), boxes.axes, boxes.size)
+    return Boxes(boxes.center + ahead * np.einsum("bk,bkj->bj", middle, boxes.axes[:, :2]), boxes.axes, boxes.size)
 
 
 def covered(met: Footprint, boxes: Boxes) -> Bool:
@@ -108,7 +108,7 @@ def _stands(met: Footprint, boxes: Boxes) -> Bool:
     return np.asarray((np.abs(met.height) <= boxes.size[:, 2:3] / 2) & (met.cosine > FACING))
 
 
-def exposed(boxes: Boxes, index: SpatialIndex, normals: Float, clearance: float) -> Float:
+def exposed(boxes: Boxes, index: SpatialIndex, normals: Float, clearance: Float) -> Float:
     """(B,) share of a frame around each box in which the surface under it does not go on: near an edge, a hole or a
     silhouette a mark is cut off by the first crop, and looks as if it had slipped.
 
@@ -172,19 +172,19 @@ def smooth(rough: Float) -> Bool:
     return np.asarray(rough < ROUGHNESS_THRESHOLD)
 
 
-def occluded(boxes: Boxes, points: Float, index: SpatialIndex, reach: float) -> Bool:
-    """(B,) boxes whose front looks at the asset itself within ``reach``, size-30 units.
+def occluded(boxes: Boxes, points: Float, index: SpatialIndex, reach: Float) -> Bool:
+    """(B,) boxes whose front looks at the asset itself within its ``reach`` (B,), size-30 units.
 
     Rays leave along the normal from ``points`` (B, N, 3), see :func:`above` (paper, supplement "Non-Occluding
     Boxes").
     """
     along = np.broadcast_to(boxes.axes[:, 2:3], points.shape)
     distance, _ = index.first_hit(points.reshape(-1, 3), along.reshape(-1, 3))
-    return np.asarray((distance.reshape(points.shape[:2]) <= reach).any(axis=1))
+    return np.asarray((distance.reshape(points.shape[:2]) <= reach[:, None]).any(axis=1))
 
 
-def thin_walled(boxes: Boxes, points: Float, index: SpatialIndex, depth: float) -> Bool:
-    """(B,) boxes with another side of the asset within ``depth``, size-30 units, behind their surface.
+def thin_walled(boxes: Boxes, points: Float, index: SpatialIndex, depth: Float) -> Bool:
+    """(B,) boxes with another side of the asset within ``depth`` (B,), size-30 units, behind their surface.
 
     Sunken letters would break through there. Rays go against the normal from ``points`` (B, N, 3) just below
     the surface, see :func:`above`.

@@ -91,11 +91,11 @@ class Closest(Protocol):
         ...
 
 
+Settle = Callable[[Boxes], tuple[Boxes, Bool]]
+
+
 def levenberg_marquardt(
-    boxes: Boxes,
-    index: SpatialIndex,
-    stand_in: Closest | None = None,
-    settle: Callable[[Boxes], tuple[Boxes, Bool]] = lambda boxes: (boxes, np.ones(len(boxes), dtype=bool)),
+    boxes: Boxes, index: SpatialIndex, stand_in: Closest | None = None, settle: Settle | None = None
 ) -> tuple[Boxes, Float]:
     """Fit all boxes by batched Levenberg-Marquardt, coarse to fine.
 
@@ -107,7 +107,7 @@ def levenberg_marquardt(
         index: over the surface.
         stand_in: asked in the coarse and the fine pass (``surfels``), of which the surface itself then only corrects
             the result; if None, the surface in all passes.
-        settle: where boxes as fitted to the stand-in had better stand, and (B,) which are worth that correction.
+        settle: see :func:`correct`.
 
     Returns:
         the fitted boxes, and their :func:`alignment_loss` (B,); inf where a box was given up on the way: it stayed
@@ -120,17 +120,44 @@ def levenberg_marquardt(
     coarse = Boxes(center, axes, boxes.size)
     if len(hopeful):
         hopeful = hopeful[distinct(coarse[hopeful], rough[hopeful], COARSE_COPY)]
+        up = boxes.axes[hopeful, 1]
         center[hopeful], axes[hopeful], fine = _fit(
-            coarse[hopeful], stand_in or index, device, FINE_GRID, FINE_STEPS, boxes.axes[hopeful, 1]
+            coarse[hopeful], stand_in or index, device, FINE_GRID, FINE_STEPS, up
         )
-        hopeful = hopeful[fine < limit[hopeful] + FINE_SLACK]
-        if stand_in is not None:
-            settled, promising = settle(Boxes(center, axes, boxes.size)[hopeful])
-            hopeful = hopeful[promising]
-            center[hopeful], axes[hopeful], fine = _fit(
-                settled[promising], index, device, EXACT_GRID, EXACT_STEPS, boxes.axes[hopeful, 1]
-            )
-            hopeful = hopeful[fine < limit[hopeful] + EXACT_SLACK]
+        near = fine < limit[hopeful] + FINE_SLACK
+        hopeful = hopeful[near]
+        fitted, loss[hopeful] = correct(Boxes(center, axes, boxes.size)[hopeful], index, settle, up[near])
+        center[hopeful], axes[hopeful] = fitted.center, fitted.axes
+    return Boxes(center, axes, boxes.size), loss
+
+
+def correct(
+    boxes: Boxes, index: SpatialIndex, settle: Settle | None, up: Float | None = None
+) -> tuple[Boxes, Float]:
+    """The last pass, on the surface itself, for boxes that are nearly aligned.
+
+    Args:
+        boxes: where to start.
+        index: over the surface.
+        settle: where boxes had better stand, and (B,) which of them are worth the pass; all as they are if None.
+        up: (B, 3) which way the texts' up is held; the boxes' own if None.
+
+    Returns:
+        as :func:`levenberg_marquardt`.
+    """
+    settled, promising = settle(boxes) if settle else (boxes, np.ones(len(boxes), dtype=bool))
+    center, axes, loss = settled.center.copy(), settled.axes.copy(), np.full(len(boxes), np.inf)
+    hopeful = np.flatnonzero(promising)
+    if len(hopeful):
+        center[hopeful], axes[hopeful], squared = _fit(
+            settled[hopeful],
+            index,
+            torch.device(index.device),
+            EXACT_GRID,
+            EXACT_STEPS,
+            boxes.axes[hopeful, 1] if up is None else up[hopeful],
+        )
+        hopeful = hopeful[squared < loss_limit(boxes.size[hopeful, 0]) + EXACT_SLACK]
         loss[hopeful] = alignment_loss(Boxes(center, axes, boxes.size)[hopeful], index)
     return Boxes(center, axes, boxes.size), loss
 
@@ -138,10 +165,11 @@ def levenberg_marquardt(
 def distinct(boxes: Boxes, loss: Float, copy: float) -> NDArray[np.int64]:
     """Indices, in ascending order, of the boxes that are left when near copies of better ones are dropped.
 
-    Fitting draws many candidates to the same spot. Copies lie within ``copy`` times the width, or turn by as many
-    radians, or a bit of both; the one with the lowest loss stays.
+    Fitting draws many candidates to the same spot. Copies lie within ``copy`` times the width, turn by as many
+    radians, are wider by that share, or a bit of all; the one with the lowest loss stays.
     """
-    pose = np.concatenate([boxes.center / boxes.size[:, :1], boxes.axes[:, 0], boxes.axes[:, 2]], axis=1)
+    width = boxes.size[:, :1]
+    pose = np.concatenate([boxes.center / width, boxes.axes[:, 0], boxes.axes[:, 2], np.log(width)], axis=1)
     best_first = np.argsort(loss, kind="stable")
     return np.sort(best_first[thin(pose[best_first], copy)])
 

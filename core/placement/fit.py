@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.parameters import Mode, Preset, Solver
-from core.placement.boxes import Boxes
+from core.placement.boxes import Boxes, join
 from core.placement.candidates import candidates, right_way_up
 from core.placement.filters import (
     Footprint,
@@ -20,7 +20,7 @@ from core.placement.filters import (
     smooth,
     thin_walled,
 )
-from core.placement.finetune import LOSS_THRESHOLD, adam, distinct, levenberg_marquardt, loss_limit
+from core.placement.finetune import LOSS_THRESHOLD, adam, correct, distinct, levenberg_marquardt, loss_limit
 from core.placement.objective import (
     BARRED,
     FACING_VIEW,
@@ -55,10 +55,11 @@ GLANCES = 6  # directions in which each sample is looked for: one that none of t
 # Of that many random darts thinned to a radius r, about 0.5 area / r^2 stay.
 PACKING = 0.5
 COPY = 0.05  # fitted boxes closer than this are one (finetune.distinct)
+GROWTH, GROWTH_STEPS = 1.1, 5
 LIFT = 1.5  # reliefs above the surface at which visibility starts: just clear of the letters
 SKIN = 0.01  # how far from the surface rays start that must not meet it
 SIGHT_GRID = (8, 2)
-SLIDES, SLIDE_GRID, SLIDE_MARGIN = 2, (12, 8), 0.02  # with as much of the width to spare at the border
+SLIDES, SLIDE_GRID, SLIDE_MARGIN = (2.0, 1.0), (12, 16), 0.02  # with as much of the width to spare at the border
 NONE = Boxes(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3)))
 
 
@@ -82,34 +83,62 @@ def fit(
     Returns:
         The survivors, and how many boxes were left after each stage, by stage.
     """
-    parameters, index = site.parameters, site.index
-    relief = abs(parameters.relief_at(width))
-    thickness = PAPER_THICKNESS if parameters.preset is Preset.PAPER else max(THICKNESS * width, THINNEST)
-    size = (width, width * site.aspect, thickness)
-    boxes = _candidates(site, size, wanted, rng)
+    thickness = PAPER_THICKNESS if site.parameters.preset is Preset.PAPER else max(THICKNESS * width, THINNEST)
+    boxes = _candidates(site, (width, width * site.aspect, thickness), wanted, rng)
     left = {"candidates": len(boxes)}
+    if site.parameters.solver is Solver.ADAM:
+        boxes, loss = adam(boxes, site.index, progress)
+        return _survivors(site, boxes, loss, LOSS_THRESHOLD, left)
     hanging = 0
 
     def settle(fitted: Boxes) -> tuple[Boxes, Bool]:
-        """Rays are cheap, closest points are not: boxes that hang over an edge are slid before they are given up."""
         nonlocal hanging
-        stands = covered(footprint(fitted, index, site.normals, clearance=relief), fitted)
-        center = fitted.center.copy()
-        for _ in range(SLIDES):
-            hang = np.flatnonzero(~stands)
-            moved = Boxes(center[hang], fitted.axes[hang], fitted.size[hang])
-            moved = slid(moved, footprint(moved, index, site.normals, relief, SLIDE_GRID, SLIDE_MARGIN))
-            center[hang] = moved.center
-            stands[hang] = covered(footprint(moved, index, site.normals, clearance=relief), moved)
+        settled, stands = _settled(site, fitted)
         hanging += int((~stands).sum())
-        return Boxes(center, fitted.axes, fitted.size), stands
+        return settled, stands
 
-    if parameters.solver is Solver.ADAM:
-        boxes, loss = adam(boxes, index, progress)
-        limit = LOSS_THRESHOLD
-    else:
-        boxes, loss = levenberg_marquardt(boxes, index, site.surfels, settle)
-        limit = float(loss_limit(np.array(width)))
+    boxes, loss = levenberg_marquardt(boxes, site.index, site.surfels, settle)
+    return _survivors(site, boxes, loss, loss_limit(boxes.size[:, 0]), left, hanging)
+
+
+def grow(site: Site, boxes: Boxes, most: Float) -> Placement:
+    """Wider text at the places of ``boxes``, each in several widths below its ``most`` (B,), where there is room."""
+    wider = [boxes.size * GROWTH**step for step in range(1, GROWTH_STEPS + 1)]
+    start = NONE
+    for size in wider:
+        room = np.flatnonzero(size[:, 0] < most)
+        grown = np.maximum(size[room], (0.0, 0.0, THINNEST))
+        start = join(start, Boxes(boxes.center[room], boxes.axes[room], grown))
+    grown_boxes, loss = correct(start, site.index, lambda fitted: _settled(site, fitted))
+    return _survivors(site, grown_boxes, loss, loss_limit(start.size[:, 0]), {})[0]
+
+
+def _relief(site: Site, boxes: Boxes) -> Float:
+    """(B,) height or depth of the letters at each box, size-30 units."""
+    return np.array([abs(site.parameters.relief_at(width)) for width in boxes.size[:, 0].tolist()])
+
+
+def _settled(site: Site, fitted: Boxes) -> tuple[Boxes, Bool]:
+    """Rays are cheap, closest points are not: boxes that hang over an edge are slid before they are given up. The boxes
+    and which of them stand (B,)."""
+    index, relief = site.index, _relief(site, fitted)
+    stands = covered(footprint(fitted, index, site.normals, relief), fitted)
+    center = fitted.center.copy()
+    for ahead in SLIDES:
+        hang = np.flatnonzero(~stands)
+        moved = Boxes(center[hang], fitted.axes[hang], fitted.size[hang])
+        moved = slid(moved, footprint(moved, index, site.normals, relief[hang], SLIDE_GRID, SLIDE_MARGIN), ahead)
+        center[hang] = moved.center
+        stands[hang] = covered(footprint(moved, index, site.normals, relief[hang]), moved)
+    return Boxes(center, fitted.axes, fitted.size), stands
+
+
+def _survivors(
+    site: Site, boxes: Boxes, loss: Float, limit: Float | float, left: dict[str, int], hanging: int = 0
+) -> tuple[Placement, dict[str, int]]:
+    """Those of the fitted ``boxes`` (B,) with a ``loss`` (B,) below the ``limit`` (B,) that may carry the text, and
+    how many were ``left`` after each stage; ``hanging`` ones were given up while they were fitted."""
+    parameters, index = site.parameters, site.index
     kept = np.flatnonzero(loss < limit)
     boxes, loss = right_way_up(boxes[kept]), loss[kept]
     left["aligned"] = len(boxes) + hanging
@@ -117,11 +146,11 @@ def fit(
     boxes, loss = boxes[kept], loss[kept]
     left["distinct"] = len(boxes) + hanging
     if site.regions is not None:
-        kept = np.flatnonzero(~site.regions.touches(boxes, margin=relief))
+        kept = np.flatnonzero(~site.regions.touches(boxes, margin=float(_relief(site, boxes).max(initial=0))))
         boxes, loss = boxes[kept], loss[kept]
     left["free"] = len(boxes) + hanging
 
-    met = footprint(boxes, index, site.normals, clearance=relief)
+    met = footprint(boxes, index, site.normals, _relief(site, boxes))
     kept = np.flatnonzero(covered(met, boxes))
     boxes, loss = boxes[kept], loss[kept]
     left["covered"] = len(boxes)
@@ -131,9 +160,10 @@ def fit(
     boxes, loss, rough = boxes[kept], loss[kept], rough[kept]
     left["smooth"] = len(boxes)
 
+    relief = _relief(site, boxes)
     met = footprint(boxes, index, site.normals, relief, SIGHT_GRID, margin=0.0)
     sight = above(boxes, met, LIFT * relief)
-    blocked = occluded(boxes, sight, index, reach=width)
+    blocked = occluded(boxes, sight, index, reach=boxes.size[:, 0])
     if parameters.mode is Mode.DEBOSS:
         blocked |= thin_walled(boxes, above(boxes, met, -SKIN), index, depth=LIFT * relief)
     visible = np.zeros((len(boxes), len(site.served.directions)), dtype=bool)
@@ -142,7 +172,7 @@ def fit(
     kept = np.flatnonzero(visible.any(axis=1))
     left["seen"] = len(kept)
     met = Footprint(met.height[kept], met.cosine[kept], met.local[kept], met.face[kept])
-    return _valued(site, boxes[kept], loss[kept], rough[kept], visible[kept], met, relief), left
+    return _valued(site, boxes[kept], loss[kept], rough[kept], visible[kept], met, relief[kept]), left
 
 
 def _candidates(site: Site, size: tuple[float, float, float], wanted: Float | None, rng: np.random.Generator) -> Boxes:
@@ -181,7 +211,7 @@ def _in_sight(site: Site, points: Float, normals: Float, directions: Float, rng:
 
 
 def _valued(
-    site: Site, boxes: Boxes, loss: Float, rough: Float, visible: Bool, met: Footprint, relief: float
+    site: Site, boxes: Boxes, loss: Float, rough: Float, visible: Bool, met: Footprint, relief: Float
 ) -> Placement:
     """The ``boxes`` with what each shows and costs; ``met`` is the surface under each."""
     bent, preferred = bend(boxes, met.height), np.zeros(len(boxes))

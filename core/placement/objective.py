@@ -363,6 +363,6 @@ def bend(boxes: Boxes, height: Float) -> Float:
     return np.asarray(np.minimum(np.sqrt((height**2).mean(axis=1)) / (boxes.size[:, 2] / 2), 1.0))
 
 
-def distance(boxes: Boxes, relief: float, area: float) -> Float:
-    """(B,) about what each mark adds to the mean distance between the marked and the plain surface."""
+def distance(boxes: Boxes, relief: Float, area: float) -> Float:
+    """(B,) about what each mark, its letters ``relief`` (B,) high, adds to the mean distance between the marked and the plain surface."""
     return np.asarray(LETTERS * boxes.size[:, 0] * boxes.size[:, 1] * relief / area)

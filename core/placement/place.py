@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from core.asset.surface import MODEL_SIZE
 from core.errors import ErrorCode, MeshmarkError
-from core.placement.boxes import Boxes
-from core.placement.fit import fit
+from core.placement.boxes import join
+from core.placement.fit import fit, grow
 from core.placement.objective import FACING_VIEW, Placement, within_reach
 from core.placement.selection import select
 from core.placement.site import Site
@@ -123,8 +123,13 @@ def _search(
         left.append(counts)
         found = placement if found is None else _pool(found, placement)
         share(1.0)
-    if found is not None:
+    if found is not None and len(found.boxes):
         start = select(found, parameters.count, fixed=standing, dead=dead, start=found.start)
+        fresh = np.array([one for one in start if one not in standing and found.boxes.size[one,0]<widths[0]-1e-9], dtype=int)
+        if len(fresh):
+            most = np.array([min(w for w in widths if w > found.boxes.size[one,0]+1e-9) for one in fresh])
+            found = _pool(found, grow(site, found.boxes[fresh], most))
+            start = select(found, parameters.count, fixed=standing, dead=dead, start=start)
         found = replace(found, start=tuple(start))
     return found, left
 
@@ -143,11 +148,7 @@ def _poorly_served(site: Site, found: Placement, chosen: list[int], width: float
 def _pool(one: Placement, other: Placement) -> Placement:
     """The boxes of both; those of ``one`` keep their numbers."""
     return Placement(
-        boxes=Boxes(
-            np.concatenate([one.boxes.center, other.boxes.center]),
-            np.concatenate([one.boxes.axes, other.boxes.axes]),
-            np.concatenate([one.boxes.size, other.boxes.size]),
-        ),
+        boxes=join(one.boxes, other.boxes),
         loss=np.concatenate([one.loss, other.loss]),
         roughness=np.concatenate([one.roughness, other.roughness]),
         visible=np.concatenate([one.visible, other.visible]),
