@@ -45,6 +45,9 @@ if TYPE_CHECKING:
     from core.report import Warnings
 
 FAILED_CUTS = 10  # for each mark that is asked for
+# Where refused cuts leave less than this share of what the marks were to be worth, places are looked for again, at most
+# this many times in all.
+REGAINED, SEARCHES = 0.95, 3
 
 Progress = Callable[[str, float], None]
 Publish = Callable[[str, bytes], None]
@@ -162,6 +165,7 @@ def _place(job: Job) -> None:
             parameters,
             job.rng,
             job.usable,
+            ground.part,
             asked,
             job.objective or OBJECTIVE,
         )
@@ -184,8 +188,8 @@ def _place(job: Job) -> None:
 
 
 def _emboss(job: Job) -> None:
-    """Embosses the selected boxes; where one is refused, selects again among those not tried yet, and where these
-    leave a side without a mark, looks for more places there."""
+    """Embosses the selected boxes; where one is refused, selects again among those not tried yet; when these are used
+    up, looks for more places where nothing is seen, again while much of what the marks were to be worth is missing."""
     from core.embossing.emboss import Mark, emboss
     from core.embossing.refusal import CHEAP, Refusal
     from core.embossing.stamp import stamp
@@ -200,14 +204,14 @@ def _emboss(job: Job) -> None:
     chosen: list[int] = list(job.placement.start)
     # A cut is the costly part; where this many fail, the rest of the asset is no better.
     cuts_left = FAILED_CUTS * job.parameters.count
-    searched = False
+    hoped, searches = job.placement.value(chosen), 0
     while cuts_left > 0:
         chosen = select(job.placement, job.parameters.count, fixed=list(job.marks), dead=dead, start=chosen)
         fresh = [box for box in chosen if box not in job.marks]
         if not fresh:
-            if not dead or searched:  # a second time finds little
+            if not dead or searches == SEARCHES or job.placement.value(list(job.marks)) >= REGAINED * hoped:
                 break
-            searched = True
+            searches += 1
             job.placement = place_more(job.site, job.placement, list(job.marks), dead, job.rng)
             chosen = list(job.placement.start)
             continue

@@ -15,6 +15,7 @@ from core.ground.orientation import reversed_faces
 from core.ground.sheets import Sheets, find_sheets
 from core.spatial import SpatialIndex
 
+Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
 
@@ -25,6 +26,8 @@ class Ground:
     Attributes:
         surface: the scene's, with the faces in ``turned`` wound the other way round, so that all normals look out.
         turned: (F,) faces that the file winds inside out.
+        part: (F,) number of the part that each distinct face belongs to: what hangs together through edges of exactly
+            two faces. -1 for others.
         sheets: its layers; hidden faces are not distinct.
         solid: (F,) distinct faces to place watermarks on.
         possible: (F,) distinct faces to fall back to: ``solid`` and the see-through ones.
@@ -34,6 +37,7 @@ class Ground:
 
     surface: Surface
     turned: Bool
+    part: Int
     sheets: Sheets
     solid: Bool
     possible: Bool
@@ -70,13 +74,14 @@ def survey(scene: Scene) -> Ground:
             "Export the model with its surface, not only points, lines or collapsed triangles.",
         )
     index = spatial_index(surface.positions, surface.faces, np.flatnonzero(distinct))
-    turned = reversed_faces(surface, distinct, index)
+    turned, part = reversed_faces(surface, distinct, index)
     if turned.any():
         surface = replace(surface, faces=np.where(turned[:, None], surface.faces[:, [0, 2, 1]], surface.faces))
     free = distinct & ~sheets.pinned
     return Ground(
         surface,
         turned,
+        part,
         replace(sheets, distinct=distinct),
         mask.solid & free,
         mask.possible & free,

@@ -21,8 +21,9 @@ CLEAR = 1e-3  # where rays start off the surface, size-30 units
 CLEARLY = 4
 
 
-def reversed_faces(surface: Surface, distinct: Bool, index: SpatialIndex) -> Bool:
-    """(F,) the faces whose winding must be turned for their normals to look out.
+def reversed_faces(surface: Surface, distinct: Bool, index: SpatialIndex) -> tuple[Bool, Int]:
+    """(F,) the faces whose winding must be turned for their normals to look out, and the part (F,) that each belongs
+    to, -1 where it does not count.
 
     Parts are faces connected through edges of exactly two. Within a part the winding of most of its area is right,
     and whoever disagrees with it is turned; then the part as a whole is turned if rays leave the asset from its
@@ -40,9 +41,9 @@ def reversed_faces(surface: Surface, distinct: Bool, index: SpatialIndex) -> Boo
     total = np.asarray(np.bincount(part, weights=area), dtype=np.float64)
     turned ^= (np.bincount(part, weights=area * turned) > total / 2)[part]
     turned ^= _inside_out(surface, ids, turned, part, total, index)[part]
-    result = np.zeros(len(surface.faces), dtype=bool)
-    result[ids] = turned
-    return result
+    all_turned, all_parts = np.zeros(len(surface.faces), dtype=bool), np.full(len(surface.faces), -1)
+    all_turned[ids], all_parts[ids] = turned, part
+    return all_turned, all_parts
 
 
 def _neighbours(corners: Int) -> tuple[Int, Int, Bool]:

@@ -8,10 +8,14 @@ from core.placement.boxes import Boxes
 from core.placement.sampling import thin
 
 Float = NDArray[np.float64]
+Int = NDArray[np.int64]
 
 UP = np.array([0.0, 1.0, 0.0])
 # Within 20 degrees of +-Y the asset's up says nothing about the reading direction.
 POLE = np.cos(np.radians(20.0))
+# A strip is looked for this many times as far away as it may be wide, so that no border of a wide face counts; it is
+# this many times as long as wide, as far as it is seen, and is judged by so many samples.
+STRIP_REACH, STRIP, STRIP_SAMPLES = 1.7, 1.5, 8
 
 
 def candidates(points: Float, normals: Float, size: tuple[float, float, float], radius: float) -> Boxes:
@@ -40,6 +44,33 @@ def upright(normal: Float) -> Float:
     return np.stack([np.cross(up, normal), up, normal], axis=1)
 
 
+def along_strips(boxes: Boxes, points: Float, normals: Float, narrow: float) -> Boxes:
+    """The same boxes; on bars, handles, shins and other strips less than ``narrow`` across text runs along the strip.
+
+    Args:
+        boxes: upright ones.
+        points: (N, 3) area samples of the surface, size-30 units.
+        normals: (N, 3) unit normals there; samples that face another way than the box by over 60 degrees do not
+            count.
+        narrow: size-30 units.
+    """
+    owner, which = _alike(points, normals, boxes.center, boxes.axes[:, 2], STRIP_REACH * narrow)
+    local = np.einsum("ni,nki->nk", points[which] - boxes.center[owner], boxes.axes[owner, :2])
+    count = np.maximum(np.bincount(owner, minlength=len(boxes)), 1)
+    mean = np.stack([np.bincount(owner, column, len(boxes)) for column in local.T], axis=1) / count[:, None]
+    local -= mean[owner]
+    moments = np.stack(
+        [np.bincount(owner, local[:, a] * local[:, b], len(boxes)) for a in (0, 1) for b in (0, 1)], axis=1
+    )
+    spread, way = np.linalg.eigh((moments / count[:, None]).reshape(-1, 2, 2))
+    # The variance of an even strip is a twelfth of its width squared.
+    strip = (count >= STRIP_SAMPLES) & (12 * spread[:, 0] < narrow**2) & (spread[:, 1] > STRIP**2 * spread[:, 0])
+    along = np.where(strip[:, None], way[:, :, 1], (1.0, 0.0))
+    along *= np.where(along[:, :1] < 0, -1.0, 1.0)
+    right, normal = np.einsum("bk,bkj->bj", along, boxes.axes[:, :2]), boxes.axes[:, 2]
+    return Boxes(boxes.center, np.stack([right, np.cross(normal, right), normal], axis=1), boxes.size)
+
+
 def right_way_up(boxes: Boxes) -> Boxes:
     """The same boxes, with half a turn in their plane where the text would stand on its head: fitting may tip one over
     an edge."""
@@ -56,11 +87,16 @@ def _mean_normals(points: Float, normals: Float, kept: NDArray[np.int64], reach:
     thin wall must not turn the box, hence only normals within 60 degrees of the sample's own count; the sum
     of such vectors is never zero.
     """
-    neighbours = cKDTree(points).query_ball_point(points[kept], reach)
-    lengths = np.fromiter((len(found) for found in neighbours), dtype=np.int64, count=len(kept))
-    flat = np.concatenate([np.asarray(found, dtype=np.int64) for found in neighbours])
-    own = np.repeat(normals[kept], lengths, axis=0)
-    alike = np.einsum("ni,ni->n", normals[flat], own) > 0.5
-    starts = np.concatenate([[0], np.cumsum(lengths)[:-1]])
-    total = np.add.reduceat(normals[flat] * alike[:, None], starts, axis=0)
+    owner, which = _alike(points, normals, points[kept], normals[kept], reach)
+    total = np.stack([np.bincount(owner, column, len(kept)) for column in normals[which].T], axis=1)
     return np.asarray(total / np.linalg.norm(total, axis=1, keepdims=True))
+
+
+def _alike(points: Float, normals: Float, center: Float, normal: Float, reach: float) -> tuple[Int, Int]:
+    """Pairs of one of (B,) places and one of (N,) samples within ``reach`` that faces the same way within 60
+    degrees: (P,), (P,)."""
+    neighbours = cKDTree(points).query_ball_point(center, reach)
+    owner = np.repeat(np.arange(len(center)), [len(found) for found in neighbours])
+    which = np.concatenate([np.asarray(found, dtype=np.int64) for found in neighbours])
+    alike = np.einsum("ni,ni->n", normals[which], normal[owner]) > 0.5
+    return owner[alike], which[alike]

@@ -80,32 +80,41 @@ def well_aligned(loss: Float) -> Bool:
     return np.asarray(loss < LOSS_THRESHOLD)
 
 
-def slid(boxes: Boxes, met: Footprint, ahead: float) -> Boxes:
+def slid(boxes: Boxes, met: Footprint, part: Int, ahead: float) -> Boxes:
     """Boxes moved along their plane to where the surface under them goes on.
 
-    Each moves by twice the way from its middle to the middle of that part of its footprint which stands on surface: a
-    box that hangs over a straight edge ends right at it. Fitting brings boxes near such places, but a point that hangs
-    over an edge only a little hardly pulls.
+    Each moves ``ahead`` times the way from its middle to the middle of what of its footprint stands on surface: twice
+    the way, a box that hangs over a straight edge ends right at it; once, one on a strip narrower than itself ends in
+    its middle. Fitting brings boxes near such places, but a point that hangs over an edge only a little hardly pulls.
+    ``part`` as for :func:`covered`.
     """
-    stands = _stands(met, boxes)
+    stands = _stands(met, boxes) & _together(met, part)
     share = stands.sum(axis=1, keepdims=True)
     middle = np.einsum("bn,bnk->bk", stands, met.local) / np.maximum(share, 1)
     return Boxes(boxes.center + ahead * np.einsum("bk,bkj->bj", middle, boxes.axes[:, :2]), boxes.axes, boxes.size)
 
 
-def covered(met: Footprint, boxes: Boxes) -> Bool:
-    """(B,) boxes with one layer of surface under all of their footprint.
+def covered(met: Footprint, boxes: Boxes, part: Int) -> Bool:
+    """(B,) boxes with one layer of one part of the surface under all of their footprint.
 
     Every ray meets a face that looks at the box (cosine above 0.15) within the box's thickness. A box that
     hangs over an edge, a hole or a gap fails, and so does one with another layer within the clearance of
-    ``footprint`` above it, because the rays start above that layer and meet it first.
+    ``footprint`` above it, because the rays start above that layer and meet it first. ``part`` (F,) says which part
+    each face belongs to: letters are not cut where one part runs into another.
     """
-    return np.asarray(_stands(met, boxes).all(axis=1))
+    return np.asarray((_stands(met, boxes) & _together(met, part)).all(axis=1))
 
 
 def _stands(met: Footprint, boxes: Boxes) -> Bool:
     """(B, N) rays that meet a face within the box which looks at it."""
     return np.asarray((np.abs(met.height) <= boxes.size[:, 2:3] / 2) & (met.cosine > FACING))
+
+
+def _together(met: Footprint, part: Int) -> Bool:
+    """(B, N) rays that meet the part which is met in the middle."""
+    under = np.where(met.face >= 0, part[met.face], -1)
+    middle = (met.local**2).sum(axis=2).argmin(axis=1)
+    return np.asarray(under == np.take_along_axis(under, middle[:, None], axis=1))
 
 
 def exposed(boxes: Boxes, index: SpatialIndex, normals: Float, clearance: Float) -> Float:

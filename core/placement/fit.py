@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from core.parameters import Mode, Preset, Solver
 from core.placement.boxes import Boxes, join
-from core.placement.candidates import candidates, right_way_up
+from core.placement.candidates import along_strips, candidates, right_way_up
 from core.placement.filters import (
     Footprint,
     above,
@@ -55,6 +55,7 @@ GLANCES = 6  # directions in which each sample is looked for: one that none of t
 # Of that many random darts thinned to a radius r, about 0.5 area / r^2 stay.
 PACKING = 0.5
 COPY = 0.05  # fitted boxes closer than this are one (finetune.distinct)
+STRIP_WIDTH, NARROW = 1.5, 2.0
 GROWTH, GROWTH_STEPS = 1.1, 5
 LIFT = 1.5  # reliefs above the surface at which visibility starts: just clear of the letters
 SKIN = 0.01  # how far from the surface rays start that must not meet it
@@ -122,14 +123,15 @@ def _settled(site: Site, fitted: Boxes) -> tuple[Boxes, Bool]:
     """Rays are cheap, closest points are not: boxes that hang over an edge are slid before they are given up. The boxes
     and which of them stand (B,)."""
     index, relief = site.index, _relief(site, fitted)
-    stands = covered(footprint(fitted, index, site.normals, relief), fitted)
+    stands = covered(footprint(fitted, index, site.normals, relief), fitted, site.part)
     center = fitted.center.copy()
     for ahead in SLIDES:
         hang = np.flatnonzero(~stands)
         moved = Boxes(center[hang], fitted.axes[hang], fitted.size[hang])
-        moved = slid(moved, footprint(moved, index, site.normals, relief[hang], SLIDE_GRID, SLIDE_MARGIN), ahead)
+        met = footprint(moved, index, site.normals, relief[hang], SLIDE_GRID, SLIDE_MARGIN)
+        moved = slid(moved, met, site.part, ahead)
         center[hang] = moved.center
-        stands[hang] = covered(footprint(moved, index, site.normals, relief[hang]), moved)
+        stands[hang] = covered(footprint(moved, index, site.normals, relief[hang]), moved, site.part)
     return Boxes(center, fitted.axes, fitted.size), stands
 
 
@@ -151,7 +153,7 @@ def _survivors(
     left["free"] = len(boxes) + hanging
 
     met = footprint(boxes, index, site.normals, _relief(site, boxes))
-    kept = np.flatnonzero(covered(met, boxes))
+    kept = np.flatnonzero(covered(met, boxes, site.part))
     boxes, loss = boxes[kept], loss[kept]
     left["covered"] = len(boxes)
 
@@ -194,7 +196,8 @@ def _candidates(site: Site, size: tuple[float, float, float], wanted: Float | No
     shown = shown[:SAMPLES]
     if not len(shown):
         return NONE
-    return candidates(points[shown], normals[shown], size, float(np.sqrt(PACKING * area / most)))
+    boxes = candidates(points[shown], normals[shown], size, float(np.sqrt(PACKING * area / most)))
+    return along_strips(boxes, points[shown], normals[shown], STRIP_WIDTH * min(1.0, size[0] / NARROW))
 
 
 def _in_sight(site: Site, points: Float, normals: Float, directions: Float, rng: np.random.Generator) -> Int:

@@ -17,6 +17,7 @@ from core.placement.surfels import Surfels
 from core.spatial import SpatialIndex
 
 Float = NDArray[np.float64]
+Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
 LOOKING = 0.001  # share of the surface under which it is no place for text
@@ -30,6 +31,7 @@ class Site:
         surface: the asset.
         ground: the part of it that boxes may stand on.
         normals: (F, 3) of ``surface``, zero where no box may stand.
+        part: (F,) which part of ``surface`` each face belongs to; text stands on one.
         surfels: the stand-in for ``ground``.
         index: over ``surface``.
         saliency: of ``surface``.
@@ -47,6 +49,7 @@ class Site:
     surface: Surface
     ground: Surface
     normals: Float
+    part: Int
     surfels: Surfels
     index: SpatialIndex
     saliency: Saliency
@@ -70,6 +73,7 @@ def open_site(
     parameters: Parameters,
     rng: np.random.Generator,
     usable: Bool | None = None,
+    part: Int | None = None,
     regions: Regions | None = None,
     objective: Objective = OBJECTIVE,
 ) -> Site:
@@ -85,6 +89,7 @@ def open_site(
         parameters: resolved.
         rng: the source of every draw.
         usable: (F,) the faces that boxes may stand on; all if None. The others still stand in the way.
+        part: (F,) which part each face belongs to; all to one if None.
         regions: what the request keeps out of or prefers; nothing if None.
         objective: the weights of its terms.
 
@@ -114,6 +119,7 @@ def open_site(
         surface,
         ground,
         normals,
+        part if part is not None else np.zeros(len(surface.faces), dtype=np.int64),
         surfels,
         index,
         saliency,
