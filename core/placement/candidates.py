@@ -15,7 +15,7 @@ UP = np.array([0.0, 1.0, 0.0])
 POLE = np.cos(np.radians(20.0))
 # A strip is looked for this many times as far away as it may be wide, so that no border of a wide face counts; it is
 # this many times as long as wide, as far as it is seen, and is judged by so many samples.
-STRIP_REACH, STRIP, STRIP_SAMPLES = 1.7, 1.5, 8
+STRIP_REACH, STRIP, STRIP_SAMPLES = 1.7, 1.5, 12
 
 
 def candidates(points: Float, normals: Float, size: tuple[float, float, float], radius: float) -> Boxes:

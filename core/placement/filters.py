@@ -117,7 +117,7 @@ def _together(met: Footprint, part: Int) -> Bool:
     return np.asarray(under == np.take_along_axis(under, middle[:, None], axis=1))
 
 
-def exposed(boxes: Boxes, index: SpatialIndex, normals: Float, clearance: Float) -> Float:
+def exposed(boxes: Boxes, index: SpatialIndex, normals: Float, clearance: float | Float) -> Float:
     """(B,) share of a frame around each box in which the surface under it does not go on: near an edge, a hole or a
     silhouette a mark is cut off by the first crop, and looks as if it had slipped.
 
@@ -181,19 +181,20 @@ def smooth(rough: Float) -> Bool:
     return np.asarray(rough < ROUGHNESS_THRESHOLD)
 
 
-def occluded(boxes: Boxes, points: Float, index: SpatialIndex, reach: Float) -> Bool:
-    """(B,) boxes whose front looks at the asset itself within its ``reach`` (B,), size-30 units.
+def occluded(boxes: Boxes, points: Float, index: SpatialIndex, reach: float | Float) -> Bool:
+    """(B,) boxes whose front looks at the asset itself within ``reach`` (one for all, or (B,)), size-30 units.
 
     Rays leave along the normal from ``points`` (B, N, 3), see :func:`above` (paper, supplement "Non-Occluding
     Boxes").
     """
     along = np.broadcast_to(boxes.axes[:, 2:3], points.shape)
     distance, _ = index.first_hit(points.reshape(-1, 3), along.reshape(-1, 3))
-    return np.asarray((distance.reshape(points.shape[:2]) <= reach[:, None]).any(axis=1))
+    return np.asarray((distance.reshape(points.shape[:2]) <= np.reshape(reach, (-1, 1))).any(axis=1))
 
 
-def thin_walled(boxes: Boxes, points: Float, index: SpatialIndex, depth: Float) -> Bool:
-    """(B,) boxes with another side of the asset within ``depth`` (B,), size-30 units, behind their surface.
+def thin_walled(boxes: Boxes, points: Float, index: SpatialIndex, depth: float | Float) -> Bool:
+    """(B,) boxes with another side of the asset within ``depth`` (one for all, or (B,)) behind their surface, size-30
+    units.
 
     Sunken letters would break through there. Rays go against the normal from ``points`` (B, N, 3) just below
     the surface, see :func:`above`.

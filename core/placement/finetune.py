@@ -131,9 +131,7 @@ def levenberg_marquardt(
     return Boxes(center, axes, boxes.size), loss
 
 
-def correct(
-    boxes: Boxes, index: SpatialIndex, settle: Settle | None, up: Float | None = None
-) -> tuple[Boxes, Float]:
+def correct(boxes: Boxes, index: SpatialIndex, settle: Settle | None, up: Float | None = None) -> tuple[Boxes, Float]:
     """The last pass, on the surface itself, for boxes that are nearly aligned.
 
     Args:

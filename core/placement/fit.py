@@ -55,8 +55,10 @@ GLANCES = 6  # directions in which each sample is looked for: one that none of t
 # Of that many random darts thinned to a radius r, about 0.5 area / r^2 stay.
 PACKING = 0.5
 COPY = 0.05  # fitted boxes closer than this are one (finetune.distinct)
-STRIP_WIDTH, NARROW = 1.5, 2.0
-GROWTH, GROWTH_STEPS = 1.1, 5
+# Size-30 units: on strips narrower than this, on which upright text is hardly legible, text runs along; narrower text
+# than NARROW needs less room.
+STRIP, NARROW = 1.5, 2.0
+GROWTH, GROWTH_STEPS = 1.1, 5  # from each width to nearly the next wider one
 LIFT = 1.5  # reliefs above the surface at which visibility starts: just clear of the letters
 SKIN = 0.01  # how far from the surface rays start that must not meet it
 SIGHT_GRID = (8, 2)
@@ -197,7 +199,7 @@ def _candidates(site: Site, size: tuple[float, float, float], wanted: Float | No
     if not len(shown):
         return NONE
     boxes = candidates(points[shown], normals[shown], size, float(np.sqrt(PACKING * area / most)))
-    return along_strips(boxes, points[shown], normals[shown], STRIP_WIDTH * min(1.0, size[0] / NARROW))
+    return along_strips(boxes, points[shown], normals[shown], STRIP * min(1.0, size[0] / NARROW))
 
 
 def _in_sight(site: Site, points: Float, normals: Float, directions: Float, rng: np.random.Generator) -> Int:

@@ -364,5 +364,6 @@ def bend(boxes: Boxes, height: Float) -> Float:
 
 
 def distance(boxes: Boxes, relief: Float, area: float) -> Float:
-    """(B,) about what each mark, its letters ``relief`` (B,) high, adds to the mean distance between the marked and the plain surface."""
+    """(B,) about what each mark, its letters ``relief`` (B,) high, adds to the mean distance between the marked and the
+    plain surface."""
     return np.asarray(LETTERS * boxes.size[:, 0] * boxes.size[:, 1] * relief / area)

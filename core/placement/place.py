@@ -63,7 +63,7 @@ def place(site: Site, rng: np.random.Generator, progress: Callable[[float], None
 
     With no ``size`` asked for, five widths are tried from the widest on, then one that is legible only from close up,
     each only for the directions that wider text serves worse than it could, until there are none; a last one where
-    nothing was found.
+    nothing was found. Then the best choice grows, each mark to what its place has room for.
 
     Args:
         site: where.
@@ -123,15 +123,20 @@ def _search(
         left.append(counts)
         found = placement if found is None else _pool(found, placement)
         share(1.0)
-    if found is not None and len(found.boxes):
-        start = select(found, parameters.count, fixed=standing, dead=dead, start=found.start)
-        fresh = np.array([one for one in start if one not in standing and found.boxes.size[one,0]<widths[0]-1e-9], dtype=int)
-        if len(fresh):
-            most = np.array([min(w for w in widths if w > found.boxes.size[one,0]+1e-9) for one in fresh])
-            found = _pool(found, grow(site, found.boxes[fresh], most))
-            start = select(found, parameters.count, fixed=standing, dead=dead, start=start)
-        found = replace(found, start=tuple(start))
-    return found, left
+    if found is None:
+        return None, left
+    best = select(found, parameters.count, fixed=standing, dead=dead, start=found.start)
+    found = _grown(site, widths, found, [one for one in best if one not in standing])
+    best = select(found, parameters.count, fixed=standing, dead=dead, start=best)
+    return replace(found, start=tuple(best)), left
+
+
+def _grown(site: Site, widths: list[float], found: Placement, which: list[int]) -> Placement:
+    """``found`` and wider text at the places of ``which`` of its boxes: as wide as each has room for, short of the next
+    of the ``widths``, which was tried there before."""
+    ladder, boxes = np.sort(widths), found.boxes[np.array(which, dtype=np.int64)]
+    wider = np.searchsorted(ladder, boxes.size[:, 0], side="right")
+    return _pool(found, grow(site, boxes, np.append(ladder, 0.0)[wider]))
 
 
 def _poorly_served(site: Site, found: Placement, chosen: list[int], width: float) -> Bool:

@@ -62,7 +62,7 @@ def select(
         return np.stack([~usable, *(overlap(one) for one in chosen)], axis=1)
 
     def free(chosen: list[int]) -> Bool:
-        return ~overlaps(chosen).any(axis=1)
+        return np.asarray(~overlaps(chosen).any(axis=1))
 
     def free_without(chosen: list[int]) -> Bool:
         table = overlaps(chosen)

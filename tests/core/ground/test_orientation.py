@@ -13,8 +13,8 @@ BALL = sphere(5.0, 2)
 
 def _reversed(shape: Surface) -> list[bool]:
     everything = np.ones(len(shape.faces), dtype=bool)
-    found: list[bool] = reversed_faces(shape, everything, SpatialIndex(shape.positions, shape.faces)).tolist()
-    return found
+    found, _ = reversed_faces(shape, everything, SpatialIndex(shape.positions, shape.faces))
+    return list(found.tolist())
 
 
 def _turned(shape: Surface, which: Int) -> Surface:
@@ -32,6 +32,16 @@ def test_what_looks_out_stays() -> None:
 def test_whichever_faces_are_flipped_are_the_ones_that_are_turned(which: list[int]) -> None:
     flipped = np.array(which, dtype=np.int64)
     assert np.flatnonzero(_reversed(_turned(BALL, flipped))).tolist() == sorted(which)
+
+
+def test_parts_are_told_apart_and_faces_that_do_not_count_belong_to_none() -> None:
+    both = join(box(3.0, 3.0, 3.0), moved(box(3.0, 3.0, 3.0), 8.0, 0.0, 0.0))
+    counts = np.arange(24) != 5
+    _, part = reversed_faces(both, counts, SpatialIndex(both.positions, both.faces))
+    assert part[5] == -1
+    assert len(set(part[:12][counts[:12]].tolist())) == 1
+    assert len(set(part[12:].tolist())) == 1
+    assert part[0] != part[12]
 
 
 def test_each_part_is_judged_by_itself() -> None:

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from core.asset.surface import Surface
 from core.placement.boxes import Boxes
-from core.placement.candidates import candidates, right_way_up, upright
+from core.placement.candidates import along_strips, candidates, right_way_up, upright
 from core.placement.sampling import sample
 from tests.core.placement.shapes import box, cuboid, rotation, sphere
 
@@ -86,3 +86,42 @@ def test_text_that_fitting_put_on_its_head_is_turned_and_covers_the_same() -> No
     assert right_way_up(sound).axes == pytest.approx(sound.axes)
     assert right_way_up(tipped).axes == pytest.approx(sound.axes)
     assert np.linalg.det(right_way_up(tipped).axes) == pytest.approx([1])
+
+
+def starts(shape: Surface, narrow: float) -> Boxes:
+    points, face = sample(shape, 8000, np.random.default_rng(0))
+    return along_strips(
+        candidates(points, shape.normals[face], (4, 0.5, 0.6), 1.0), points, shape.normals[face], narrow
+    )
+
+
+def sides(found: Boxes, room: float, length: float) -> Boxes:
+    """Those on the sides of an upright bar, ``room`` away from its ends."""
+    return found[np.flatnonzero((np.abs(found.axes[:, 2, 1]) < 0.1) & (np.abs(found.center[:, 1]) < length / 2 - room))]
+
+
+def test_text_runs_along_an_upright_bar_that_is_narrower_than_the_text() -> None:
+    found = sides(starts(cuboid(1, 30, 1), narrow=1.5), 2, 30)
+    assert len(found) > 20
+    assert np.allclose(np.abs(found.axes[:, 0, 1]), 1, atol=0.05)
+    assert np.allclose(np.linalg.det(found.axes), 1)
+
+
+def test_text_stays_upright_on_a_bar_that_has_room_and_at_the_edges_of_wide_faces() -> None:
+    for shape in (cuboid(2, 30, 2), cuboid(30, 30, 30)):
+        found = sides(starts(shape, narrow=1.5), 2, 30)
+        assert len(found) > 20
+        assert np.allclose(found.axes[:, 1, 1], 1, atol=0.01)
+
+
+def test_text_along_a_lying_bar_is_what_upright_text_was_already() -> None:
+    found = starts(cuboid(30, 1, 1), narrow=1.5)
+    front = found[np.flatnonzero(found.axes[:, 2, 2] > 0.9)]
+    assert len(front) > 5
+    assert np.allclose(front.axes[:, 0, 0], 1, atol=0.05)
+
+
+def test_few_samples_say_nothing_about_strips() -> None:
+    points = np.array([[0.0, 0.0, 0.0], [0.0, 0.5, 0.0], [0.0, 1.0, 0.0]])
+    normals = np.tile([0.0, 0.0, 1.0], (3, 1))
+    assert np.allclose(along_strips(box(), points, normals, 1.5).axes, box().axes)

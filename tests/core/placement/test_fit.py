@@ -4,9 +4,10 @@ import pytest
 from core.asset.surface import Surface
 from core.ground.saliency import saliency
 from core.parameters import Parameters
-from core.placement.fit import fit
+from core.placement.boxes import Boxes
+from core.placement.fit import fit, grow
 from core.placement.site import Site, open_site
-from tests.core.placement.shapes import cuboid, index_of, inside_out, join, moved, sphere
+from tests.core.placement.shapes import box, cuboid, index_of, inside_out, join, moved, sphere
 
 UP = np.array([[0.0, 1.0, 0.0]])
 
@@ -51,3 +52,21 @@ def test_a_place_at_an_edge_costs_more_than_one_in_the_middle() -> None:
     upright = np.abs(found.boxes.axes[:, 0, 0]) > 0.99
     edge, middle = upright & (room < 0.3), upright & (room > 2)
     assert found.cost[edge].mean() > found.cost[middle].mean()
+
+
+def grown(shape: Surface, where: Boxes, most: float) -> list[float]:
+    found = grow(opened(shape), where, np.full(len(where), most))
+    assert np.allclose(found.boxes.size[:, 1] / found.boxes.size[:, 0], where.size[0, 1] / where.size[0, 0])
+    return sorted(found.boxes.size[:, 0].tolist())
+
+
+def test_text_grows_as_wide_as_its_place_has_room_for() -> None:
+    rim = box((0, 0.02, 15), size=(1.2, 0.15, 0.25))
+    assert grown(cuboid(30, 0.3, 30), rim, most=2.0) == pytest.approx([1.2 * 1.1**step for step in (1, 2, 3, 4, 5)])
+    assert max(grown(cuboid(30, 0.22, 30), rim, most=2.0)) == pytest.approx(1.2 * 1.1**2)
+
+
+def test_text_grows_to_less_than_the_width_that_was_tried_before() -> None:
+    front = box((0, 0, 15), size=(2.0, 0.25, 0.3))
+    assert grown(cuboid(30, 30, 30), front, most=2.8) == pytest.approx([2.2, 2.42, 2.662])
+    assert grown(cuboid(30, 30, 30), front, most=2.0) == []

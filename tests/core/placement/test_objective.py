@@ -232,7 +232,8 @@ def test_bend_is_the_part_of_the_boxs_thickness_that_the_surface_takes_up() -> N
 
 
 def test_a_mark_changes_a_small_surface_more() -> None:
-    assert distance(box(), 0.2, 100.0) == pytest.approx(10 * distance(box(), 0.2, 1000.0))
+    relief = np.array([0.2])
+    assert distance(box(), relief, 100.0) == pytest.approx(10 * distance(box(), relief, 1000.0))
 
 
 def test_the_centroid_is_that_of_the_area_not_of_the_vertices() -> None:
