@@ -14,7 +14,7 @@ from core.parameters import Mode, Parameters, Preset
 from core.placement.candidates import upright
 from core.placement.filters import overlapping
 from core.placement.objective import Placement
-from core.placement.place import LAST_RESORT, SMALL, WIDTHS, place, place_more
+from core.placement.place import WIDTHS, place, place_more
 from core.placement.selection import select
 from core.placement.site import Site, open_site
 from tests.core.asset.meshes import MESHES
@@ -43,7 +43,7 @@ def progress(shape: Surface, **asked: Any) -> list[float]:
 
 def test_a_cube_of_twelve_faces_is_marked_on_every_side() -> None:
     found = placed(cuboid(30, 30, 30))
-    chosen = select(found, 16)
+    chosen = list(found.start)
     normals = found.boxes.axes[chosen, 2]
     assert {tuple(side) for side in np.round(normals).astype(int).tolist()} == {
         (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)
@@ -76,9 +76,10 @@ def test_a_size_that_is_asked_for_is_the_only_one_used() -> None:
 
 def test_parts_too_narrow_for_wide_text_get_narrower_text() -> None:
     found = placed(join(cuboid(30, 0.8, 0.8), moved(cuboid(3.2, 12, 3.2), shift=(0, 0.4, 0))))
-    widths = set(found.boxes.size[select(found, 16), 0].tolist())
-    assert len(widths) > 1
-    assert widths <= {*WIDTHS, SMALL, LAST_RESORT}
+    widths = found.boxes.size[list(found.start), 0]
+    assert len(set(widths.tolist())) > 1
+    assert WIDTHS[-1] <= widths.min()
+    assert widths.max() < WIDTHS[0]
 
 
 def test_text_of_other_proportions_gets_the_same_area() -> None:
@@ -155,7 +156,7 @@ REAL = ["elephant-paper.obj", "shark-paper.obj", "suzanne.obj", "human-smpl.obj"
 def test_real_assets_get_marks_that_are_seen_from_nearly_everywhere(path: Path) -> None:
     data = path.read_bytes()
     found = placed(flatten(to_document(data, admit(data))).surface)
-    chosen = select(found, 16)
+    chosen = list(found.start)
     assert 8 <= len(chosen) <= 16
     assert found.visible[chosen].any(axis=0).mean() > 0.9
     assert not found.barred[chosen].any()
@@ -165,7 +166,7 @@ def test_real_assets_get_marks_that_are_seen_from_nearly_everywhere(path: Path) 
 
 def test_the_thin_edge_of_a_plate_gets_the_small_text_it_has_room_for() -> None:
     found = placed(cuboid(30, 0.3, 30))
-    chosen = select(found, 16)
+    chosen = list(found.start)
     edge = np.abs(found.boxes.axes[chosen, 2, 1]) < 0.5
     assert edge.any()
     assert found.boxes.size[chosen, 0][edge].max() < 2.5
@@ -176,7 +177,7 @@ def test_the_thin_edge_of_a_plate_gets_the_small_text_it_has_room_for() -> None:
 def test_a_slat_barely_wider_than_the_text_is_high_gets_text_as_long_as_itself() -> None:
     slats = [moved(cuboid(30, 0.9, 0.9), shift=(0, 5 * level, 0)) for level in range(-2, 3)]
     found = placed(join(*slats))
-    chosen = select(found, 16)
+    chosen = list(found.start)
     assert found.boxes.size[chosen, 0].max() >= WIDTHS[1]
 
 
@@ -189,14 +190,14 @@ def test_text_that_slid_over_an_edge_does_not_stand_on_its_head() -> None:
 def test_a_direction_in_which_only_a_grazing_mark_is_seen_gets_one_that_faces_it() -> None:
     wedge = join(cuboid(30, 8, 30), moved(cuboid(2.8, 6, 2.8), shift=(0, 7, 0)))
     found = placed(wedge)
-    chosen = select(found, 16)
+    chosen = list(found.start)
     served, _ = found.served(chosen)
     assert served[:24].min() > 0.7
 
 
 def test_the_two_sides_of_a_plate_get_no_more_marks_than_show_something_new() -> None:
     found = placed(cuboid(30, 30, 1))
-    chosen = select(found, 16)
+    chosen = list(found.start)
     front = found.boxes.axes[chosen, 2, 2] > 0.9
     assert 1 <= front.sum() <= 3
 
@@ -237,7 +238,7 @@ def test_more_widths_never_make_the_choice_worse() -> None:
 def test_salient_parts_are_spared_while_there_is_anything_else() -> None:
     ball = moved(sphere(3.5), shift=(0, 0, 3))
     found = placed(join(cuboid(30, 30, 1), ball))
-    chosen = select(found, 16)
+    chosen = list(found.start)
     assert found.barred.any()
     assert not found.barred[chosen].any()
 
