@@ -105,6 +105,11 @@ def covered(met: Footprint, boxes: Boxes, part: Int) -> Bool:
     return np.asarray((_stands(met, boxes) & _together(met, part)).all(axis=1))
 
 
+def standing(met: Footprint, boxes: Boxes, part: Int) -> Float:
+    """(B,) share of each footprint that is as :func:`covered` demands of all of it."""
+    return np.asarray((_stands(met, boxes) & _together(met, part)).mean(axis=1))
+
+
 def _stands(met: Footprint, boxes: Boxes) -> Bool:
     """(B, N) rays that meet a face within the box which looks at it."""
     return np.asarray((np.abs(met.height) <= boxes.size[:, 2:3] / 2) & (met.cosine > FACING))

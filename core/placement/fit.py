@@ -18,6 +18,7 @@ from core.placement.filters import (
     roughness_met,
     slid,
     smooth,
+    standing,
     thin_walled,
 )
 from core.placement.finetune import LOSS_THRESHOLD, adam, correct, distinct, levenberg_marquardt, loss_limit
@@ -51,6 +52,8 @@ PAPER_THICKNESS, PAPER_SAMPLES, PAPER_RADIUS = 0.5, 300, 1.0
 SAMPLES, CANDIDATES = 8000, 700
 MORE_SAMPLES = 40_000
 MORE, FEWEST = 1.2, 0.25  # of CANDIDATES: for each share of all directions that is wanted; at least
+# Candidates drawn for each that is fitted: of those that stand badly where they are drawn few ever do better.
+CHOICE, GLANCE_GRID = 2.0, (8, 3)
 GLANCES = 6  # directions in which each sample is looked for: one that none of them sees lies inside or in a cranny
 # Of that many random darts thinned to a radius r, about 0.5 area / r^2 stay.
 PACKING = 0.5
@@ -198,8 +201,15 @@ def _candidates(site: Site, size: tuple[float, float, float], wanted: Float | No
     shown = shown[:SAMPLES]
     if not len(shown):
         return NONE
-    boxes = candidates(points[shown], normals[shown], size, float(np.sqrt(PACKING * area / most)))
-    return along_strips(boxes, points[shown], normals[shown], STRIP * min(1.0, size[0] / NARROW))
+    boxes = candidates(points[shown], normals[shown], size, float(np.sqrt(PACKING * area / (CHOICE * most))))
+    return _promising(site, along_strips(boxes, points[shown], normals[shown], STRIP * min(1.0, size[0] / NARROW)))
+
+
+def _promising(site: Site, boxes: Boxes) -> Boxes:
+    """Those of the ``boxes``, one in :data:`CHOICE`, that stand on most surface before they are fitted."""
+    met = footprint(boxes, site.index, site.normals, _relief(site, boxes), GLANCE_GRID, margin=0.0)
+    stands = standing(met, boxes, site.part)
+    return boxes[np.sort(np.argsort(-stands, kind="stable")[: round(len(boxes) / CHOICE)])]
 
 
 def _in_sight(site: Site, points: Float, normals: Float, directions: Float, rng: np.random.Generator) -> Int:

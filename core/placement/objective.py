@@ -30,7 +30,7 @@ Wolsey, Fisher 1978); exchanging marks only adds to it. A noisy-or in place of t
 shows a view, which stacks them on the best places. Without the second mark (BACKUP 0) 10.7 marks on sixteen assets
 were read in 0.77 of the views, with it 14.2 marks in 0.84. ::
 
-    cost_m = PENALTY (6 obstructed + 1.4 salient + 2 sin(roll) + bend + (roughness - 1) + exposed + 40 joint
+    cost_m = PENALTY (6 obstructed + 1.4 salient + 3 sin(roll) + bend + (roughness - 1) + exposed + 40 joint
                       + 1.4 detail + busy - preferred)
              + MARK + DISTORTION x (the letters' share of the surface) x relief
 
@@ -101,7 +101,7 @@ class Objective:
     legibility: float = 1.0  # exponent of size x facing x roll x flatness
     obstructed: float = 6.0
     salient: float = 1.4
-    roll: float = 2.0
+    roll: float = 3.0
     bend: float = 1.0
     rough: float = 1.0
     exposed: float = 1.0
@@ -109,9 +109,9 @@ class Objective:
     detail: float = 1.4
     busy: float = 1.0
     preferred: float = 1.0
-    mark: float = 0.001  # a mark has to add about half of one of the 200 directions
+    mark: float = 0.0003  # a mark has to add more than an eighth of one of the 200 directions
     crowd: float = 0.01  # a pair of marks at one place: more than the second is worth but on the only side of its kind
-    distortion: float = 20.0  # per unit of mean distance (SMSE) that a mark adds
+    distortion: float = 35.0  # per unit of mean distance (SMSE) that a mark adds
     bars: bool = True  # salient parts and details are barred
 
 

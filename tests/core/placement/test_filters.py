@@ -17,6 +17,7 @@ from core.placement.filters import (
     roughness_met,
     slid,
     smooth,
+    standing,
     thin_walled,
     well_aligned,
 )
@@ -125,6 +126,14 @@ def test_a_box_across_two_parts_is_slid_onto_one_of_them() -> None:
     where = slid_twice(flush, across, part)
     assert is_covered(flush, where, part)
     assert where.center[0] == pytest.approx([2.1, 0, 0], abs=0.2)
+
+
+def test_half_of_a_box_stands_where_half_of_it_hangs_over_an_edge_or_another_part() -> None:
+    half = plane(10, 10)
+    flush = join(moved(half, shift=(-5, 0, 0)), moved(half, shift=(5, 0, 0)))
+    for shape, where, part in ((half, box((5, 0, 0)), one_part(half)), (flush, box((0.1, 0, 0)), np.repeat([0, 1], 2))):
+        met = footprint(where, index_of(shape), shape.normals, CLEARANCE)
+        assert standing(met, where, part)[0] == pytest.approx(0.5, abs=0.05)
 
 
 def test_a_box_over_a_hole_is_not_covered() -> None:

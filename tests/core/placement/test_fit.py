@@ -54,6 +54,13 @@ def test_a_place_at_an_edge_costs_more_than_one_in_the_middle() -> None:
     assert found.cost[edge].mean() > found.cost[middle].mean()
 
 
+def test_candidates_that_stand_badly_are_not_fitted() -> None:
+    blocks = [moved(cuboid(2.5, 2.5, 2.5), shift=(5 * x, 5 * y, 0)) for x in range(-2, 3) for y in range(-2, 3)]
+    plate = moved(cuboid(30, 30, 1), shift=(0, 0, -4))
+    _, left = fit(opened(join(plate, *blocks)), 4.0, None, np.random.default_rng(0), lambda _: None)
+    assert left["covered"] > 0.9 * left["candidates"]  # 0.63 of candidates as they are drawn
+
+
 def grown(shape: Surface, where: Boxes, most: float) -> list[float]:
     found = grow(opened(shape), where, np.full(len(where), most))
     assert np.allclose(found.boxes.size[:, 1] / found.boxes.size[:, 0], where.size[0, 1] / where.size[0, 0])
