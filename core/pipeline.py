@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 FAILED_CUTS = 10  # for each mark that is asked for
 # Where refused cuts leave less than this share of what the marks were to be worth, places are looked for again, at most
 # this many times in all.
-REGAINED, SEARCHES = 0.95, 3
+REGAINED, SEARCHES = 0.95, 2
 
 Progress = Callable[[str, float], None]
 Publish = Callable[[str, bytes], None]

@@ -91,7 +91,7 @@ class Objective:
     """How much each term counts; see the module. Ablations set one to 0, nobody else sets any.
 
     The proportions come from sweeps over the survivors on 33 assets: fewer penalties leave no view without a mark,
-    twice as much on roll and saliency keeps text upright (4.5 degrees in the mean) and features free, and obstructed
+    three times as much on roll, and more on saliency, keeps text upright (4 degrees in the mean) and features free, and obstructed
     counts most because it is in every view's picture.
     """
 
