@@ -60,7 +60,7 @@ PACKING = 0.5
 COPY = 0.05  # fitted boxes closer than this are one (finetune.distinct)
 # Size-30 units: on strips narrower than this, on which upright text is hardly legible, text runs along; narrower text
 # than NARROW needs less room.
-STRIP, NARROW = 1.5, 2.0
+NARROW_STRIP, NARROW = 1.5, 2.0
 GROWTH, GROWTH_STEPS = 1.1, 5  # from each width to nearly the next wider one
 LIFT = 1.5  # reliefs above the surface at which visibility starts: just clear of the letters
 SKIN = 0.01  # how far from the surface rays start that must not meet it
@@ -109,14 +109,13 @@ def fit(
 
 def grow(site: Site, boxes: Boxes, most: Float) -> Placement:
     """Wider text at the places of ``boxes``, each in several widths below its ``most`` (B,), where there is room."""
-    wider = [boxes.size * GROWTH**step for step in range(1, GROWTH_STEPS + 1)]
     start = NONE
-    for size in wider:
+    for step in range(1, GROWTH_STEPS + 1):
+        size = np.maximum(boxes.size * GROWTH**step, (0.0, 0.0, THINNEST))
         room = np.flatnonzero(size[:, 0] < most)
-        grown = np.maximum(size[room], (0.0, 0.0, THINNEST))
-        start = join(start, Boxes(boxes.center[room], boxes.axes[room], grown))
-    grown_boxes, loss = correct(start, site.index, lambda fitted: _settled(site, fitted))
-    return _survivors(site, grown_boxes, loss, loss_limit(start.size[:, 0]), {})[0]
+        start = join(start, Boxes(boxes.center[room], boxes.axes[room], size[room]))
+    grown, loss = correct(start, site.index, lambda fitted: _settled(site, fitted))
+    return _survivors(site, grown, loss, loss_limit(grown.size[:, 0]), {})[0]
 
 
 def _relief(site: Site, boxes: Boxes) -> Float:
@@ -202,14 +201,15 @@ def _candidates(site: Site, size: tuple[float, float, float], wanted: Float | No
     if not len(shown):
         return NONE
     boxes = candidates(points[shown], normals[shown], size, float(np.sqrt(PACKING * area / (CHOICE * most))))
-    return _promising(site, along_strips(boxes, points[shown], normals[shown], STRIP * min(1.0, size[0] / NARROW)))
+    narrow = NARROW_STRIP * min(1.0, size[0] / NARROW)
+    return _promising(site, along_strips(boxes, points[shown], normals[shown], narrow))
 
 
 def _promising(site: Site, boxes: Boxes) -> Boxes:
     """Those of the ``boxes``, one in :data:`CHOICE`, that stand on most surface before they are fitted."""
     met = footprint(boxes, site.index, site.normals, _relief(site, boxes), GLANCE_GRID, margin=0.0)
     stands = standing(met, boxes, site.part)
-    return boxes[np.sort(np.argsort(-stands, kind="stable")[: round(len(boxes) / CHOICE)])]
+    return boxes[np.sort(np.argsort(-stands, kind="stable")[: int(np.ceil(len(boxes) / CHOICE))])]
 
 
 def _in_sight(site: Site, points: Float, normals: Float, directions: Float, rng: np.random.Generator) -> Int:
