@@ -32,7 +32,7 @@ were read in 0.77 of the views, with it 14.2 marks in 0.84. ::
 
     cost_m = PENALTY (6 obstructed + 1.4 salient + 3 sin(roll) + bend + (roughness - 1) + exposed + 40 joint
                       + 1.4 detail + busy - preferred)
-             + MARK + DISTORTION x (the letters' share of the surface) x relief
+             + MARK + min(DISTORTION x (the letters' share of the surface) x relief, 0.05)
 
 Obstructed is the share of the directions a mark faces in which it is not seen (what the paper's Ray punishes),
 salient the share of salient surface under it, exposed the share of a frame around it in which the surface does not go
@@ -77,6 +77,7 @@ PIXELS, TINY, READABLE, BY_SIZE = 1024 / 36, 4.0, 24.0, 0.5
 HEAD_ON = np.cos(np.radians(40.0))  # turned less than this a text reads as well as from the front
 ROLLED = 0.5  # readers turn pictures in four ways; people do not
 PENALTY = 0.005
+MOST_DISTORTED = 0.05  # whoever asks for text as large as a side gets it on all sides
 BESIDE = 5.0  # between the centres of marks, size-30 units
 LETTERS = 0.41  # of a box are covered by the letters of "watermark"
 LARGE_TEXT = 3.0  # contrast, WCAG 2.2, 1.4.3
@@ -342,7 +343,7 @@ def cost(terms: Terms, objective: Objective = OBJECTIVE) -> Float:
         + objective.busy * terms.busy
         - objective.preferred * terms.preferred
     )
-    return PENALTY * unwelcome + objective.mark + objective.distortion * terms.distance
+    return PENALTY * unwelcome + objective.mark + np.minimum(objective.distortion * terms.distance, MOST_DISTORTED)
 
 
 def obstructed(visible: Bool, faced: Bool, served: Columns) -> Float:

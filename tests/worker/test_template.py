@@ -105,7 +105,7 @@ def test_a_template_that_is_killed_takes_its_jobs_with_it_and_the_next_job_has_a
     with hanging(template, tmp_path / "running") as (child, codes):
         before.kill()
     assert codes == [ErrorCode.ENGINE_CRASHED]
-    assert gone(child)
+    wait_until(lambda: gone(child))
     assert process(template, tmp_path / "after") != before
 
 

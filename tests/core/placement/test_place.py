@@ -82,6 +82,11 @@ def test_parts_too_narrow_for_wide_text_get_narrower_text() -> None:
     assert widths.max() < WIDTHS[0]
 
 
+def test_text_as_large_as_a_side_stands_on_both_sides_when_it_is_asked_for() -> None:
+    found = placed(cuboid(30, 14, 2), size=20.0)
+    assert sorted(np.round(found.boxes.axes[list(found.start), 2, 2]).tolist()) == [-1, 1]
+
+
 def test_text_of_other_proportions_gets_the_same_area() -> None:
     long = placed(cuboid(30, 30, 30), aspect=0.03125)
     assert np.allclose(long.boxes.size[:, 0], 2 * WIDTHS[0])
