@@ -224,7 +224,8 @@ def cube_marks(monkeypatch: pytest.MonkeyPatch, refused: int) -> tuple[set[tuple
     searched for again."""
     cutter = Cutter(monkeypatch, refused)
     cube = trimesh.creation.box(extents=(2, 2, 2)).export(file_type="glb")
-    marks = watermark(cube, FEW.model_copy(update={"count": 16, "evaluate": Evaluate.NONE}), preview=False).report["watermarks"]
+    asked = Parameters(text="watermark", count=16, evaluate=Evaluate.NONE)
+    marks = watermark(cube, asked, preview=False).report["watermarks"]
     return {tuple(np.round(mark["normal"]).astype(int).tolist()) for mark in marks}, cutter.searches
 
 
