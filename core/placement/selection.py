@@ -14,7 +14,7 @@ from core.spatial import SpatialIndex
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
-Free = Callable[[list[int]], Bool]
+Free = Callable[[list[int]], Bool]  # (B,) which boxes overlap none of the given; (B, K) none of them but the K-th
 
 SPACING = 0.3  # between boxes, size-30 units
 EXCHANGES = 64
