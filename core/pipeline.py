@@ -45,9 +45,9 @@ if TYPE_CHECKING:
     from core.report import Warnings
 
 FAILED_CUTS = 10  # for each mark that is asked for
-# Where refused cuts leave less than this share of what the marks were to be worth, places are looked for again, at most
-# this many times in all.
-REGAINED, SEARCHES = 0.95, 2
+# Of what the marks were to be worth. Where refused cuts leave less than the first, places are looked for again, and once
+# more while the last search regained the second.
+REGAINED, WORTHWHILE = 0.9, 0.02
 
 Progress = Callable[[str, float], None]
 Publish = Callable[[str, bytes], None]
@@ -189,7 +189,8 @@ def _place(job: Job) -> None:
 
 def _emboss(job: Job) -> None:
     """Embosses the selected boxes; where one is refused, selects again among those not tried yet; when these are used
-    up, looks for more places where nothing is seen, again while much of what the marks were to be worth is missing."""
+    up, looks for more places where nothing is seen, while much of what the marks were to be worth is missing and searches
+    regain some of it."""
     from core.embossing.emboss import Mark, emboss
     from core.embossing.refusal import CHEAP, Refusal
     from core.embossing.stamp import stamp
@@ -204,14 +205,15 @@ def _emboss(job: Job) -> None:
     chosen: list[int] = list(job.placement.start)
     # A cut is the costly part; where this many fail, the rest of the asset is no better.
     cuts_left = FAILED_CUTS * job.parameters.count
-    hoped, searches = job.placement.value(chosen), 0
+    hoped, last = job.placement.value(chosen), -np.inf
     while cuts_left > 0:
         chosen = select(job.placement, job.parameters.count, fixed=list(job.marks), dead=dead, start=chosen)
         fresh = [box for box in chosen if box not in job.marks]
         if not fresh:
-            if not dead or searches == SEARCHES or job.placement.value(list(job.marks)) >= REGAINED * hoped:
+            value = job.placement.value(list(job.marks))
+            if not dead or value >= REGAINED * hoped or value - last < WORTHWHILE * hoped:
                 break
-            searches += 1
+            last = value
             job.placement = place_more(job.site, job.placement, list(job.marks), dead, job.rng)
             chosen = list(job.placement.start)
             continue

@@ -95,8 +95,7 @@ def _mean_normals(points: Float, normals: Float, kept: NDArray[np.int64], reach:
 def _alike(points: Float, normals: Float, center: Float, normal: Float, reach: float) -> tuple[Int, Int]:
     """Pairs of one of (B,) places and one of (N,) samples within ``reach`` that faces the same way within 60
     degrees: (P,), (P,)."""
-    neighbours = cKDTree(points).query_ball_point(center, reach)
-    owner = np.repeat(np.arange(len(center)), [len(found) for found in neighbours])
-    which = np.concatenate([np.asarray(found, dtype=np.int64) for found in neighbours])
+    pairs = cKDTree(center).sparse_distance_matrix(cKDTree(points), reach, output_type="ndarray")
+    owner, which = pairs["i"], pairs["j"]
     alike = np.einsum("ni,ni->n", normals[which], normal[owner]) > 0.5
     return owner[alike], which[alike]

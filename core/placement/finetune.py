@@ -40,7 +40,7 @@ COARSE_GRID, COARSE_STEPS = (8, 2), 8
 # boxes that end well aligned, all but about one in twenty-five and one in a hundred are below.
 COARSE_SLACK, FINE_SLACK, EXACT_SLACK = 0.025, 0.015, 0.005
 COARSE_COPY = 0.06  # boxes closer than this after the coarse pass end as copies of one another (see distinct)
-FINE_GRID, FINE_STEPS = (15, 4), 6
+FINE_GRID, FINE_STEPS = (12, 3), 6
 EXACT_GRID, EXACT_STEPS = (10, 3), 2  # what is left to do on the surface itself after the passes on its stand-in
 CONVERGED, NEGLIGIBLE = 0.01, 1e-6  # relative decrease of the cost; the cost itself
 LONGEST_MOVE, LARGEST_TURN = 1.0, 0.5  # per step: size-30 units, radians
@@ -95,7 +95,11 @@ Settle = Callable[[Boxes], tuple[Boxes, Bool]]
 
 
 def levenberg_marquardt(
-    boxes: Boxes, index: SpatialIndex, stand_in: Closest | None = None, settle: Settle | None = None
+    boxes: Boxes,
+    index: SpatialIndex,
+    stand_in: Closest | None = None,
+    worth: Callable[[Boxes], Bool] | None = None,
+    settle: Settle | None = None,
 ) -> tuple[Boxes, Float]:
     """Fit all boxes by batched Levenberg-Marquardt, coarse to fine.
 
@@ -107,6 +111,7 @@ def levenberg_marquardt(
         index: over the surface.
         stand_in: asked in the coarse and the fine pass (``surfels``), of which the surface itself then only corrects
             the result; if None, the surface in all passes.
+        worth: (B,) which boxes are worth the fine pass, as the coarse one left them; all of them if None.
         settle: see :func:`correct`.
 
     Returns:
@@ -120,6 +125,7 @@ def levenberg_marquardt(
     coarse = Boxes(center, axes, boxes.size)
     if len(hopeful):
         hopeful = hopeful[distinct(coarse[hopeful], rough[hopeful], COARSE_COPY)]
+        hopeful = hopeful[worth(coarse[hopeful])] if worth else hopeful
         up = boxes.axes[hopeful, 1]
         center[hopeful], axes[hopeful], fine = _fit(
             coarse[hopeful], stand_in or index, device, FINE_GRID, FINE_STEPS, up

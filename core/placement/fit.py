@@ -54,6 +54,7 @@ MORE_SAMPLES = 40_000
 MORE, FEWEST = 1.2, 0.25  # of CANDIDATES: for each share of all directions that is wanted; at least
 # Candidates drawn for each that is fitted: of those that stand badly where they are drawn few ever do better.
 CHOICE, GLANCE_GRID = 2.0, (8, 3)
+HOPEFUL = 0.7  # share of a box that stands after the coarse pass; of those on less hardly one in forty is ever whole
 GLANCES = 6  # directions in which each sample is looked for: one that none of them sees lies inside or in a cranny
 # Of that many random darts thinned to a radius r, about 0.5 area / r^2 stay.
 PACKING = 0.5
@@ -97,13 +98,19 @@ def fit(
         return _survivors(site, boxes, loss, LOSS_THRESHOLD, left)
     hanging = 0
 
+    def worth(coarse: Boxes) -> Bool:
+        nonlocal hanging
+        stands = _standing(site, coarse) >= HOPEFUL
+        hanging += int((~stands).sum())
+        return stands
+
     def settle(fitted: Boxes) -> tuple[Boxes, Bool]:
         nonlocal hanging
         settled, stands = _settled(site, fitted)
         hanging += int((~stands).sum())
         return settled, stands
 
-    boxes, loss = levenberg_marquardt(boxes, site.index, site.surfels, settle)
+    boxes, loss = levenberg_marquardt(boxes, site.index, site.surfels, worth, settle)
     return _survivors(site, boxes, loss, loss_limit(boxes.size[:, 0]), left, hanging)
 
 
@@ -207,9 +214,14 @@ def _candidates(site: Site, size: tuple[float, float, float], wanted: Float | No
 
 def _promising(site: Site, boxes: Boxes) -> Boxes:
     """Those of the ``boxes``, one in :data:`CHOICE`, that stand on most surface before they are fitted."""
+    best_first = np.argsort(-_standing(site, boxes), kind="stable")
+    return boxes[np.sort(best_first[: int(np.ceil(len(boxes) / CHOICE))])]
+
+
+def _standing(site: Site, boxes: Boxes) -> Float:
+    """(B,) share of each box that stands on the surface, at a glance."""
     met = footprint(boxes, site.index, site.normals, _relief(site, boxes), GLANCE_GRID, margin=0.0)
-    stands = standing(met, boxes, site.part)
-    return boxes[np.sort(np.argsort(-stands, kind="stable")[: int(np.ceil(len(boxes) / CHOICE))])]
+    return standing(met, boxes, site.part)
 
 
 def _in_sight(site: Site, points: Float, normals: Float, directions: Float, rng: np.random.Generator) -> Int:

@@ -114,7 +114,8 @@ def open_site(
         )
         normals = np.where(usable[:, None], normals, 0.0)
     served, surfels = columns(surface, objective), Surfels(ground, rng)
-    facing = np.quantile(surfels.normals @ served.directions.T, 1 - LOOKING, axis=0)
+    ranked = round((1 - LOOKING) * len(surfels.normals))
+    facing = np.partition(served.directions @ surfels.normals.T, ranked, axis=1)[:, ranked]
     return Site(
         surface,
         ground,

@@ -200,10 +200,11 @@ def test_a_mesh_with_no_room_for_a_word_is_an_error_and_publishes_nothing() -> N
 
 
 class Cutter:
-    """Embosses as the product does, but refuses ``times`` places on the front of the asset, and counts searches."""
+    """Embosses as the product does, but refuses ``times`` places on the front of the asset, or only the ``pooled``
+    ones, those of before the first search; counts searches."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, times: int) -> None:
-        self.left, self.searches = times, 0
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, times: int, pooled: bool) -> None:
+        self.left, self.searches, self._pooled = times, 0, pooled
         self._emboss, self._more = emboss.emboss, place.place_more
         monkeypatch.setattr("core.embossing.emboss.emboss", self.emboss)
         monkeypatch.setattr("core.placement.place.place_more", self.place_more)
@@ -216,13 +217,17 @@ class Cutter:
 
     def place_more(self, *arguments: Any) -> Placement:
         self.searches += 1
+        if self._pooled:
+            self.left = 0
         return self._more(*arguments)
 
 
-def cube_marks(monkeypatch: pytest.MonkeyPatch, refused: int) -> tuple[set[tuple[int, ...]], int]:
+def cube_marks(
+    monkeypatch: pytest.MonkeyPatch, refused: int, pooled: bool = False
+) -> tuple[set[tuple[int, ...]], int]:
     """The sides of a cube that get marks when so many places on its front are refused, and how often places are
     searched for again."""
-    cutter = Cutter(monkeypatch, refused)
+    cutter = Cutter(monkeypatch, refused, pooled)
     cube = trimesh.creation.box(extents=(2, 2, 2)).export(file_type="glb")
     asked = Parameters(text="watermark", count=16, evaluate=Evaluate.NONE)
     marks = watermark(cube, asked, preview=False).report["watermarks"]
@@ -236,9 +241,15 @@ def test_where_one_cut_is_refused_another_place_takes_its_part(monkeypatch: pyte
 
 
 def test_where_all_places_on_a_side_are_refused_more_are_searched_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    sides, searches = cube_marks(monkeypatch, refused=10_000, pooled=True)
+    assert len(sides) == 6
+    assert searches == 1
+
+
+def test_a_side_on_which_a_search_found_nothing_either_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     sides, searches = cube_marks(monkeypatch, refused=10_000)
     assert len(sides) == 5
-    assert searches == 2
+    assert searches == 1
 
 
 def test_without_a_renderer_the_asset_is_delivered_and_the_report_says_why_there_is_no_preview(
