@@ -45,8 +45,8 @@ if TYPE_CHECKING:
     from core.report import Warnings
 
 FAILED_CUTS = 10  # for each mark that is asked for
-# Of what the marks were to be worth. Where refused cuts leave less than the first, places are looked for again, and once
-# more while the last search regained the second.
+# Of what the marks were to be worth. Where refused cuts leave less than the first, places are looked for again, and
+# once more while the last search regained the second.
 REGAINED, WORTHWHILE = 0.9, 0.02
 
 Progress = Callable[[str, float], None]
@@ -189,8 +189,8 @@ def _place(job: Job) -> None:
 
 def _emboss(job: Job) -> None:
     """Embosses the selected boxes; where one is refused, selects again among those not tried yet; when these are used
-    up, looks for more places where nothing is seen, while much of what the marks were to be worth is missing and searches
-    regain some of it."""
+    up, looks for more places where nothing is seen, while much of what the marks were to be worth is missing and each
+    search regains some of it."""
     from core.embossing.emboss import Mark, emboss
     from core.embossing.refusal import CHEAP, Refusal
     from core.embossing.stamp import stamp
