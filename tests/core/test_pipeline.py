@@ -222,9 +222,7 @@ class Cutter:
         return self._more(*arguments)
 
 
-def cube_marks(
-    monkeypatch: pytest.MonkeyPatch, refused: int, pooled: bool = False
-) -> tuple[set[tuple[int, ...]], int]:
+def cube_marks(monkeypatch: pytest.MonkeyPatch, refused: int, pooled: bool = False) -> tuple[set[tuple[int, ...]], int]:
     """The sides of a cube that get marks when so many places on its front are refused, and how often places are
     searched for again."""
     cutter = Cutter(monkeypatch, refused, pooled)
