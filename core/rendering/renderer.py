@@ -29,6 +29,9 @@ def _pyrender() -> ModuleType:
     """pyrender, imported only when something is drawn: ``import core`` must work where there is no OpenGL."""
     os.environ["PYOPENGL_PLATFORM"] = "egl"
     np.infty = np.inf  # type: ignore[attr-defined]  # pyrender 0.1.45 still uses the name that NumPy 2 dropped
+    import pyglet
+
+    pyglet.options.headless = True  # pyrender imports its viewer as well, which would look for X11's libraries
     import pyrender
 
     return pyrender  # type: ignore[no-any-return]

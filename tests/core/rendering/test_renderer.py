@@ -275,6 +275,25 @@ def test_without_opengl_the_error_says_what_to_install() -> None:
     assert run.stdout.strip() == "rendering_unavailable Install libegl1 and libgl1-mesa-dri."
 
 
+def test_pictures_are_drawn_where_there_are_no_libraries_of_x11() -> None:
+    code = (
+        "import pyglet.lib\n"
+        "load = pyglet.lib.load_library\n"
+        "def without_x11(*names, **options):\n"
+        "    if any(str(name).startswith('X') for name in names):\n"
+        "        raise ImportError(f'{names} is not installed')\n"
+        "    return load(*names, **options)\n"
+        "pyglet.lib.load_library = without_x11\n"
+        "from core.rendering.renderer import Renderer\n"
+        "from tests.core.rendering.glb import cube\n"
+        "with Renderer(64) as renderer:\n"
+        "    renderer.load(cube((0.3, 0.6, 0.9, 1)))\n"
+        "    print(len(renderer.render((1, 2, 3), (0, 1, 0))))"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "64"
+
+
 def test_importing_the_renderer_needs_no_opengl() -> None:
     code = "import sys, core.rendering.preview; print({'OpenGL', 'pyrender'} & set(sys.modules))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
