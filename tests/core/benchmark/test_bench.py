@@ -14,6 +14,7 @@ from core.attacks.target import letter_faces
 from core.benchmark.bench import AssetBench, moved_boxes, moved_points
 from core.benchmark.options import AttackAsked, BenchmarkOptions
 from core.benchmark.run import run
+from core.parameters import Evaluate
 from core.placement.boxes import Boxes
 from tests.core.benchmark.fakes import options
 
@@ -36,7 +37,7 @@ def test_boxes_move_with_their_corners(seed: int, scale: float) -> None:
 
 @pytest.fixture(scope="module")
 def bench() -> AssetBench:
-    asked = BenchmarkOptions(Path(), Path(), methods=("li",), counts=(4,))
+    asked = BenchmarkOptions(Path(), Path(), methods=("li",), counts=(4,), level=Evaluate.GEOMETRY)
     return AssetBench(SPOT.read_bytes(), 0, asked)
 
 

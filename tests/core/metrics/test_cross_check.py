@@ -24,7 +24,7 @@ from core.metrics.sight import above_letters, top_face
 from core.metrics.smse import smse
 from core.metrics.topology import topology
 from core.metrics.wps import wps
-from core.parameters import Parameters
+from core.parameters import Evaluate, Parameters
 from core.pipeline import watermark
 from core.placement.boxes import Boxes
 from core.placement.sampling import sample
@@ -53,7 +53,7 @@ class Pair:
 def pair(request: pytest.FixtureRequest) -> Pair:
     data = request.param.read_bytes()
     original = flatten(to_document(data, admit(data, DEFAULT_BUDGETS), DEFAULT_BUDGETS)).surface
-    result = watermark(data, Parameters(text="Mark", count=6), preview=False)
+    result = watermark(data, Parameters(text="Mark", count=6, evaluate=Evaluate.NONE), preview=False)
     marks = result.report["watermarks"]
     boxes = Boxes(
         np.array([(np.array(mark["center"]) - original.offset) * original.scale for mark in marks]),
