@@ -66,9 +66,10 @@ def emboss(mesh: WorkingMesh, box: Boxes, letters: Stamp, relief: float, index: 
         found = _injective(mesh, moved, index)
         if isinstance(found, Refusal):
             return found
-        standing = stand(letters, found, [mesh.source(patch.faces) for patch in found], moved, index)
-        if standing is None:
-            return Refusal.NOT_WHOLE
+        sources = [mesh.source(patch.faces) for patch in found]
+        standing = stand(letters, found, sources, moved, index, raised=relief > 0)
+        if isinstance(standing, Refusal):
+            return standing
         used = [(patch, text) for patch, text in zip(found, standing, strict=True) if not text.is_empty()]
         if relief < 0 and any(mesh.covered(patch.faces).any() for patch, _ in used):
             return Refusal.SECOND_LAYER

@@ -64,6 +64,18 @@ class Patch:
             room -= CrossSection(list(quads), FillRule.Positive)
         return room
 
+    def height(self, points: Float) -> Float:
+        """(N,) z of the patch at (N, 2) ``points`` of the box plane, in text widths; nan beside it."""
+        a, b, c = (self.points[self.triangles[:, k]] for k in range(3))
+        at = points[:, None, :]
+        weights = np.stack([_cross(q[:, :2] - p[:, :2], at - p[:, :2]) for p, q in ((b, c), (c, a), (a, b))], axis=2)
+        inside = np.asarray((weights >= 0).all(axis=2))
+        under, which = inside.any(axis=1), inside.argmax(axis=1)
+        share = np.take_along_axis(weights, which[:, None, None], axis=1)[:, 0]
+        corners = np.stack([a[which, 2], b[which, 2], c[which, 2]], axis=1)
+        total = np.maximum(share.sum(axis=1), np.finfo(float).tiny)
+        return np.where(under, (share * corners).sum(axis=1) / total, np.nan)
+
     def projected_area(self) -> float:
         """The sum of the triangles' areas in the box plane."""
         a, b, c = (self.points[self.triangles[:, k], :2] for k in range(3))

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from core.embossing.draft import Draft, draft
 from core.embossing.patch import Patch
+from core.embossing.refusal import Refusal
 from core.lettering.outline import Lettering
 from core.placement.boxes import Boxes
 from core.spatial import SpatialIndex
@@ -17,6 +18,7 @@ Int = NDArray[np.int64]
 
 CLEARANCE = 0.004  # text widths kept between an outline and the edge of its patch, so that outlines never cross one
 LOST_AREA = 1e-9  # square text widths: rounding of the clipper, far under a letter's serif
+COINCIDENT = 1e-4  # text widths between two layers that are one to the eye; a ray meets either of them
 AGREEMENT = 0.9  # share of an island's sample rays that must name one patch; a ray along an edge may slip through
 
 
@@ -46,9 +48,9 @@ def stamp(lettering: Lettering) -> Stamp:
 
 
 def stand(
-    letters: Stamp, found: list[Patch], sources: list[Int], box: Boxes, index: SpatialIndex
-) -> list[CrossSection] | None:
-    """Puts every island on the patch that is uppermost under it.
+    letters: Stamp, found: list[Patch], sources: list[Int], box: Boxes, index: SpatialIndex, *, raised: bool
+) -> list[CrossSection] | Refusal:
+    """Puts every island on the patch that is uppermost under it; raised ones on either of two that coincide.
 
     Args:
         letters: what is to stand.
@@ -56,10 +58,11 @@ def stand(
         sources: for each patch the surface faces it consists of.
         box: a single box.
         index: of the original surface.
+        raised: the letters rise; sunken ones would lie behind the second of two layers.
 
     Returns:
-        For each patch its letters (empty where none stand on it); None if an island does not lie wholly on one
-        patch, ``CLEARANCE`` from its edge.
+        For each patch its letters (empty where none stand on it); or ``not_whole`` if an island does not lie wholly on
+        one patch, ``CLEARANCE`` from its edge, and ``second_layer`` where sunken letters would not be seen.
     """
     owner = {face: k for k, faces in enumerate(sources) for face in faces.tolist()}
     rooms: dict[int, CrossSection] = {}
@@ -68,15 +71,25 @@ def stand(
     for island, points in zip(letters.islands, letters.samples, strict=True):
         origins = center + size[0] * points @ axes[:2] + size[2] / 2 * axes[2]
         distance, face = index.first_hit(origins, np.broadcast_to(-axes[2], origins.shape))
-        votes = [owner.get(f, -1) for f, d in zip(face.tolist(), distance.tolist(), strict=True) if d <= size[2]]
-        if not votes:
-            return None
-        best = max(set(votes), key=votes.count)
-        if best < 0 or votes.count(best) < AGREEMENT * len(points):
-            return None
+        met = distance <= size[2]
+        votes = np.array([owner.get(f, -1) for f in face[met].tolist()], dtype=np.int64)
+        if not len(votes):
+            return Refusal.NOT_WHOLE
+        best = int(np.bincount(votes + 1).argmax()) - 1
+        if best < 0:
+            return Refusal.NOT_WHOLE
+        height = size[2] / (2 * size[0]) - distance[met] / size[0]
+        level = [np.abs(patch.height(points[met]) - height) < COINCIDENT for patch in found]
+        stands = votes == best
+        if raised:
+            stands |= level[best]
+        elif any(other.any() for k, other in enumerate(level) if k != best):
+            return Refusal.SECOND_LAYER
+        if stands.sum() < AGREEMENT * len(points):
+            return Refusal.NOT_WHOLE
         if best not in rooms:
             rooms[best] = found[best].room(CLEARANCE)
         if (island - rooms[best]).area() > LOST_AREA:
-            return None
+            return Refusal.NOT_WHOLE
         standing[best].append(island)
     return [CrossSection.compose(islands) for islands in standing]

@@ -231,3 +231,24 @@ def test_dust_has_no_room() -> None:
     with pytest.raises(MeshmarkError) as caught:
         watermark(_file(dust), FEW, preview=False)
     assert caught.value.code is ErrorCode.NO_PLACEMENT
+
+
+def _coincident_plates() -> bytes:
+    """A plate that is there twice, with other triangles the second time; turned, so that both are met by chance."""
+    turn = trimesh.transformations.euler_matrix(0.4, 0.9, 0.2)  # type: ignore[no-untyped-call]
+    plates = [trimesh.creation.box((2, 1, 2)), trimesh.creation.box((2, 1, 2)).subdivide().subdivide()]
+    scene = trimesh.Scene([plate.apply_transform(turn) for plate in plates])
+    return bytes(scene.export(file_type="glb"))  # type: ignore[no-untyped-call]
+
+
+def test_letters_rise_on_all_sides_of_a_plate_that_coincides_with_another() -> None:
+    asked = Parameters(text="watermark", count=6, evaluate=Evaluate.NONE)
+    report = watermark(_coincident_plates(), asked, preview=False).report
+    assert len({tuple(np.round(mark["normal"], 2)) for mark in report["watermarks"]}) == 6
+
+
+def test_letters_do_not_sink_into_a_plate_that_coincides_with_another_which_would_hide_them() -> None:
+    asked = Parameters(text="watermark", count=6, mode=Mode.DEBOSS, evaluate=Evaluate.NONE)
+    with pytest.raises(MeshmarkError, match="second_layer") as caught:
+        watermark(_coincident_plates(), asked, preview=False)
+    assert caught.value.code is ErrorCode.NO_PLACEMENT
