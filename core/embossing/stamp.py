@@ -15,6 +15,7 @@ from core.spatial import SpatialIndex
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
+Bool = NDArray[np.bool_]
 
 CLEARANCE = 0.004  # text widths kept between an outline and the edge of its patch, so that outlines never cross one
 LOST_AREA = 1e-9  # square text widths: rounding of the clipper, far under a letter's serif
@@ -79,12 +80,11 @@ def stand(
         if best < 0:
             return Refusal.NOT_WHOLE
         height = size[2] / (2 * size[0]) - distance[met] / size[0]
-        level = [np.abs(patch.height(points[met]) - height) < COINCIDENT for patch in found]
         stands = votes == best
-        if raised:
-            stands |= level[best]
-        elif any(other.any() for k, other in enumerate(level) if k != best):
+        if not raised and any(_level(patch, points[met], height).any() for k, patch in enumerate(found) if k != best):
             return Refusal.SECOND_LAYER
+        if raised and not stands.all():
+            stands[~stands] = _level(found[best], points[met][~stands], height[~stands])
         if stands.sum() < AGREEMENT * len(points):
             return Refusal.NOT_WHOLE
         if best not in rooms:
@@ -93,3 +93,8 @@ def stand(
             return Refusal.NOT_WHOLE
         standing[best].append(island)
     return [CrossSection.compose(islands) for islands in standing]
+
+
+def _level(patch: Patch, points: Float, height: Float) -> Bool:
+    """(N,) where the patch is as high, in text widths, as what was met at the ``points``."""
+    return np.asarray(np.abs(patch.height(points) - height) < COINCIDENT)
