@@ -155,7 +155,7 @@ def _add_benchmark(commands: Commands) -> None:
         "--size", type=float, metavar="W", help="text width; default: 5.5, and what fits for meshmark"
     )
     benchmark.add_argument("--relief", type=float, metavar="H", help="height of letters; default: 0.04 text widths")
-    benchmark.add_argument("--color", metavar='"#rrggbb"', help="let OCR read letters of this colour, too")
+    benchmark.add_argument("--color", metavar='"#rrggbb"', help="ask Meshmark for it; OCR reads these letters, too")
     benchmark.add_argument("--level", choices=[Evaluate.FULL.value, Evaluate.GEOMETRY.value], default=known.level.value)
     benchmark.add_argument("--views", type=int, default=known.views, help="of the 24 views (default %(default)s)")
     benchmark.add_argument(

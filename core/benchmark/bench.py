@@ -102,7 +102,9 @@ class AssetBench:
         with _timed(self._parts, "reading"):
             self._prepared: Prepared = prepare(data, options.text, seed)
         self._mesh = plain(self._prepared.surface)
-        self._parameters = Parameters(text=options.text, size=options.size, relief=options.relief, seed=seed)
+        self._parameters = Parameters(
+            text=options.text, size=options.size, relief=options.relief, color=options.color, seed=seed
+        )
 
     def facts(self) -> Row:
         """Bytes, vertices (those of one place and node counted once) and faces of the asset."""

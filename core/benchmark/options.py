@@ -68,7 +68,7 @@ class BenchmarkOptions:
         size: width of the text, the same for all methods; None: 5.5, and for our own product as wide as fits
             each place.
         relief: height of the letters where the method leaves it open; None: 0.02 text widths.
-        color: ``"#rrggbb"``: OCR is measured on letters of this colour too.
+        color: ``"#rrggbb"``: our own pipeline is asked for letters of it, and OCR reads all letters in it, too.
         views: how many of the paper's 24 views the pictures show.
         resolution: of the pictures, in pixels.
         level: ``full``, or ``geometry`` without what looks at pictures.

@@ -40,13 +40,13 @@ class Detail(Samples):
             0 everywhere where no part does.
         busy: (N,) float64, 0 to 1: how much they vary at all. Letters without a colour of their own are lost on busy
             ground.
-        luminance: (N,) float64, relative luminance 0 to 1 (WCAG 2) of the base colour at each sample.
+        color: (N, 3) float64, linear sRGB 0 to 1, the base colour at each sample.
         threshold: a sample belongs to a detail where ``stands_out`` is greater; 1 where nothing stands out.
     """
 
     stands_out: Float
     busy: Float
-    luminance: Float
+    color: Float
     threshold: float
 
     def under(self, boxes: Boxes) -> tuple[Float, Float, Float]:
@@ -56,9 +56,9 @@ class Detail(Samples):
         mean, share, busy = self.means_under(boxes, values).T
         return mean, share, busy
 
-    def luminance_under(self, boxes: Boxes) -> Float:
-        """(B,) mean ``luminance`` of the surface inside each of B boxes."""
-        return self.means_under(boxes, self.luminance[:, None])[:, 0]
+    def color_under(self, boxes: Boxes) -> Float:
+        """(B, 3) mean ``color`` of the surface inside each of B boxes."""
+        return self.means_under(boxes, self.color)
 
 
 def detail(scene: Scene, surface: Surface, points: Float, face: Int) -> Detail | None:
@@ -88,9 +88,16 @@ def detail(scene: Scene, surface: Surface, points: Float, face: Int) -> Detail |
     if np.allclose(linear, linear[0]):
         return None
     normals = surface.normals[face]
-    busy, around = _busy(points, normals, _lab(linear))
+    busy, around = _busy(points, normals, lab(linear))
     stands_out, threshold = _standing_out(around)
-    return Detail(points, normals, stands_out, busy, np.minimum(linear @ _XYZ[1], 1), threshold)
+    return Detail(points, normals, stands_out, busy, np.minimum(linear, 1), threshold)
+
+
+def lab(linear: Float) -> Float:
+    """(N, 3) CIELAB (D65) of linear sRGB colours."""
+    xyz = linear @ _XYZ.T / _XYZ.sum(axis=1)
+    x, y, z = np.where(xyz > (6 / 29) ** 3, np.cbrt(xyz), xyz / (3 * (6 / 29) ** 2) + 4 / 29).T
+    return np.column_stack([116 * y - 16, 500 * (x - y), 200 * (y - z)])
 
 
 def _busy(points: Float, normals: Float, lab: Float) -> tuple[Float, Float]:
@@ -123,10 +130,3 @@ def _standing_out(busy: Float) -> tuple[Float, float]:
     if high < max(low + CONTRAST, low * FACTOR):
         return np.zeros(len(busy)), 1.0
     return np.clip((busy - low) / (high - low), 0, 1), float((cut - low) / (high - low))
-
-
-def _lab(linear: Float) -> Float:
-    """(N, 3) CIELAB (D65) of linear sRGB colours."""
-    xyz = linear @ _XYZ.T / _XYZ.sum(axis=1)
-    x, y, z = np.where(xyz > (6 / 29) ** 3, np.cbrt(xyz), xyz / (3 * (6 / 29) ** 2) + 4 / 29).T
-    return np.column_stack([116 * y - 16, 500 * (x - y), 200 * (y - z)])

@@ -243,14 +243,14 @@ def _valued(
     site: Site, boxes: Boxes, loss: Float, rough: Float, visible: Bool, met: Footprint, relief: Float
 ) -> Placement:
     """The ``boxes`` with what each shows and costs; ``met`` is the surface under each."""
-    bent, preferred = bend(boxes, met.height), np.zeros(len(boxes))
+    parameters, bent, preferred = site.parameters, bend(boxes, met.height), np.zeros(len(boxes))
     if site.regions is not None:
         preferred = site.regions.preference(above(boxes, met, 0.0), met.face)
     _, salient = site.saliency.under(boxes)
     details, busy, contrast = np.zeros(len(boxes)), np.zeros(len(boxes)), np.ones(len(boxes))
     if site.detail is not None:
         _, details, busy = site.detail.under(boxes)
-        contrast = tone(site.detail.luminance_under(boxes), site.parameters.color)
+        contrast = tone(site.detail.color_under(boxes), parameters.color)
     terms = Terms(
         obstructed=obstructed(visible, facing(boxes, site.served.directions), site.served),
         salient=salient,
@@ -269,7 +269,7 @@ def _valued(
         loss=loss,
         roughness=rough,
         visible=visible,
-        likelihood=likelihood(boxes, visible, bent, contrast, site.served, site.objective),
+        likelihood=likelihood(boxes, visible, bent, contrast, site.served, parameters.color, site.objective),
         cost=cost(terms, site.objective),
         barred=((salient > BARRED) | (details > PRINTED)) & site.objective.bars,
         weight=site.served.weight,

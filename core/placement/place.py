@@ -143,7 +143,7 @@ def _poorly_served(site: Site, found: Placement, chosen: list[int], width: float
     """(D,) directions in which nothing of the ``chosen`` boxes is seen, or what is seen reads clearly worse than text
     of this ``width`` could."""
     served, _ = found.served(chosen)
-    enough = BETTER * within_reach(width * site.aspect, site.facing, site.objective)
+    enough = BETTER * within_reach(width * site.aspect, site.facing, site.parameters.color, site.objective)
     # On the views' pictures text is also worth less for being rolled, which other text would be as well.
     views = len(site.served.up)
     enough[:views] = np.minimum(enough[:views], site.objective.seen)

@@ -19,6 +19,7 @@ from core.errors import ErrorCode, MeshmarkError
 from core.ground.saliency import saliency
 from core.ground.texture import Detail, detail
 from core.placement.boxes import Boxes
+from core.placement.objective import LUMINANCE
 from core.placement.sampling import sample
 from tests.core.placement.shapes import box, boxes, rotation
 from tests.core.rendering.glb import QUAD, QUAD_FACES, QUAD_UV, GlbWriter, plain, png
@@ -210,33 +211,26 @@ def test_parts_of_different_materials_are_told_apart() -> None:
     assert share[1] == 0
 
 
-def test_luminance_is_that_of_the_base_colour() -> None:
+def test_the_colour_under_a_box_is_the_mean_of_the_surface_in_it() -> None:
     result = found(plate(np.repeat([[[255, 0, 0]] * 8 + [[0, 255, 0]] * 8], 16, axis=0)))
-    left, right = abs(result.points[:, 0] + 7) < 5, abs(result.points[:, 0] - 7) < 5
-    assert result.luminance[left] == pytest.approx(0.2126729)
-    assert result.luminance[right] == pytest.approx(0.7151522)
+    inside = result.color_under(boxes(at(-7, 0), at(7, 0), at(-7, 0, (1e-3, 1e-3, 1e-3))))
+    assert inside == pytest.approx(np.array([[1, 0, 0], [0, 1, 0], [1, 0, 0]]))
+    (across,) = result.color_under(at(0, 0, (12, 8, 1)))
+    assert across == pytest.approx([0.5, 0.5, 0], abs=0.05)
 
 
-def test_the_luminance_under_a_box_is_the_mean_of_the_surface_in_it() -> None:
-    result = found(plate(np.repeat([[[255, 0, 0]] * 8 + [[0, 255, 0]] * 8], 16, axis=0)))
-    red, green = 0.2126729, 0.7151522
-    inside = result.luminance_under(boxes(at(-7, 0), at(7, 0), at(-7, 0, (1e-3, 1e-3, 1e-3))))
-    assert inside.tolist() == pytest.approx([red, green, red])
-    (across,) = result.luminance_under(at(0, 0, (12, 8, 1)))
-    assert across == pytest.approx((red + green) / 2, abs=0.02)
-
-
-def test_boxes_on_the_two_sides_of_a_sheet_see_their_own_luminance() -> None:
+def test_boxes_on_the_two_sides_of_a_sheet_see_their_own_colour() -> None:
     back = np.diag([-1.0, 1, -1])
     writer = GlbWriter().mesh(QUAD, QUAD_FACES, material=plain((1, 1, 1, 1)))
     result = found(scene(writer.mesh(QUAD @ back - [0, 0, 0.003], QUAD_FACES, material=plain((0, 0, 0, 1)))))
-    luminance = result.luminance_under(boxes(at(0, 0), box((0, 0, 0), (2, 1, 1), axes=back)))
-    assert luminance.tolist() == pytest.approx([1, 0])
+    front, rear = result.color_under(boxes(at(0, 0), box((0, 0, 0), (2, 1, 1), axes=back)))
+    assert front == pytest.approx([1, 1, 1])
+    assert rear == pytest.approx([0, 0, 0])
 
 
-def test_no_boxes_have_no_luminance() -> None:
+def test_no_boxes_have_no_colour() -> None:
     none = Boxes(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3)))
-    assert len(found(plate(drawn(*eye(5, 4)))).luminance_under(none)) == 0
+    assert len(found(plate(drawn(*eye(5, 4)))).color_under(none)) == 0
 
 
 @settings(max_examples=10, deadline=None)
@@ -268,7 +262,7 @@ def test_the_samples_of_the_saliency_will_do_and_the_same_ones_give_the_same_det
     assert (one.points == map_.points).all()
     assert (one.normals == map_.normals).all()
     assert one.threshold == other.threshold
-    for name in ("stands_out", "busy", "luminance"):
+    for name in ("stands_out", "busy", "color"):
         first, second = getattr(one, name), getattr(other, name)
         assert (first == second).all()
         assert first.min() >= 0
@@ -290,7 +284,8 @@ def read(path: Path) -> Scene:
 def test_the_eyes_of_a_cow_stand_out_and_its_hide_does_not() -> None:
     result = found(read(DATA / "spot.glb"))
     above = result.stands_out > result.threshold
-    pupil, hide = result.luminance < 0.01, result.luminance > 0.85
+    luminance = result.color @ LUMINANCE
+    pupil, hide = luminance < 0.01, luminance > 0.85
     assert 20 < pupil.sum() < 400
     assert above[pupil].mean() > 0.95
     assert above[hide].mean() < 0.15
@@ -299,7 +294,7 @@ def test_the_eyes_of_a_cow_stand_out_and_its_hide_does_not() -> None:
 @pytest.mark.parametrize("path", [MESHES / "glass-hurricane-candle-holder.glb"] * MESHES.exists(), ids=lambda p: p.stem)
 def test_the_logos_on_a_glass_stand_out_and_nothing_else_does(path: Path) -> None:
     result = found(read(path))
-    above, dark = result.stands_out > result.threshold, result.luminance < 0.45
+    above, dark = result.stands_out > result.threshold, result.color @ LUMINANCE < 0.45
     assert above[dark].mean() > 0.95
     assert above.mean() < 0.08
 

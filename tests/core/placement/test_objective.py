@@ -6,10 +6,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from core.asset.polygons import hex_linear
 from core.placement.boxes import Boxes
 from core.placement.candidates import upright
 from core.placement.objective import (
     HALF_SPACES,
+    LUMINANCE,
     OBJECTIVE,
     Placement,
     Terms,
@@ -32,11 +34,13 @@ SERVED = columns(cuboid(30, 30, 30))
 FRONT = 0  # the first view
 
 
-def shown(where: Boxes, bent: float = 0.0, contrast: float = 1.0) -> np.ndarray[tuple[int, int], np.dtype[np.float32]]:
+def shown(
+    where: Boxes, bent: float = 0.0, contrast: float = 1.0, color: str | None = None
+) -> np.ndarray[tuple[int, int], np.dtype[np.float32]]:
     """The likelihood of each box for each column, being seen alone counting for nothing."""
     faced = facing(where, SERVED.directions)
     bends, contrasts = (np.full(len(where), value) for value in (bent, contrast))
-    return likelihood(where, faced, bends, contrasts, SERVED, replace(OBJECTIVE, seen=0.0))
+    return likelihood(where, faced, bends, contrasts, SERVED, color, replace(OBJECTIVE, seen=0.0))
 
 
 def terms(**given: float) -> Terms:
@@ -130,12 +134,20 @@ def test_text_is_read_from_four_pixels_on_and_no_better_from_twenty_four_on() ->
     assert read == pytest.approx([0, 0, 0.5, np.sqrt(0.5), 1, 1])
 
 
-def test_no_mark_serves_a_direction_better_than_its_width_can() -> None:
+def test_text_of_a_colour_of_its_own_is_read_from_nine_pixels_on() -> None:
+    height = np.array([4.0, 6.5, 9.0, 100.0])
+    assert size(height, "#d02020") == pytest.approx([0, 0.5, 1, 1])
+    where = box((0, 0, 15), size=(2.6, 0.33, 0.5))
+    assert shown(where, color="#d02020")[0, FRONT] > 1.2 * shown(where)[0, FRONT]
+
+
+@pytest.mark.parametrize("color", [None, "#d02020"])
+def test_no_mark_serves_a_direction_better_than_its_width_can(color: str | None) -> None:
     for width in (7.5, 4.0, 2.0, 1.2):
         where = box((0, 0, 15), size=(width, width / 8, 0.5))
         seen = facing(where, SERVED.directions)
-        served = likelihood(where, seen, np.zeros(1), np.ones(1), SERVED)[0, : len(SERVED.directions)]
-        reach = within_reach(width / 8, SERVED.directions[:, 2])
+        served = likelihood(where, seen, np.zeros(1), np.ones(1), SERVED, color)[0, : len(SERVED.directions)]
+        reach = within_reach(width / 8, SERVED.directions[:, 2], color)
         assert (served <= reach + 1e-6).all()
         assert served.max() == pytest.approx(reach.max(), abs=0.01)
         assert served[seen[0]].min() > 0.7 * reach[seen[0]].min()
@@ -165,11 +177,19 @@ def test_marks_in_a_stack_pay_for_it_and_marks_apart_or_back_to_back_do_not() ->
 
 
 def test_letters_of_a_colour_stand_out_from_other_colours_and_letters_without_one_from_bright_ground() -> None:
-    luminance = np.array([0.0, 0.2, 1.0])
-    plain, white, black = (tone(luminance, color) for color in (None, "#ffffff", "#000000"))
+    grey = np.repeat([[0.0], [0.2], [1.0]], 3, axis=1)
+    plain, white, black = (tone(grey, color) for color in (None, "#ffffff", "#000000"))
     assert (np.diff(plain) > 0).all()
     assert plain[2] == white[0] == black[2] == 1
     assert white[2] == black[0] == plain[0] == pytest.approx(0.5)
+
+
+def test_letters_stand_out_from_ground_of_the_same_lightness_and_another_hue() -> None:
+    red = hex_linear("#d02020")
+    same, grey, brick = tone(np.array([red, np.full(3, LUMINANCE @ red), hex_linear("#b83024")]), "#d02020")
+    assert same == pytest.approx(0.5)
+    assert grey == 1
+    assert same < brick < 0.75
 
 
 def test_text_is_read_worse_where_its_tone_is_that_of_the_ground() -> None:
