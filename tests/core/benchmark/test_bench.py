@@ -11,10 +11,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from core.attacks.target import letter_faces
+from core.baselines import STRATEGIES
+from core.baselines.strategy import Marked, Prepared
 from core.benchmark.bench import AssetBench, moved_boxes, moved_points
 from core.benchmark.options import AttackAsked, BenchmarkOptions
 from core.benchmark.run import run
-from core.parameters import Evaluate
+from core.errors import ErrorCode, MeshmarkError
+from core.parameters import Evaluate, Parameters
 from core.placement.boxes import Boxes
 from tests.core.benchmark.fakes import options
 
@@ -88,6 +91,21 @@ def test_shared_steps_count_for_every_method_that_needs_them(bench: AssetBench) 
     assert first["solid"] == second["solid"]
     assert first["run"] == pytest.approx(first["reading"] + first["solid"] + first["marking"], abs=1e-3)
     assert "reading" not in bench.mark("meshmark", 1).seconds
+
+
+def test_our_own_pipeline_is_asked_for_the_colour_that_letters_are_read_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Parameters] = []
+
+    def strategy(_prepared: Prepared, parameters: Parameters, _rng: np.random.Generator) -> Marked:
+        asked.append(parameters)
+        raise MeshmarkError(ErrorCode.NO_PLACEMENT, "", "")
+
+    monkeypatch.setitem(STRATEGIES, "meshmark", strategy)
+    for color in (None, "#d02020"):
+        bench = AssetBench(SPOT.read_bytes(), 0, BenchmarkOptions(Path(), Path(), color=color))
+        with pytest.raises(MeshmarkError):
+            bench.mark("meshmark", 4)
+    assert [one.color for one in asked] == [None, "#d02020"]
 
 
 def test_a_small_benchmark_from_files_to_report(tmp_path: Path) -> None:
