@@ -1,9 +1,16 @@
-// Reads a GLB from standard input and prints the Khronos validator's report as JSON.
-import { readFileSync } from "node:fs";
+// Reads GLBs from standard input, each after its length (32 bits, little-endian), and answers each with a line of JSON:
+// the Khronos validator's report, or what it threw on a file that breaks it.
 import validator from "gltf-validator";
 
-const report = await validator.validateBytes(new Uint8Array(readFileSync(0)), {
-  maxIssues: 0, // all of them
-  writeTimestamp: false,
-});
-process.stdout.write(JSON.stringify(report));
+const options = { maxIssues: 0, writeTimestamp: false }; // all issues
+let waiting = Buffer.alloc(0);
+for await (const chunk of process.stdin) {
+  waiting = Buffer.concat([waiting, chunk]);
+  while (waiting.length >= 4 && waiting.length >= 4 + waiting.readUInt32LE(0)) {
+    const end = 4 + waiting.readUInt32LE(0);
+    const glb = new Uint8Array(waiting.subarray(4, end));
+    const answer = await validator.validateBytes(glb, options).catch((error) => ({ broken: String(error) }));
+    process.stdout.write(JSON.stringify(answer) + "\n");
+    waiting = waiting.subarray(end);
+  }
+}

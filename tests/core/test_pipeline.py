@@ -27,6 +27,7 @@ SPOT = Path(__file__).parents[1] / "data" / "spot.glb"
 MESHES = Path(os.environ.get("MESHMARK_TEST_MESHES", "../shared/meshes"))
 UNREAD = (ErrorCode.UNSUPPORTED_FORMAT, ErrorCode.UNSUPPORTED_FEATURE)
 FEW = Parameters(text="watermark", count=3, evaluate=Evaluate.GEOMETRY)
+UNMEASURED = FEW.model_copy(update={"evaluate": Evaluate.NONE})
 
 
 @pytest.fixture(scope="module")
@@ -85,8 +86,8 @@ def test_there_is_a_preview_of_eight_views(spot: Result) -> None:
 
 
 def test_the_same_request_gives_the_same_bytes_and_another_seed_gives_others(spot: Result) -> None:
-    assert watermark(SPOT.read_bytes(), FEW, preview=False).model == spot.model
-    assert watermark(SPOT.read_bytes(), FEW.model_copy(update={"seed": 1}), preview=False).model != spot.model
+    assert watermark(SPOT.read_bytes(), UNMEASURED, preview=False).model == spot.model
+    assert watermark(SPOT.read_bytes(), UNMEASURED.model_copy(update={"seed": 1}), preview=False).model != spot.model
 
 
 def test_progress_only_grows_and_names_the_stages_in_order() -> None:
@@ -139,7 +140,7 @@ def test_a_full_report_has_all_eight_metrics_of_the_paper_and_what_each_of_them_
 
 
 def test_letters_with_a_colour_are_a_primitive_of_their_own() -> None:
-    result = watermark(SPOT.read_bytes(), FEW.model_copy(update={"color": "#d02020"}), preview=False)
+    result = watermark(SPOT.read_bytes(), UNMEASURED.model_copy(update={"color": "#d02020"}), preview=False)
     document = Document.from_glb(result.model)
     primitives = document.json["meshes"][0]["primitives"]
     assert len(primitives) == 2
@@ -148,15 +149,15 @@ def test_letters_with_a_colour_are_a_primitive_of_their_own() -> None:
     assert not error_counts(result.model)
 
 
-def test_sunken_letters_take_material_away_and_raised_ones_add_it() -> None:
+def test_sunken_letters_take_material_away_and_raised_ones_add_it(spot: Result) -> None:
     def volume(glb: bytes) -> float:
         surface = flatten(Document.from_glb(glb)).surface
         world = surface.to_world(surface.positions)
         return float(trimesh.Trimesh(world, surface.faces, process=False).volume)
 
     plain = volume(SPOT.read_bytes())
-    sunken = FEW.model_copy(update={"mode": Mode.DEBOSS})
-    assert volume(watermark(SPOT.read_bytes(), FEW, preview=False).model) > plain
+    sunken = UNMEASURED.model_copy(update={"mode": Mode.DEBOSS})
+    assert volume(spot.model) > plain
     assert volume(watermark(SPOT.read_bytes(), sunken, preview=False).model) < plain
 
 
