@@ -88,12 +88,12 @@ def detail(scene: Scene, surface: Surface, points: Float, face: Int) -> Detail |
     if np.allclose(linear, linear[0]):
         return None
     normals = surface.normals[face]
-    busy, around = _busy(points, normals, lab(linear))
+    busy, around = _busy(points, normals, cielab(linear))
     stands_out, threshold = _standing_out(around)
     return Detail(points, normals, stands_out, busy, np.minimum(linear, 1), threshold)
 
 
-def lab(linear: Float) -> Float:
+def cielab(linear: Float) -> Float:
     """(N, 3) CIELAB (D65) of linear sRGB colours."""
     xyz = linear @ _XYZ.T / _XYZ.sum(axis=1)
     x, y, z = np.where(xyz > (6 / 29) ** 3, np.cbrt(xyz), xyz / (3 * (6 / 29) ** 2) + 4 / 29).T

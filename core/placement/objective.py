@@ -57,7 +57,7 @@ from scipy.spatial.distance import cdist
 
 from core.asset.polygons import hex_linear
 from core.asset.surface import Surface
-from core.ground.texture import lab
+from core.ground.texture import cielab
 from core.placement.boxes import Boxes
 from core.placement.candidates import upright
 from core.rendering.views import fibonacci_directions, view_directions
@@ -73,8 +73,8 @@ HALF_SPACES = 64
 # Text 5.5 wide, the paper's, is 20 pixels high in the metrics' pictures, which show a sphere about the asset, say of
 # radius 18, on 1024 pixels. Over 978 views with one uncoloured mark each, of twelve assets and widths from 2 to 10,
 # recognition reads 0.54 of a text 9 pixels high, 0.64 at 15, 0.75 at 19 and 0.80 from 24 on; 0.15 is what it reads
-# where there is no text. Between 4 and 24 pixels that is about the square root. Over 553 views with one red mark each
-# of nineteen assets it reads 0.39 at 4.5 pixels, 0.51 at 6.5, 0.92 at 8.5 and hardly more up to 14.
+# where there is no text. Between 4 and 24 pixels that is about the square root. Over 551 views with one red mark each
+# of nineteen assets it reads 0.39 at 4.5 pixels, 0.51 at 6.5, 0.92 at 8.5 and hardly more up to 14, 0.99 above.
 PIXELS, TINY = 1024 / 36, 4.0
 PLAIN, COLORED = (24.0, 0.5), (9.0, 1.0)  # pixels from which on text is read, and the exponent up to there
 HEAD_ON = np.cos(np.radians(40.0))  # turned less than this a text reads as well as from the front
@@ -270,7 +270,7 @@ def tone(ground: Float, color: str | None) -> Float:
         ratio = (luminance + 0.05) / (luminance / 2 + 0.05)
         contrast = (ratio - 1) / (1.05 / 0.55 - 1)
     else:
-        apart = np.linalg.norm(lab(ground) - lab(hex_linear(color)[None]), axis=1)
+        apart = np.linalg.norm(cielab(ground) - cielab(hex_linear(color)[None]), axis=1)
         contrast = np.minimum(apart / DISTINCT, 1)
     return np.asarray(TONELESS + (1 - TONELESS) * contrast)
 
