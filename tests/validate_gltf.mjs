@@ -2,15 +2,27 @@
 // the Khronos validator's report, or what it threw on a file that breaks it.
 import validator from "gltf-validator";
 
+const LENGTH = 4;
 const options = { maxIssues: 0, writeTimestamp: false }; // all issues
-let waiting = Buffer.alloc(0);
+let chunks = [];
+let held = 0;
+let needed = LENGTH;
 for await (const chunk of process.stdin) {
-  waiting = Buffer.concat([waiting, chunk]);
-  while (waiting.length >= 4 && waiting.length >= 4 + waiting.readUInt32LE(0)) {
-    const end = 4 + waiting.readUInt32LE(0);
-    const glb = new Uint8Array(waiting.subarray(4, end));
+  chunks.push(chunk);
+  held += chunk.length;
+  while (held >= needed) {
+    const all = Buffer.concat(chunks);
+    chunks = [all];
+    const end = LENGTH + all.readUInt32LE(0);
+    if (held < end) {
+      needed = end;
+      break;
+    }
+    const glb = new Uint8Array(all.subarray(LENGTH, end));
     const answer = await validator.validateBytes(glb, options).catch((error) => ({ broken: String(error) }));
     process.stdout.write(JSON.stringify(answer) + "\n");
-    waiting = waiting.subarray(end);
+    chunks = [all.subarray(end)];
+    held -= end;
+    needed = LENGTH;
   }
 }
