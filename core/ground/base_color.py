@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from core.asset.attributes import Points, interpolate_attribute
 from core.asset.flatten import Scene
 from core.asset.gltf import Document, malformed
+from core.asset.materials import Material, read_material
+from core.asset.pixels import Texture, read_texture
 from core.asset.surface import Surface
-from core.rendering.materials import Material, read_material
-from core.rendering.textures import Texture, read_texture
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]

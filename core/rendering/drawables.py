@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from core.asset.flatten import DrawnPrimitive, flatten
 from core.asset.gltf import Document, dequantize, malformed, read_accessor
-from core.rendering.materials import Material, read_material
-from core.rendering.textures import read_texture
+from core.asset.materials import Material, read_material
+from core.asset.pixels import read_texture
 
 Float32 = NDArray[np.float32]
 Float = NDArray[np.float64]

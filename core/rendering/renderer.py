@@ -11,9 +11,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from core.asset.pixels import Texture
 from core.errors import ErrorCode, MeshmarkError
 from core.rendering.drawables import Drawable, drawables
-from core.rendering.textures import Texture
 
 Float = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ import pytest
 from PIL import Image
 
 from core.asset.gltf import Document
+from core.asset.pixels import read_texture
 from core.errors import ErrorCode, MeshmarkError
-from core.rendering.textures import read_texture
 from tests.core.rendering.glb import GlbWriter, png
 
 PIXELS = np.zeros((40, 60, 3), dtype=np.uint8)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.asset.gltf import Document, malformed, typed
-from core.rendering.textures import Texture
+from core.asset.pixels import Texture
 
 Float = NDArray[np.float64]
 
