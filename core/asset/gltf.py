@@ -1,4 +1,4 @@
-"""A GLB as its two chunks, and the accessors in it (glTF 2.0 specification, sections 3.6 and 4.4)."""
+"""A GLB as its chunks, and the accessors in it (glTF 2.0 specification, sections 3.6 and 4.4)."""
 
 import base64
 import binascii
@@ -55,17 +55,19 @@ class Document:
     Attributes:
         json: the JSON chunk, keys in file order.
         binary: the payload of the BIN chunk, empty where there is none.
-        warnings: what of a file of another format could not be carried into this document.
+        warnings: what of the file could not be carried into this document, or is carried unread.
+        chunks: the type and payload of each further chunk, in file order; they are carried as they are.
     """
 
     json: dict[str, Any]
     binary: bytes
     warnings: list[MeshmarkError] = field(default_factory=list)
+    chunks: tuple[tuple[bytes, bytes], ...] = ()
     _views: dict[int, bytes] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @classmethod
     def from_glb(cls, data: bytes) -> "Document":
-        """Split a GLB into its chunks; unknown chunks are skipped, as the specification asks.
+        """Split a GLB into its chunks; bytes behind its declared length are not part of it.
 
         Raises:
             MeshmarkError: ``malformed_file``, or ``truncated_file`` where the file ends before its declared length.
@@ -92,8 +94,11 @@ class Document:
             offset += size
         if not chunks or chunks[0][0] != b"JSON":
             raise malformed("The first chunk of the GLB is not its JSON.")
-        binary = chunks[1][1] if len(chunks) > 1 and chunks[1][0] == b"BIN\0" else b""
-        return cls(parse_json(chunks[0][1]), binary)
+        binaries = [payload for kind, payload in chunks if kind == b"BIN\0"]
+        if len(binaries) > 1 or any(kind == b"JSON" for kind, _ in chunks[1:]):
+            raise malformed("The GLB has two chunks of JSON, or two of binary data.")
+        further = tuple(chunk for chunk in chunks[1:] if chunk[0] != b"BIN\0")
+        return cls(parse_json(chunks[0][1]), b"".join(binaries), chunks=further)
 
     def to_glb(self) -> bytes:
         """The GLB; the same document always gives the same bytes."""
@@ -101,6 +106,7 @@ class Document:
         chunks = [(b"JSON", text + b" " * (-len(text) % 4))]
         if self.binary:
             chunks.append((b"BIN\0", self.binary + bytes(-len(self.binary) % 4)))
+        chunks += [(kind, payload + bytes(-len(payload) % 4)) for kind, payload in self.chunks]
         length = _HEADER.size + sum(_CHUNK.size + len(payload) for _, payload in chunks)
         if length >= 2**32:
             raise MeshmarkError(

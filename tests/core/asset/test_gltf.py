@@ -2,6 +2,7 @@ import base64
 import contextlib
 import json
 import struct
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 from core.asset.gltf import COMPONENT_TYPES, ELEMENT_TYPES, Document, dequantize, read_accessor
 from core.errors import ErrorCode, MeshmarkError
 from tests.core.asset.builder import Builder, simple
+from tests.validator import error_counts
 
 
 def _glb(*chunks: tuple[bytes, bytes], magic: bytes = b"glTF", version: int = 2) -> bytes:
@@ -44,6 +46,23 @@ def test_writing_twice_gives_the_same_aligned_bytes() -> None:
     assert struct.unpack_from("<I", data, 8)[0] == len(data)
 
 
+@pytest.mark.parametrize("has_binary", [True, False])
+def test_further_chunks_are_carried_through_in_their_order_and_padded(has_binary: bool) -> None:
+    binary = [(b"BIN\0", b"12345678")] if has_binary else []
+    data = _glb((b"JSON", b"{}  "), *binary, (b"ABCD", b"one"), (b"ABCD", b""), (b"\1\2\3\4", b"four"))
+    document = Document.from_glb(data)
+    edited = replace(document, json={"asset": {}}, binary=b"other")
+    for again in (Document.from_glb(document.to_glb()), Document.from_glb(edited.to_glb())):
+        assert again.chunks == ((b"ABCD", b"one\0"), (b"ABCD", b""), (b"\1\2\3\4", b"four"))
+    assert len(document.to_glb()) % 4 == 0
+    assert Document.from_glb(edited.to_glb()).binary == b"other\0\0\0"
+    assert not error_counts(replace(simple(), chunks=document.chunks).to_glb())
+
+
+def test_bytes_behind_the_declared_length_are_no_part_of_the_glb() -> None:
+    assert Document.from_glb(simple().to_glb() + bytes(4)).to_glb() == simple().to_glb()
+
+
 @pytest.mark.parametrize("length", range(0, 308, 7))
 def test_a_truncated_glb_is_refused_with_its_own_code(length: int) -> None:
     data = simple().to_glb()
@@ -57,6 +76,8 @@ def test_a_truncated_glb_is_refused_with_its_own_code(length: int) -> None:
         _glb((b"JSON", b"{}  "), magic=b"glTX"),
         _glb((b"JSON", b"{}  "), version=1),
         _glb((b"BIN\0", b"1234")),
+        _glb((b"JSON", b"{}  "), (b"JSON", b"{}  ")),
+        _glb((b"JSON", b"{}  "), (b"BIN\0", b"1234"), (b"BIN\0", b"1234")),
         _glb(),
         _glb((b"JSON", b"{not json")),
         _glb((b"JSON", b"[1, 2]")),
