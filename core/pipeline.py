@@ -256,7 +256,7 @@ def _peak_memory() -> int:
 
 
 def _write(job: Job) -> None:
-    job.model = write(job.scene, job.ground.as_in_file(job.mesh.edit()), job.parameters.color)
+    job.model = write(job.scene, job.ground.as_in_file(job.mesh.edit()), [job.parameters.color] * len(job.marks))
     job.publish("model", job.model)
 
 

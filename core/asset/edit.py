@@ -33,6 +33,7 @@ class SurfaceEdit:
         original: (M, 3) int64, the row of ``surface.positions`` where the corner is that untouched original vertex,
             of the same drawn primitive as ``source_face``; else -1.
         kind: (M,) int8, a :class:`Kind`.
+        mark: (M,) int64, the number of the mark that a triangle was added by, in the order of embossing.
     """
 
     keep: Bool
@@ -42,3 +43,4 @@ class SurfaceEdit:
     barycentric: Float
     original: Int
     kind: NDArray[np.int8]
+    mark: Int

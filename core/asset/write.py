@@ -1,6 +1,7 @@
 """An edited surface back into its GLB: only what was touched is new, appended behind what was there."""
 
 from collections import Counter
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,13 +20,13 @@ from core.asset.settle import primitive_accessors, settle
 
 Int = NDArray[np.int64]
 Owner = tuple[int, int | None]  # a node, and which of its instances
-Replacement = tuple[dict[str, Any] | None, dict[str, Any] | None]  # the surface and the letters of a primitive
+Replacement = tuple[dict[str, Any] | None, list[dict[str, Any]]]  # the surface and the coloured letters of a primitive
 
 # What a plain material has no use for, and what would tint it.
 TEXTURING = ("TANGENT", "TEXCOORD_", "COLOR_")
 
 
-def write(scene: Scene, edit: SurfaceEdit, color: str | None) -> bytes:
+def write(scene: Scene, edit: SurfaceEdit, colors: Sequence[str | None]) -> bytes:
     """The scene's GLB with ``edit`` applied.
 
     The BIN chunk of the input is the beginning of the output's. A touched primitive gets new accessors, its old rows
@@ -35,8 +36,8 @@ def write(scene: Scene, edit: SurfaceEdit, color: str | None) -> bytes:
     Args:
         scene: what the edit refers to.
         edit: the faces that go and the triangles that come.
-        color: ``"#rrggbb"`` puts caps and walls into a primitive of their own with a plain PBR material; ``None``
-            leaves them in the source primitive.
+        colors: of each mark that ``edit.mark`` counts: ``"#rrggbb"`` puts its caps and walls into a primitive with a
+            plain material of that colour; ``None`` leaves them in the source primitive.
 
     Raises:
         MeshmarkError: ``unsupported_feature`` where a touched vertex cannot be taken back to its node's frame.
@@ -44,7 +45,8 @@ def write(scene: Scene, edit: SurfaceEdit, color: str | None) -> bytes:
     if edit.keep.all() and not len(edit.source_face):
         return scene.document.to_glb()
     appender = Appender(scene.document)
-    paint = _Paint(appender, color) if color else None
+    paint = _Paint(appender)
+    painted = np.array([color is not None for color in colors], dtype=bool)
     changes: dict[Owner, dict[int, Replacement]] = {}
     replaced: set[int] = set()
     for patch in cut_patches(scene, edit):
@@ -55,7 +57,8 @@ def write(scene: Scene, edit: SurfaceEdit, color: str | None) -> bytes:
             kept = drawn.triangles[edit.keep[first : first + len(drawn.triangles)]]
             mine = scene.surface.face_primitive[edit.source_face[patch.triangles]] == index
             added = corners.reshape(-1, 3)[mine][:, [0, 2, 1] if drawn.mirrored else [0, 1, 2]]
-            letters = (edit.kind[patch.triangles][mine] != Kind.SURFACE) & (paint is not None)
+            mark = edit.mark[patch.triangles][mine]
+            letters = (edit.kind[patch.triangles][mine] != Kind.SURFACE) & painted[mark]
             source = primitive_json(scene.document, drawn)
             replaced |= primitive_accessors(source)
             smallest = (
@@ -64,9 +67,12 @@ def write(scene: Scene, edit: SurfaceEdit, color: str | None) -> bytes:
             base = np.concatenate([kept, added[~letters]])
             changes.setdefault((drawn.node, drawn.instance), {})[drawn.primitive] = (
                 _rewritten(source, maps, appender.add_indices(base, smallest)) if len(base) else None,
-                paint.primitive(source, maps, appender.add_indices(added[letters], smallest))
-                if paint and letters.any()
-                else None,
+                [
+                    paint.primitive(source, maps, appender.add_indices(added[letters & wears], smallest), color)
+                    for color in dict.fromkeys(colors[number] for number in np.unique(mark[letters]).tolist())
+                    if color is not None
+                    for wears in (np.isin(mark, [n for n, other in enumerate(colors) if other == color]),)
+                ],
             )
     replaced |= {
         accessor for node, _ in changes for accessor in instance_attributes(appender.json["nodes"][node]).values()
@@ -77,39 +83,38 @@ def write(scene: Scene, edit: SurfaceEdit, color: str | None) -> bytes:
 
 
 class _Paint:
-    """Plain materials of one colour, made when first needed, and primitives that wear them."""
+    """Plain materials of some colours, made when first needed, and primitives that wear them."""
 
-    def __init__(self, appender: Appender, color: str) -> None:
+    def __init__(self, appender: Appender) -> None:
         self._appender = appender
-        self._factor = [*hex_linear(color).round(6).tolist(), 1.0]
-        self._materials: dict[bool, int] = {}
+        self._materials: dict[tuple[bool, str], int] = {}
 
-    def primitive(self, source: dict[str, Any], maps: list[dict[str, int]], indices: int) -> dict[str, Any]:
+    def primitive(self, source: dict[str, Any], maps: list[dict[str, int]], indices: int, color: str) -> dict[str, Any]:
         """A primitive that shares the vertices ``maps`` of ``source``, without what only its textures needed."""
         kept = {name for name in maps[0] if not name.startswith(TEXTURING)}
         for target in maps[1:]:
             if kept.isdisjoint(target):
                 kept |= target.keys()  # a morph target must not become empty
         chosen = [{name: accessor for name, accessor in entry.items() if name in kept} for entry in maps]
-        painted = {"attributes": chosen[0], "indices": indices, "material": self._material(source)}
+        painted = {"attributes": chosen[0], "indices": indices, "material": self._material(source, color)}
         return painted | ({"targets": chosen[1:]} if "targets" in source else {})
 
-    def _material(self, source: dict[str, Any]) -> int:
+    def _material(self, source: dict[str, Any], color: str) -> int:
         materials = self._appender.json.get("materials", [])
         double_sided = bool("material" in source and materials[source["material"]].get("doubleSided", False))
-        if double_sided not in self._materials:
+        if (double_sided, color) not in self._materials:
             material: dict[str, Any] = {
                 "name": "meshmark",
                 "pbrMetallicRoughness": {
-                    "baseColorFactor": self._factor,
+                    "baseColorFactor": [*hex_linear(color).round(6).tolist(), 1.0],
                     "metallicFactor": 0.0,
                     "roughnessFactor": 0.6,
                 },
             }
             if double_sided:
                 material["doubleSided"] = True
-            self._materials[double_sided] = self._appender.append("materials", material)
-        return self._materials[double_sided]
+            self._materials[double_sided, color] = self._appender.append("materials", material)
+        return self._materials[double_sided, color]
 
 
 def _append_rows(document: Document, patch: Patch, appender: Appender) -> tuple[Int, list[dict[str, int]]]:
@@ -172,8 +177,8 @@ def _replace_primitives(appender: Appender, document: Document, changes: dict[Ow
 def _edit_mesh(appender: Appender, index: int, replaced: dict[int, Replacement], shared: bool) -> int:
     """The mesh with some primitives replaced, in its place or, where others draw it too, as a new one."""
     mesh = appender.json["meshes"][index]
-    pairs = [replaced.get(number, (primitive, None)) for number, primitive in enumerate(mesh["primitives"])]
-    primitives = [base for base, _ in pairs if base] + [letters for _, letters in pairs if letters]
+    pairs = [replaced.get(number, (primitive, [])) for number, primitive in enumerate(mesh["primitives"])]
+    primitives = [base for base, _ in pairs if base] + [painted for _, letters in pairs for painted in letters]
     if not primitives:
         raise ValueError(f"the edit leaves no triangle of meshes[{index}]")
     edited = mesh | {"primitives": primitives}

@@ -107,6 +107,8 @@ class WorkingMesh:
         self._new_corners = np.empty((0, 3), dtype=np.int64)
         self._new_source = np.empty(0, dtype=np.int64)
         self._new_kind = np.empty(0, dtype=np.int8)
+        self._new_mark = np.empty(0, dtype=np.int64)
+        self._marks = 0
         self._new_alive = np.empty(0, dtype=bool)
         self._new_low = self._new_high = np.empty((0, 3))
         if resolution is None:
@@ -168,7 +170,8 @@ class WorkingMesh:
         return np.arange(first, first + len(points))
 
     def replace(self, removed: Int, corners: Int, source: Int, kind: NDArray[np.int8]) -> None:
-        """Retire the faces ``removed`` and add (M, 3) ``corners`` cut from the surface faces ``source``."""
+        """Retire the faces ``removed`` and add the (M, 3) ``corners`` of one mark, cut from the surface faces
+        ``source``. What an earlier mark added and this one cuts again counts as this one's."""
         original = removed[removed < self.original_faces]
         self._alive[original] = False
         duplicated, duplicate = self._sheets.duplicates.T
@@ -177,6 +180,8 @@ class WorkingMesh:
         self._new_corners = np.concatenate([self._new_corners, corners])
         self._new_source = np.concatenate([self._new_source, source])
         self._new_kind = np.concatenate([self._new_kind, kind])
+        self._new_mark = np.concatenate([self._new_mark, np.full(len(corners), self._marks)])
+        self._marks += 1
         self._new_alive = np.concatenate([self._new_alive, np.ones(len(corners), dtype=bool)])
         low, high = _bounds(self.points, corners)
         self._new_low, self._new_high = np.concatenate([self._new_low, low]), np.concatenate([self._new_high, high])
@@ -198,6 +203,7 @@ class WorkingMesh:
             barycentric=weights,
             original=original,
             kind=self._new_kind[living],
+            mark=self._new_mark[living],
         )
 
 

@@ -24,7 +24,7 @@ def edited(
     accessors."""
     scene = flatten(document)
     before = document.to_glb()
-    glb = write(scene, centroid_split(scene, faces, kinds, lift), color)
+    glb = write(scene, centroid_split(scene, faces, kinds, lift), [color])
     assert not error_counts(glb)
     assert document.to_glb() == before
     result = Document.from_glb(glb)

@@ -32,4 +32,5 @@ def centroid_split(scene: Scene, faces: ArrayLike, kinds: list[Kind], lift: floa
         barycentric=np.tile(weights, (len(removed), 1, 1)),
         original=np.column_stack([old, np.full(len(source), -1)]),
         kind=np.repeat(np.array(kinds, dtype=np.int8), 3),
+        mark=np.zeros(len(source), dtype=np.int64),
     )

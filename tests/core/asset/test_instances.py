@@ -45,7 +45,7 @@ def _as_nodes() -> Document:
 
 def _marked(document: Document, faces: list[int], color: str | None = None) -> Document:
     scene = flatten(document)
-    glb = write(scene, centroid_split(scene, faces, [Kind.CAP] * len(faces)), color)
+    glb = write(scene, centroid_split(scene, faces, [Kind.CAP] * len(faces)), [color])
     admit(glb)
     assert not error_counts(glb)
     result = Document.from_glb(glb)

@@ -26,7 +26,7 @@ def _two_cubes(**objects: Any) -> Document:
 
 def _marked(document: Document, faces: list[int]) -> Document:
     scene = flatten(document)
-    glb = write(scene, centroid_split(scene, faces, [Kind.CAP] * len(faces)), None)
+    glb = write(scene, centroid_split(scene, faces, [Kind.CAP] * len(faces)), [None])
     admit(glb)
     assert not error_counts(glb)
     result = Document.from_glb(glb)
@@ -64,7 +64,7 @@ def test_other_extensions_of_a_touched_draco_primitive_stay() -> None:
     document = draco(_two_cubes())
     _primitives(document)[0]["extensions"]["KHR_materials_variants"] = {"mappings": []}
     scene = flatten(document)
-    result = Document.from_glb(write(scene, centroid_split(scene, [0], [Kind.CAP]), None))
+    result = Document.from_glb(write(scene, centroid_split(scene, [0], [Kind.CAP]), [None]))
     assert _primitives(result)[0]["extensions"] == {"KHR_materials_variants": {"mappings": []}}
 
 
@@ -159,7 +159,7 @@ def test_a_real_compressed_asset_is_as_valid_as_before_and_keeps_what_was_not_to
     document = Document.from_glb(data)
     scene = flatten(document)
     solid = np.flatnonzero(scene.surface.areas > 0)
-    glb = write(scene, centroid_split(scene, solid[:6], [Kind.CAP] * 6), "#d02020")
+    glb = write(scene, centroid_split(scene, solid[:6], [Kind.CAP] * 6), ["#d02020"])
     assert not error_counts(glb) - error_counts(data)
     result = Document.from_glb(glb)
     assert result.binary.startswith(document.binary)

@@ -30,13 +30,13 @@ def test_old_rows_stay_and_new_rows_follow_them() -> None:
 def test_an_edit_of_nothing_changes_nothing() -> None:
     document = quad()
     scene = flatten(document)
-    assert write(scene, centroid_split(scene, [], []), "#ff0000") == document.to_glb()
+    assert write(scene, centroid_split(scene, [], []), ["#ff0000"]) == document.to_glb()
 
 
 def test_the_same_edit_gives_the_same_bytes() -> None:
     scene = flatten(quad(NORMAL=(NORMALS, "<f4", False)))
     edit = centroid_split(scene, [0, 1], [CAP, WALL], 0.3)
-    assert write(scene, edit, "#123456") == write(scene, edit, "#123456")
+    assert write(scene, edit, ["#123456"]) == write(scene, edit, ["#123456"])
 
 
 def test_untouched_primitives_nodes_and_unknown_properties_stay_as_they_are() -> None:
@@ -99,7 +99,7 @@ def test_a_seam_gives_one_point_several_rows_at_one_position() -> None:
     edit.vertex[:, 2], edit.position[:, 2] = 99, middle
     edit.barycentric[:3, 2], edit.barycentric[3:, 2] = [0.5, 0, 0.5], [0.5, 0.5, 0]
 
-    result = Document.from_glb(write(scene, edit, None))
+    result = Document.from_glb(write(scene, edit, [None]))
 
     rows = values(result, "POSITION")
     np.testing.assert_array_equal(rows[6], rows[7])
@@ -182,7 +182,7 @@ def test_a_lift_goes_outwards_whatever_the_node_does(scale: list[float]) -> None
     )
     scene = flatten(document)
     edit = centroid_split(scene, range(12), [CAP, WALL] * 6, lift=2.0)
-    after = flatten(Document.from_glb(write(scene, edit, None)))
+    after = flatten(Document.from_glb(write(scene, edit, [None])))
 
     expected = scene.surface.to_world(edit.position.reshape(-1, 3))
     size = float(np.ptp(expected, axis=0).max())
@@ -201,7 +201,7 @@ def test_a_lift_goes_outwards_whatever_the_node_does(scale: list[float]) -> None
 def test_a_node_that_flattens_its_mesh_cannot_carry_letters() -> None:
     scene = flatten(simple(CUBE, CUBE_FACES, scale=[1, 0, 1]))
     with pytest.raises(MeshmarkError) as caught:
-        write(scene, centroid_split(scene, [0], [CAP]), None)
+        write(scene, centroid_split(scene, [0], [CAP]), [None])
     assert caught.value.code is ErrorCode.UNSUPPORTED_FEATURE
 
 
@@ -249,7 +249,7 @@ def test_a_point_between_two_primitives_of_a_node_is_at_one_position_in_both() -
     edit.position[:3, 2] = scene.surface.positions[[0, 2]].mean(axis=0)
     edit.position[3:, 2] = edit.position[0, 2] + 1e-9  # what rounding may do
     edit.barycentric[:3, 2], edit.barycentric[3:, 2] = [0.5, 0, 0.5], [0.5, 0.5, 0]
-    result = Document.from_glb(write(scene, edit, None))
+    result = Document.from_glb(write(scene, edit, [None]))
     np.testing.assert_array_equal(values(result, "POSITION", 0)[3], values(result, "POSITION", 1)[3])
 
 
@@ -304,7 +304,7 @@ def test_a_buffer_in_a_data_uri_becomes_the_bin_chunk() -> None:
         "data:application/octet-stream;base64," + base64.b64encode(document.binary).decode()
     )
     scene = flatten(Document(document.json, b""))
-    result = Document.from_glb(write(scene, centroid_split(scene, [0], [SURFACE]), None))
+    result = Document.from_glb(write(scene, centroid_split(scene, [0], [SURFACE]), [None]))
     assert "uri" not in result.json["buffers"][0]
     assert result.binary.startswith(document.binary)
     np.testing.assert_array_equal(values(result, "POSITION")[:4], QUAD)
@@ -336,7 +336,7 @@ def test_real_assets_stay_as_valid_as_they_were(path: Path, color: str | None) -
     scene = flatten(document)
     solid = np.flatnonzero(scene.surface.areas > 0)
     faces = solid[np.linspace(0, len(solid) - 1, 6).astype(int)]
-    glb = write(scene, centroid_split(scene, faces, [SURFACE, SURFACE, SURFACE, CAP, WALL, WALL]), color)
+    glb = write(scene, centroid_split(scene, faces, [SURFACE, SURFACE, SURFACE, CAP, WALL, WALL]), [color])
 
     assert not error_counts(glb).keys() - error_counts(data).keys()
     result = Document.from_glb(glb)

@@ -50,7 +50,7 @@ def _world_of_new_corners(scene: Scene, edit: Any, result: Document) -> float:
 def test_lifted_corners_of_a_skinned_mesh_end_up_where_they_should_in_the_default_pose() -> None:
     scene = flatten(_skinned([[0.5, 0.5, 0, 0], [0.2, 0.3, 0.5, 0], [0.0, 0, 0, 1], [0.25] * 4]))
     edit = centroid_split(scene, [0, 1], [CAP, WALL], lift=1.0)
-    result = Document.from_glb(write(scene, edit, None))
+    result = Document.from_glb(write(scene, edit, [None]))
     assert _world_of_new_corners(scene, edit, result) < 1e-5
 
 
@@ -74,7 +74,7 @@ def test_integer_weights_keep_their_type_and_sum_exactly(dtype: str) -> None:
     assert (stored.sum(axis=1, dtype=np.int64) == maximum).all()
     scene = flatten(document)
     edit = centroid_split(scene, [0, 1], [CAP, WALL], lift=0.5)
-    assert _world_of_new_corners(scene, edit, Document.from_glb(write(scene, edit, None))) < 1e-5
+    assert _world_of_new_corners(scene, edit, Document.from_glb(write(scene, edit, [None]))) < 1e-5
 
 
 def test_walls_at_an_untouched_vertex_follow_its_bones_to_the_last_bit() -> None:
@@ -115,7 +115,7 @@ def test_morph_targets_reach_the_new_vertices_of_every_primitive(sparse: bool, c
     delta = read_accessor(result, target["POSITION"])
     np.testing.assert_allclose(delta[4:], [[0, 0, 1]] * 2, atol=1e-6)
     assert ("sparse" in result.json["accessors"][target["POSITION"]]) == sparse
-    assert _world_of_new_corners(scene, edit, Document.from_glb(write(scene, edit, None))) < 1e-6
+    assert _world_of_new_corners(scene, edit, Document.from_glb(write(scene, edit, [None]))) < 1e-6
 
 
 def test_normals_of_walls_turn_with_a_morph_target() -> None:
