@@ -44,11 +44,6 @@ if TYPE_CHECKING:
     from core.placement.site import Site
     from core.report import Warnings
 
-FAILED_CUTS = 10  # for each mark that is asked for
-# Of what the marks were to be worth. Where refused cuts leave less than the first, places are looked for again, and
-# once more while the last search regained the second.
-REGAINED, WORTHWHILE = 0.9, 0.02
-
 Progress = Callable[[str, float], None]
 Publish = Callable[[str, bytes], None]
 
@@ -188,56 +183,13 @@ def _place(job: Job) -> None:
 
 
 def _emboss(job: Job) -> None:
-    """Embosses the selected boxes; where one is refused, selects again among those not tried yet; when these are used
-    up, looks for more places where nothing is seen, while much of what the marks were to be worth is missing and each
-    search regains some of it."""
-    from core.embossing.emboss import Mark, emboss
-    from core.embossing.refusal import CHEAP, Refusal
+    from core.embossing.marks import emboss_marks
     from core.embossing.stamp import stamp
-    from core.placement.place import narrowest_legible, place_more
-    from core.placement.selection import select
+    from core.placement.place import narrowest_legible
 
-    assert job.parameters.count is not None
     job.mesh = WorkingMesh(job.ground.surface, job.usable, job.ground.sheets, job.ground.resolution)
-    job.marks, job.refusals = {}, Counter()
-    letters = stamp(job.lettering)
-    dead: set[int] = set()
-    chosen: list[int] = list(job.placement.start)
-    # A cut is the costly part; where this many fail, the rest of the asset is no better.
-    cuts_left = FAILED_CUTS * job.parameters.count
-    hoped, last = job.placement.value(chosen), -np.inf
-    while cuts_left > 0:
-        chosen = select(job.placement, job.parameters.count, fixed=list(job.marks), dead=dead, start=chosen)
-        fresh = [box for box in chosen if box not in job.marks]
-        if not fresh:
-            value = job.placement.value(list(job.marks))
-            if not dead or value >= REGAINED * hoped or value - last < WORTHWHILE * hoped:
-                break
-            last = value
-            job.placement = place_more(job.site, job.placement, list(job.marks), dead, job.rng)
-            chosen = list(job.placement.start)
-            continue
-        for box in fresh:
-            one = job.placement.boxes[np.array([box])]
-            outcome = emboss(job.mesh, one, letters, job.parameters.relief_at(one.size[0, 0]), job.ground.index)
-            if isinstance(outcome, Mark):
-                job.marks[box] = outcome
-            else:
-                job.refusals[outcome.value] += 1
-                dead.add(box)
-                cuts_left -= outcome not in CHEAP
-            job.report_progress(len(job.marks) / job.parameters.count)
-    if not job.marks:
-        reasons = ", ".join(f"{count} {reason}" for reason, count in job.refusals.most_common())
-        coarse = job.refusals.most_common(1)[0][0] == Refusal.TOO_FINE
-        raise MeshmarkError(
-            ErrorCode.NO_PLACEMENT,
-            f"The text could not be cut whole into any of the {sum(job.refusals.values())} places found ({reasons})."
-            + (" The file's 32-bit coordinates are too coarse for letters this far from the origin." * coarse),
-            "Move the model to the origin of its own coordinates."
-            if coarse
-            else "Ask for a smaller `size` or `relief`, or use a shorter text.",
-        )
+    done = emboss_marks(job.mesh, job.site, job.placement, stamp(job.lettering), job.rng, job.report_progress)
+    job.placement, job.marks, job.refusals = done.placement, done.marks, done.refusals
     widest = max(mark.box.size[0, 0] for mark in job.marks.values())
     if job.parameters.size is None and widest < narrowest_legible(job.lettering.aspect):
         job.warnings.append(

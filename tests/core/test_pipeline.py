@@ -11,16 +11,9 @@ import trimesh
 
 from core.asset.flatten import flatten
 from core.asset.gltf import Document
-from core.embossing import emboss
-from core.embossing.emboss import Mark
-from core.embossing.mesh import WorkingMesh
-from core.embossing.refusal import Refusal
 from core.errors import ErrorCode, MeshmarkError
 from core.parameters import Evaluate, Mode, Parameters, Preset
 from core.pipeline import STAGES, Result, watermark
-from core.placement import place
-from core.placement.boxes import Boxes
-from core.placement.objective import Placement
 from tests.validator import error_counts
 
 SPOT = Path(__file__).parents[1] / "data" / "spot.glb"
@@ -198,57 +191,6 @@ def test_a_mesh_with_no_room_for_a_word_is_an_error_and_publishes_nothing() -> N
     assert caught.value.code is ErrorCode.NO_PLACEMENT
     assert caught.value.remedy
     assert published == []
-
-
-class Cutter:
-    """Embosses as the product does, but refuses ``times`` places on the front of the asset, or only the ``pooled``
-    ones, those of before the first search; counts searches."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, times: int, pooled: bool) -> None:
-        self.left, self.searches, self._pooled = times, 0, pooled
-        self._emboss, self._more = emboss.emboss, place.place_more
-        monkeypatch.setattr("core.embossing.emboss.emboss", self.emboss)
-        monkeypatch.setattr("core.placement.place.place_more", self.place_more)
-
-    def emboss(self, mesh: WorkingMesh, box: Boxes, *rest: Any) -> Mark | Refusal:
-        if self.left and box.axes[0, 2, 2] > 0.9:
-            self.left -= 1
-            return Refusal.NOT_WHOLE
-        return self._emboss(mesh, box, *rest)
-
-    def place_more(self, *arguments: Any) -> Placement:
-        self.searches += 1
-        if self._pooled:
-            self.left = 0
-        return self._more(*arguments)
-
-
-def cube_marks(monkeypatch: pytest.MonkeyPatch, refused: int, pooled: bool = False) -> tuple[set[tuple[int, ...]], int]:
-    """The sides of a cube that get marks when so many places on its front are refused, and how often places are
-    searched for again."""
-    cutter = Cutter(monkeypatch, refused, pooled)
-    cube = trimesh.creation.box(extents=(2, 2, 2)).export(file_type="glb")
-    asked = Parameters(text="watermark", count=16, evaluate=Evaluate.NONE)
-    marks = watermark(cube, asked, preview=False).report["watermarks"]
-    return {tuple(np.round(mark["normal"]).astype(int).tolist()) for mark in marks}, cutter.searches
-
-
-def test_where_one_cut_is_refused_another_place_takes_its_part(monkeypatch: pytest.MonkeyPatch) -> None:
-    sides, searches = cube_marks(monkeypatch, refused=1)
-    assert len(sides) == 6
-    assert searches == 0
-
-
-def test_where_all_places_on_a_side_are_refused_more_are_searched_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    sides, searches = cube_marks(monkeypatch, refused=10_000, pooled=True)
-    assert len(sides) == 6
-    assert searches == 1
-
-
-def test_a_side_on_which_a_search_found_nothing_either_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    sides, searches = cube_marks(monkeypatch, refused=10_000)
-    assert len(sides) == 5
-    assert searches == 1
 
 
 def test_without_a_renderer_the_asset_is_delivered_and_the_report_says_why_there_is_no_preview(

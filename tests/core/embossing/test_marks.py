@@ -1,0 +1,84 @@
+"""What becomes of the places chosen for watermarks: embossed, or refused and replaced by others."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+from core.embossing import marks
+from core.embossing.emboss import Mark
+from core.embossing.mesh import WorkingMesh
+from core.embossing.refusal import Refusal
+from core.parameters import Evaluate, Parameters
+from core.pipeline import watermark
+from core.placement.boxes import Boxes
+from core.placement.objective import OBJECTIVE, Objective, Placement
+
+
+class Cutter:
+    """Embosses as the product does, but refuses ``times`` places on the front of the asset, or only the ``pooled``
+    ones, those of before the first search; counts searches."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, times: int, pooled: bool) -> None:
+        self.left, self.searches, self._pooled = times, 0, pooled
+        self._emboss, self._more = marks.emboss, marks.place_more
+        monkeypatch.setattr("core.embossing.marks.emboss", self.emboss)
+        monkeypatch.setattr("core.embossing.marks.place_more", self.place_more)
+
+    def emboss(self, mesh: WorkingMesh, box: Boxes, *rest: Any) -> Mark | Refusal:
+        if self.left and box.axes[0, 2, 2] > 0.9:
+            self.left -= 1
+            return Refusal.NOT_WHOLE
+        return self._emboss(mesh, box, *rest)
+
+    def place_more(self, *arguments: Any) -> Placement:
+        self.searches += 1
+        if self._pooled:
+            self.left = 0
+        return self._more(*arguments)
+
+
+def cube_marks(
+    monkeypatch: pytest.MonkeyPatch, refused: int, pooled: bool = False, objective: Objective = OBJECTIVE
+) -> tuple[set[tuple[int, ...]], int]:
+    """The sides of a cube that get marks when so many places on its front are refused, and how often places are
+    searched for again."""
+    cutter = Cutter(monkeypatch, refused, pooled)
+    cube = trimesh.creation.box(extents=(2, 2, 2)).export(file_type="glb")
+    asked = Parameters(text="watermark", count=16, evaluate=Evaluate.NONE)
+    found = watermark(cube, asked, preview=False, objective=objective).report["watermarks"]
+    return {tuple(np.round(mark["normal"]).astype(int).tolist()) for mark in found}, cutter.searches
+
+
+def test_where_one_cut_is_refused_another_place_takes_its_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    sides, searches = cube_marks(monkeypatch, refused=1)
+    assert len(sides) == 6
+    assert searches == 0
+
+
+def test_where_all_places_on_a_side_are_refused_more_are_searched_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    sides, searches = cube_marks(monkeypatch, refused=10_000, pooled=True)
+    assert len(sides) == 6
+    assert searches == 1
+
+
+def test_a_side_on_which_a_search_found_nothing_either_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    sides, searches = cube_marks(monkeypatch, refused=10_000)
+    assert len(sides) == 5
+    assert searches == 1
+
+
+@pytest.mark.parametrize("refused", [1, 10_000])
+def test_where_every_mark_costs_more_than_it_shows_the_search_still_ends(
+    monkeypatch: pytest.MonkeyPatch, refused: int
+) -> None:
+    sides, searches = cube_marks(monkeypatch, refused, objective=Objective(mark=1.0))
+    assert len(sides) == 1
+    assert searches <= 1
+
+
+def test_however_much_each_search_regains_there_are_only_so_many(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(marks, "WORTHWHILE", -1.0)
+    _, searches = cube_marks(monkeypatch, refused=10_000)
+    assert searches == marks.MAX_SEARCHES
