@@ -1,10 +1,13 @@
 """Every accepted format as a GLB document."""
 
+from dataclasses import replace
+
 from core.asset.archive import Archive
 from core.asset.assemble import assemble
 from core.asset.assembly import Assembly, Instance
 from core.asset.budgets import DEFAULT_BUDGETS, Budgets
 from core.asset.dae import read_dae, read_dae_zip
+from core.asset.glb_check import carried_unread
 from core.asset.gltf import Document
 from core.asset.obj import read_obj
 from core.asset.obj_zip import read_obj_zip
@@ -35,11 +38,11 @@ def to_document(data: bytes, file_format: Format, budgets: Budgets = DEFAULT_BUD
     """
     match file_format:
         case Format.GLB:
-            return Document.from_glb(data)
+            return _as_it_is(Document.from_glb(data))
         case Format.GLTF:
-            return pack_json(data, budgets)
+            return _as_it_is(pack_json(data, budgets))
         case Format.GLTF_ZIP:
-            return pack_archive(Archive(data, budgets), budgets)
+            return _as_it_is(pack_archive(Archive(data, budgets), budgets))
         case Format.OBJ_ZIP:
             return assemble(read_obj_zip(Archive(data, budgets), budgets))
         case Format.THREEMF:
@@ -50,6 +53,10 @@ def to_document(data: bytes, file_format: Format, budgets: Budgets = DEFAULT_BUD
             return assemble(read_dae_zip(Archive(data, budgets), budgets))
         case _:
             return assemble(Assembly([_read(data, file_format, budgets)], ["model"], [Instance("model", 0)]))
+
+
+def _as_it_is(document: Document) -> Document:
+    return replace(document, warnings=[*document.warnings, *carried_unread(document)])
 
 
 def _read(data: bytes, file_format: Format, budgets: Budgets) -> PolygonMesh:

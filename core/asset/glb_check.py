@@ -1,8 +1,7 @@
 """The gate of a GLB: every declaration that will be read is of the right type, consistent and within budget."""
 
-import base64
-import binascii
 import re
+from typing import Any
 from urllib.parse import unquote, urlsplit
 
 import numpy as np
@@ -10,6 +9,7 @@ import numpy as np
 from core.asset.budgets import Budgets, within
 from core.asset.compressed_check import check_draco, check_fallback, check_meshopt
 from core.asset.compression import meshopt_of
+from core.asset.data_uri import is_data_uri
 from core.asset.declarations import Json, entries, integer, mapping, numbers, quote, reference, references
 from core.asset.gltf import COMPONENT_TYPES, ELEMENT_TYPES, Document, malformed
 from core.asset.hierarchy import scene_nodes
@@ -25,6 +25,7 @@ UNDERSTOOD = re.compile(
     r"KHR_mesh_quantization|KHR_texture_(transform|basisu)|KHR_materials_\w+|KHR_lights_\w+|KHR_animation_pointer"
     r"|KHR_(draco_mesh|meshopt)_compression|EXT_meshopt_compression|KHR_xmp\w*|KHR_node_\w+|EXT_texture_webp|EXT_mesh_gpu_instancing|EXT_lights_\w+|EXT_materials_\w+|MSFT_lod"
 )
+UNREAD_IMAGES = ("EXT_texture_avif", "MSFT_texture_dds")
 _ARRAYS = (
     *("accessors", "animations", "bufferViews", "buffers", "cameras", "images", "materials", "meshes", "nodes"),
     *("samplers", "scenes", "skins", "textures"),
@@ -39,16 +40,12 @@ def check_glb(data: bytes, budgets: Budgets) -> None:
         MeshmarkError: ``truncated_file``, ``malformed_file``, ``budget_exceeded``, ``external_reference``,
             ``unsupported_format``, ``unsupported_feature`` or ``no_faces``.
     """
-    version, length = int.from_bytes(data[4:8], "little"), int.from_bytes(data[8:12], "little")
-    if len(data) >= 12 and version == 1:
+    if len(data) >= 12 and int.from_bytes(data[4:8], "little") == 1:
         raise MeshmarkError(
             ErrorCode.UNSUPPORTED_FORMAT, "The file is a GLB of version 1, not 2.", "Export it as a glTF 2.0 GLB."
         )
     check_json_text(data[20 : 20 + int.from_bytes(data[12:16], "little")], budgets)
-    document = Document.from_glb(data)
-    if length < len(data):
-        raise malformed(f"The GLB header declares {length:,} bytes, but the file has {len(data):,}.")
-    check_document(document, budgets)
+    check_document(Document.from_glb(data), budgets)
 
 
 def check_document(document: Document, budgets: Budgets) -> None:
@@ -58,16 +55,16 @@ def check_document(document: Document, budgets: Budgets) -> None:
         MeshmarkError: as :func:`check_glb`.
     """
     json = document.json
+    check_version(json)
     for kind in _ARRAYS:
         values = json.get(kind, [])
         if not isinstance(values, list) or not all(isinstance(value, dict) for value in values):
             raise malformed(f"{kind} of the GLB is not an array of objects.")
-    _check_version(json)
     _check_extensions(json)
     buffers = _buffers(document)
     _check_views(json, buffers, budgets)
     _check_accessors(json, budgets)
-    _check_images(json, buffers, budgets)
+    _check_images(document, budgets)
     _check_skins(json)
     _check_animations(json)
     drawn = [_mesh_counts(json, number) for number in range(len(entries(json, "meshes")))]
@@ -99,12 +96,20 @@ def check_json_text(text: bytes, budgets: Budgets) -> None:
         raise malformed(f"The JSON of the GLB is nested {depth:,} deep; {MAX_JSON_DEPTH} is the most accepted.")
 
 
-def _check_version(json: Json) -> None:
+def check_version(json: Json) -> None:
+    """Refuse a glTF of another version than 2; one that gives its version as a number is read all the same.
+
+    Raises:
+        MeshmarkError: ``unsupported_format``, or ``malformed_file`` where there is no version.
+    """
     asset = mapping(json, "asset", "glTF")
     wanted = asset.get("minVersion", asset.get("version"))
-    if not isinstance(wanted, str):
+    if wanted is None and any(isinstance(json.get(kind), dict) for kind in _ARRAYS):
+        wanted = "1.0"  # which keeps its objects by name, and need not say what it is
+    if isinstance(wanted, bool) or not isinstance(wanted, str | int | float):
         raise malformed("asset.version of the GLB is missing.")
-    if wanted != "2.0" and not (wanted.startswith("2.") and "minVersion" not in asset):
+    number = str(wanted)
+    if number not in ("2", "2.0") and not (number.startswith("2.") and "minVersion" not in asset):
         raise MeshmarkError(
             ErrorCode.UNSUPPORTED_FORMAT,
             f"The file asks for glTF {quote(wanted)}; 2.0 is read.",
@@ -117,7 +122,8 @@ def _check_extensions(json: Json) -> None:
         names = json.get(kind, [])
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
             raise malformed(f"{kind} of the GLB is not an array of names.")
-    unknown = [name for name in json.get("extensionsRequired", []) if not UNDERSTOOD.fullmatch(name)]
+    required = json.get("extensionsRequired", [])
+    unknown = [name for name in required if not UNDERSTOOD.fullmatch(name) and not _has_fallback(json, name)]
     if unknown:
         listed = ", ".join(quote(name) for name in unknown[:10])
         raise MeshmarkError(
@@ -125,6 +131,14 @@ def _check_extensions(json: Json) -> None:
             f"The GLB requires {listed}, which this release does not read.",
             "Export the asset without these extensions and send it again.",
         )
+
+
+def _has_fallback(json: Json, extension: str) -> bool:
+    """Whether all textures that name an image of a kind that is not read have another one beside it."""
+    textures = [
+        texture for texture in entries(json, "textures") if extension in mapping(texture, "extensions", "texture")
+    ]
+    return extension in UNREAD_IMAGES and all("source" in texture for texture in textures)
 
 
 def _buffers(document: Document) -> list[bytes]:
@@ -219,27 +233,74 @@ def _check_sparse(json: Json, accessor: Json, count: int, component: int, elemen
     return replaced * (_element_bytes(component, element) + COMPONENT_TYPES[index_type].itemsize)
 
 
-def _check_images(json: Json, buffers: list[bytes], budgets: Budgets) -> None:
+def _check_images(document: Document, budgets: Budgets) -> None:
+    """Of all images whose kind is known; others are carried unread, and cost nothing."""
     pixels = 0
-    for number, image in enumerate(entries(json, "images")):
+    for number, image in enumerate(entries(document.json, "images")):
         where = f"images[{number}]"
         if is_beside(image):
             continue
-        size = image_size(_image_bytes(json, buffers, image, where))
-        if size is None:
+        if "bufferView" in image:
+            reference(image["bufferView"], document.json, "bufferViews", where)
+        elif not isinstance(image.get("uri"), str):
+            raise malformed(f"{where} has neither a buffer view nor a URI.")
+        elif not is_data_uri(image["uri"]):
             raise MeshmarkError(
-                ErrorCode.UNSUPPORTED_FEATURE,
-                f"{where} of the GLB is not a PNG, JPEG, WebP or KTX2 image.",
-                "Export the asset with PNG or JPEG textures.",
+                ErrorCode.EXTERNAL_REFERENCE,
+                f"{where} lies in another file ({quote(image['uri'])}); nothing outside the uploaded file is opened.",
+                "Export the asset as one self-contained GLB with its textures embedded.",
             )
-        pixels += size[0] * size[1]
-        within(pixels, budgets.image_pixels, f"texture pixels up to {where}, which has {size[0]:,} x {size[1]:,},")
+        width, height = image_size(document.image(number) or memoryview(b"")) or (0, 0)
+        pixels += width * height
+        within(pixels, budgets.image_pixels, f"texture pixels up to {where}, which has {width:,} x {height:,},")
+
+
+def carried_unread(document: Document) -> list[MeshmarkError]:
+    """A warning for each part of a sound document that is carried through although nothing here can read it."""
+    warnings = []
+    unread = [
+        number
+        for number, texture in enumerate(entries(document.json, "textures"))
+        if (sources := _sources(texture)) and not any(_is_shown(document, source) for source in sources)
+    ]
+    if unread:
+        listed = ", ".join(f"textures[{number}]" for number in unread[:3])
+        warnings.append(
+            MeshmarkError(
+                ErrorCode.UNSUPPORTED_FEATURE,
+                f"{len(unread):,} textures of the asset ({listed}) have no PNG, JPEG, WebP or KTX2 image. Their bytes "
+                "are carried as they are; what wears them is looked at and pictured in its plain colour.",
+                "Export the asset with PNG or JPEG textures, if the pictures and figures matter.",
+            )
+        )
+    if document.chunks:
+        listed = ", ".join(repr(kind.decode("latin-1").rstrip("\0 ")) for kind, _ in document.chunks[:3])
+        warnings.append(
+            MeshmarkError(
+                ErrorCode.UNSUPPORTED_FEATURE,
+                f"The GLB has further chunks ({listed}), which are carried as they are; nobody looked what is in them.",
+                "Take them out before the upload if they hold what nobody shall have unmarked.",
+            )
+        )
+    return warnings
+
+
+def _sources(texture: Json) -> list[Any]:
+    """The images that a texture can show: its own and those that its extensions name."""
+    owners = (texture, *mapping(texture, "extensions", "texture").values())
+    return [owner["source"] for owner in owners if isinstance(owner, dict) and "source" in owner]
+
+
+def _is_shown(document: Document, index: Any) -> bool:
+    """Whether an image is of a kind that is known; those in other files are spoken of by themselves."""
+    content = document.image(index)
+    return is_beside(document.entry("images", index)) or (content is not None and image_size(content) is not None)
 
 
 def is_beside(image: Json) -> bool:
     """Whether an image of a GLB is a file in or below the GLB's own folder. It is never opened, only carried."""
     uri = image.get("uri")
-    if "bufferView" in image or not isinstance(uri, str) or uri.startswith("data:"):
+    if "bufferView" in image or not isinstance(uri, str) or is_data_uri(uri):
         return False
     try:
         parts = urlsplit(uri)
@@ -247,26 +308,6 @@ def is_beside(image: Json) -> bool:
         return False
     path = unquote(parts.path).replace("\\", "/")
     return not (parts.scheme or parts.netloc or path.startswith("/") or ".." in path.split("/"))
-
-
-def _image_bytes(json: Json, buffers: list[bytes], image: Json, where: str) -> memoryview:
-    if "bufferView" in image:
-        view = entries(json, "bufferViews")[reference(image["bufferView"], json, "bufferViews", where)]
-        start = view.get("byteOffset", 0)
-        return memoryview(buffers[view["buffer"]])[start : start + view["byteLength"]]
-    uri = image.get("uri")
-    if not isinstance(uri, str):
-        raise malformed(f"{where} has neither a buffer view nor a URI.")
-    if not uri.startswith("data:"):
-        raise MeshmarkError(
-            ErrorCode.EXTERNAL_REFERENCE,
-            f"{where} lies in another file ({quote(uri)}); nothing outside the uploaded file is opened.",
-            "Export the asset as one self-contained GLB with its textures embedded.",
-        )
-    try:
-        return memoryview(base64.b64decode(uri.partition(",")[2]))
-    except (ValueError, binascii.Error):
-        raise malformed(f"The data URI of {where} cannot be decoded.") from None
 
 
 def _check_skins(json: Json) -> None:

@@ -1,19 +1,17 @@
 """A GLB as its chunks, and the accessors in it (glTF 2.0 specification, sections 3.6 and 4.4)."""
 
-import base64
-import binascii
 import json
 import math
 import struct
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, TypeVar
-from urllib.parse import unquote_to_bytes
 
 import numpy as np
 from numpy.typing import NDArray
 
 from core.asset.compression import DRACO, decode_draco, decode_meshopt, meshopt_of
+from core.asset.data_uri import decode_data_uri, is_data_uri
 from core.errors import ErrorCode, MeshmarkError
 
 COMPONENT_TYPES: dict[int, np.dtype[Any]] = {
@@ -64,6 +62,7 @@ class Document:
     warnings: list[MeshmarkError] = field(default_factory=list)
     chunks: tuple[tuple[bytes, bytes], ...] = ()
     _views: dict[int, bytes] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _decoded: dict[str, bytes] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @classmethod
     def from_glb(cls, data: bytes) -> "Document":
@@ -134,7 +133,7 @@ class Document:
         return entry
 
     def buffer(self, index: int) -> bytes:
-        """The bytes of a buffer: the BIN chunk, or a decoded data URI.
+        """The bytes of a buffer: the BIN chunk, or a data URI, which is decoded once.
 
         Raises:
             MeshmarkError: ``malformed_file``; ``external_reference`` for any other URI.
@@ -142,7 +141,18 @@ class Document:
         entry = self.entry("buffers", index)
         uri = entry.get("uri")
         if uri is not None:
-            return _decode_data_uri(index, uri)
+            if not is_data_uri(uri):
+                raise MeshmarkError(
+                    ErrorCode.EXTERNAL_REFERENCE,
+                    f"buffers[{index}] lies in another file; nothing outside the uploaded file is opened.",
+                    "Export the asset as one self-contained GLB.",
+                )
+            if uri not in self._decoded:
+                try:
+                    self._decoded[uri] = decode_data_uri(uri)
+                except ValueError:
+                    raise malformed(f"The data URI of buffers[{index}] cannot be decoded.") from None
+            return self._decoded[uri]
         if index != 0:
             raise malformed(f"buffers[{index}] has no URI, and only the first buffer can be the BIN chunk.")
         return self.binary
@@ -163,6 +173,24 @@ class Document:
             data, start, length = self._range(compressed, index)
             self._views[index] = decode_meshopt(data[start : start + length], compressed, f"bufferViews[{index}]")
         return self._views[index], 0, len(self._views[index])
+
+    def image(self, index: Any) -> memoryview | None:
+        """The encoded bytes of an image; ``None`` where it is a file of its own, or a data URI that is damaged.
+
+        Raises:
+            MeshmarkError: ``malformed_file``, ``external_reference``.
+        """
+        image = self.entry("images", index)
+        if "bufferView" in image:
+            view = self.entry("bufferViews", image["bufferView"])
+            data, start, length = self._range(view, image["bufferView"])
+            return memoryview(data)[start : start + length]
+        if not is_data_uri(uri := image.get("uri")):
+            return None
+        try:
+            return memoryview(decode_data_uri(uri))
+        except ValueError:
+            return None
 
     @cached_property
     def draco(self) -> "dict[int, NDArray[Any]]":
@@ -258,23 +286,6 @@ def _finite(number: str) -> float:
     if not math.isfinite(value):
         raise ValueError(f"{number} does not fit a double")
     return value
-
-
-def _decode_data_uri(index: int, uri: Any) -> bytes:
-    if not isinstance(uri, str) or not uri.startswith("data:"):
-        raise MeshmarkError(
-            ErrorCode.EXTERNAL_REFERENCE,
-            f"buffers[{index}] lies in another file; nothing outside the uploaded file is opened.",
-            "Export the asset as one self-contained GLB.",
-        )
-    header, comma, payload = uri.partition(",")
-    try:
-        if not comma:
-            raise ValueError("no payload")
-        raw = unquote_to_bytes(payload)
-        return base64.b64decode(raw, validate=True) if header.endswith(";base64") else raw
-    except (ValueError, binascii.Error):
-        raise malformed(f"The data URI of buffers[{index}] cannot be decoded.") from None
 
 
 def _read_view(

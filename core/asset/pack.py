@@ -1,22 +1,18 @@
 """A glTF with its buffers and images in other files, or in data URIs, as one GLB document."""
 
-import base64
-import binascii
-import re
 from collections.abc import Callable
 from typing import Any
-from urllib.parse import unquote_to_bytes
 
 from core.asset.archive import Archive, outside
 from core.asset.budgets import Budgets
-from core.asset.glb_check import check_json_text
+from core.asset.data_uri import decode_data_uri, is_data_uri
+from core.asset.glb_check import check_json_text, check_version
 from core.asset.gltf import Document, malformed, parse_json, typed
 from core.asset.images import mime_type
 
 Json = dict[str, Any]
 Load = Callable[[str], bytes | None]
 
-_DATA_URI = re.compile(r"data:[^,]*,")
 _ALIGNMENT = 8  # of an accessor's largest component, with room to spare
 
 
@@ -51,6 +47,7 @@ def _pack(text: bytes, name: str, load: Load, budgets: Budgets) -> Document:
     text = text.removeprefix(b"\xef\xbb\xbf")
     check_json_text(text, budgets)
     document = Document(parse_json(text), b"")
+    check_version(document.json)
     binary = bytearray()
     _pack_buffers(document, binary, name, load)
     _pack_images(document, binary, load)
@@ -111,9 +108,10 @@ def _pack_images(document: Document, binary: bytearray, load: Load) -> None:
         uri = image.get("uri")
         if uri is None:
             continue
-        content = _content(uri, load, f"images[{number}]")
-        if content is None:
-            continue  # carried as it is: the file may lie beside the result
+        content = document.image(number) if is_data_uri(uri) else _content(uri, load, f"images[{number}]")
+        if not content:
+            continue  # carried as it is: the file may lie beside the result, and nothing else needs the picture
+        content = bytes(content)
         if not document.json.setdefault("buffers", []):
             document.json["buffers"].append({"byteLength": 0})
         if content not in stored:
@@ -132,11 +130,9 @@ def _content(uri: Any, load: Load, where: str) -> bytes | None:
     """The bytes behind a URI; ``None`` where the file is not in the upload."""
     if not isinstance(uri, str):
         raise malformed(f"The URI of {where} is not a text.")
-    header = _DATA_URI.match(uri)
-    if header is None:
+    if not is_data_uri(uri):
         return load(uri)
     try:
-        raw = unquote_to_bytes(uri[header.end() :]) if "%" in uri else uri[header.end() :].encode("ascii")
-        return base64.b64decode(raw, validate=True) if header[0].endswith(";base64,") else raw
-    except (ValueError, binascii.Error):
+        return decode_data_uri(uri)
+    except ValueError:
         raise malformed(f"The data URI of {where} cannot be decoded.") from None

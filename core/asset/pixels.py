@@ -1,7 +1,5 @@
 """Base colour images of a GLB, decoded for drawing."""
 
-import base64
-import binascii
 import warnings
 from dataclasses import dataclass
 from io import BytesIO
@@ -49,7 +47,7 @@ def read_texture(document: Document, index: int, limit: int) -> Texture | None:
     source = webp.get("source", texture.get("source"))
     if source is None:
         return None
-    pixels = _decode(_image_bytes(document, source), limit)
+    pixels = _decode(document.image(source), limit)
     if pixels is None:
         return None
     sampler: dict[str, Any] = document.entry("samplers", texture["sampler"]) if "sampler" in texture else {}
@@ -60,22 +58,7 @@ def read_texture(document: Document, index: int, limit: int) -> Texture | None:
     )
 
 
-def _image_bytes(document: Document, index: Any) -> bytes | None:
-    image = document.entry("images", index)
-    if "bufferView" in image:
-        view = document.entry("bufferViews", image["bufferView"])
-        start = view.get("byteOffset", 0)
-        return document.buffer(view.get("buffer", -1))[start : start + view.get("byteLength", 0)]
-    header, _, payload = str(image.get("uri", "")).partition(",")
-    if not (header.startswith("data:") and header.endswith(";base64")):
-        return None
-    try:
-        return base64.b64decode(payload, validate=True)
-    except binascii.Error:
-        return None
-
-
-def _decode(data: bytes | None, limit: int) -> NDArray[np.uint8] | None:
+def _decode(data: memoryview | None, limit: int) -> NDArray[np.uint8] | None:
     if data is None:
         return None
     try:

@@ -87,6 +87,7 @@ def test_unknown_content_is_refused_saying_what_it_looks_like(data: bytes, seen:
         (_archive("cow.stl", "readme.txt"), "needs no archive"),
         (b"Kaydara FBX Binary  \x00\x1a\x00" + bytes(40), "FBX"),
         (b"PXR-USDC" + bytes(40), "USD"),
+        *((kind + b"\1\0\0\0" + bytes(40), kind.decode()) for kind in (b"b3dm", b"i3dm", b"pnts", b"cmpt")),
         (struct.pack("<4sII", b"glTF", 1, 20) + bytes(8), "version 1"),
     ],
 )

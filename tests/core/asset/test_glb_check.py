@@ -2,15 +2,21 @@ import base64
 import json
 import struct
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from core.asset.budgets import Budgets
-from core.asset.glb_check import check_glb
+from core.asset.flatten import flatten
+from core.asset.formats import to_document
+from core.asset.gate import admit
+from core.asset.glb_check import check_document, check_glb
 from core.asset.gltf import Document
+from core.asset.sniff import Format
 from core.errors import ErrorCode, MeshmarkError
 from tests.core.asset.builder import CUBE, CUBE_FACES, Builder, simple
+from tests.core.asset.samples import CUBE_BIN, gltf, png
 
 Change = Callable[[dict[str, Any]], object]
 
@@ -137,7 +143,6 @@ def test_nodes_that_are_no_forest_are_refused() -> None:
         ("images", [{"uri": "/etc/passwd"}], ErrorCode.EXTERNAL_REFERENCE),
         ("images", [{"uri": "textures/..%2f../secret.png"}], ErrorCode.EXTERNAL_REFERENCE),
         ("images", [{"uri": "//host/share.png"}], ErrorCode.EXTERNAL_REFERENCE),
-        ("images", [{"uri": "data:image/gif;base64,R0lGODlh"}], ErrorCode.UNSUPPORTED_FEATURE),
         ("asset.version", "3.0", ErrorCode.UNSUPPORTED_FORMAT),
         ("asset.minVersion", "2.1", ErrorCode.UNSUPPORTED_FORMAT),
         ("extensionsUsed", True, ErrorCode.MALFORMED_FILE),
@@ -237,7 +242,87 @@ def test_json_is_bounded_before_it_is_parsed() -> None:
     assert _code(document, Budgets(json_bytes=500)) is ErrorCode.BUDGET_EXCEEDED
 
 
-def test_bytes_after_the_declared_length_are_refused() -> None:
-    with pytest.raises(MeshmarkError) as caught:
-        check_glb(simple().to_glb() + b"\0\0\0\0", Budgets())
-    assert caught.value.code is ErrorCode.MALFORMED_FILE
+def test_bytes_after_the_declared_length_are_ignored() -> None:
+    data = simple().to_glb()
+    check_glb(data + b"\0\0\0\0", Budgets())
+    assert to_document(data + b"\0" * 7, Format.GLB).to_glb() == data
+
+
+@pytest.mark.parametrize("version", ["2.0", "2.1", 2, 2.0])
+def test_the_version_may_be_a_number(version: object) -> None:
+    check_document(_changed(_set("asset", {"version": version})), Budgets())
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"asset": {"version": "1.0"}, "buffers": {"a": {}}},
+        {"asset": {"version": 1.0}, "meshes": {"a": {}}},
+        {"asset": {"version": 1}},
+        {"asset": {}, "accessors": {}, "buffers": {}},
+        {"asset": {"version": "2.0", "minVersion": "2.1"}},
+    ],
+)
+def test_another_version_is_named_before_anything_that_differs_in_it(changes: dict[str, Any]) -> None:
+    json_text = json.dumps(json.loads(gltf()) | changes).encode()
+    for data in (json_text, Document(json.loads(json_text), CUBE_BIN).to_glb()):
+        with pytest.raises(MeshmarkError, match=r"glTF (1|2\.1)") as caught:
+            admit(data)
+        assert caught.value.code is ErrorCode.UNSUPPORTED_FORMAT
+
+
+def _textured(image: bytes, texture: dict[str, Any], **more: Any) -> bytes:
+    """A cube with two images, a PNG and ``image``, and one texture."""
+    builder = Builder()
+    primitive = builder.primitive(CUBE, CUBE_FACES) | {"material": 0}
+    images = [{"bufferView": builder.view(data), "mimeType": "image/png"} for data in (png(1, 2, 3), image)]
+    material = {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}
+    meshes = [{"primitives": [primitive]}]
+    return builder.document(meshes=meshes, materials=[material], images=images, textures=[texture], **more).to_glb()
+
+
+AVIF = b"\0\0\0\x1cftypavif" + bytes(40)
+
+
+@pytest.mark.parametrize("extension", ["EXT_texture_avif", "MSFT_texture_dds"])
+@pytest.mark.parametrize("kind", ["extensionsUsed", "extensionsRequired"])
+def test_an_image_of_another_kind_with_a_fallback_is_carried_without_a_word(extension: str, kind: str) -> None:
+    texture = {"source": 0, "extensions": {extension: {"source": 1}}}
+    data = _textured(AVIF, texture, **{kind: [extension]})
+    document = to_document(data, admit(data))
+    assert document.warnings == []
+    assert document.to_glb() == data
+    assert flatten(document).surface.faces.shape == (12, 3)
+
+
+@pytest.mark.parametrize("image", [bytes(16), AVIF, b"garbage"])
+def test_an_image_that_cannot_be_read_is_carried_with_a_warning(image: bytes) -> None:
+    data = _textured(image, {"source": 1})
+    document = to_document(data, admit(data))
+    assert [warning.code for warning in document.warnings] == [ErrorCode.UNSUPPORTED_FEATURE]
+    assert "textures[0]" in document.warnings[0].message
+    assert document.to_glb() == data
+
+
+def test_an_image_of_another_kind_that_is_required_is_refused_by_name() -> None:
+    texture = {"extensions": {"EXT_texture_avif": {"source": 1}}}
+    with pytest.raises(MeshmarkError, match="requires EXT_texture_avif") as caught:
+        admit(_textured(AVIF, texture, extensionsRequired=["EXT_texture_avif"]))
+    assert caught.value.code is ErrorCode.UNSUPPORTED_FEATURE
+
+
+@pytest.mark.parametrize("uri", ["data:image/png;base64,", "data:image/png;base64,!!!", "data:image/png"])
+def test_an_embedded_image_that_is_empty_or_damaged_is_carried_with_a_warning(uri: str) -> None:
+    buffer = "data:;base64," + base64.b64encode(CUBE_BIN).decode()
+    data = gltf(buffer, images=[{"uri": uri}], textures=[{"source": 0}])
+    for same in (data, Document(json.loads(data), b"").to_glb()):
+        document = to_document(same, admit(same))
+        assert document.json["images"] == [{"uri": uri}]
+        assert len(document.warnings) == 1
+
+
+def test_further_chunks_are_carried_with_a_warning_that_names_them() -> None:
+    data = replace(simple(), chunks=((b"HAIR", b"1234"),)).to_glb()
+    document = to_document(data, admit(data))
+    assert document.to_glb() == data
+    assert ["HAIR" in warning.message for warning in document.warnings] == [True]

@@ -4,15 +4,18 @@ import json
 import struct
 from dataclasses import replace
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from core.asset.data_uri import decode_data_uri
+from core.asset.flatten import flatten
 from core.asset.gltf import COMPONENT_TYPES, ELEMENT_TYPES, Document, dequantize, read_accessor
 from core.errors import ErrorCode, MeshmarkError
-from tests.core.asset.builder import Builder, simple
+from tests.core.asset.builder import CUBE, CUBE_FACES, Builder, simple
 from tests.validator import error_counts
 
 
@@ -209,6 +212,16 @@ def test_a_buffer_in_a_data_uri_is_decoded(uri: str) -> None:
     )
 
 
+def test_a_buffer_in_a_data_uri_is_decoded_once_however_many_accessors_are_in_it() -> None:
+    document = simple(CUBE, CUBE_FACES)
+    document.json["buffers"][0]["uri"] = "data:;base64," + base64.b64encode(document.binary).decode()
+    primitive = document.json["meshes"][0]["primitives"][0]
+    document.json["meshes"][0]["primitives"] = [primitive] * 400
+    with mock.patch("core.asset.gltf.decode_data_uri", wraps=decode_data_uri) as decode:
+        flatten(document)
+    assert decode.call_count == 1
+
+
 @pytest.mark.parametrize("uri", ["mesh.bin", "../mesh.bin", "http://example.org/mesh.bin", "file:///etc/passwd", 7])
 def test_a_buffer_anywhere_else_is_an_external_reference(uri: Any) -> None:
     document = simple()
@@ -218,7 +231,7 @@ def test_a_buffer_anywhere_else_is_an_external_reference(uri: Any) -> None:
     assert caught.value.code is ErrorCode.EXTERNAL_REFERENCE
 
 
-@pytest.mark.parametrize("payload", ["data:;base64,@@@", "data:;base64,abc", "data:nocomma"])
+@pytest.mark.parametrize("payload", ["data:;base64,@@@", "data:;base64,abcde", "data:nocomma"])
 def test_a_broken_data_uri_is_malformed(payload: str) -> None:
     document = simple()
     document.json["buffers"][0]["uri"] = payload

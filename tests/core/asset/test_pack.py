@@ -120,10 +120,6 @@ def test_a_missing_texture_stays_a_reference_as_in_a_glb() -> None:
         (zipped({"cube.gltf": "{", "cube.bin": CUBE_BIN}), ErrorCode.MALFORMED_FILE),
         (zipped({"cube.gltf": b"[" * 10**5}), ErrorCode.MALFORMED_FILE),
         (zipped({"a.gltf": gltf(), "b.gltf": gltf(), "cube.bin": CUBE_BIN}), ErrorCode.UNSUPPORTED_FEATURE),
-        (
-            zipped({"cube.gltf": gltf(images=[{"uri": "a.bmp"}]), "cube.bin": CUBE_BIN, "a.bmp": b"BM"}),
-            ErrorCode.UNSUPPORTED_FEATURE,
-        ),
         (GLTF.replace(b'"2.0"', b'"1.0"'), ErrorCode.UNSUPPORTED_FORMAT),
     ],
 )
