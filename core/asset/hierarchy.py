@@ -9,6 +9,8 @@ from core.asset.gltf import Document, malformed, typed
 
 Float = NDArray[np.float64]
 
+VISIBILITY = "KHR_node_visibility"
+
 
 def world_matrices(document: Document) -> Float:
     """(N, 4, 4) local -> world matrix of every node, whether or not a scene shows it.
@@ -64,6 +66,28 @@ def scene_nodes(document: Document) -> list[int]:
         found.append(index)
         pending += children_of[::-1]
     return found
+
+
+def hidden_nodes(document: Document) -> set[int]:
+    """Nodes that KHR_node_visibility hides: themselves, or one above them.
+
+    Raises:
+        MeshmarkError: ``malformed_file`` for nodes that are not well formed.
+    """
+    nodes = range(len(typed(document.json, "nodes", list)))
+    pending = [node for node in nodes if _is_hidden(document, node)]
+    hidden: set[int] = set()
+    while pending:
+        node = pending.pop()
+        if node not in hidden:
+            hidden.add(node)
+            pending += _children(document, node)
+    return hidden
+
+
+def _is_hidden(document: Document, node: int) -> bool:
+    extensions = typed(document.entry("nodes", node), "extensions", dict)
+    return typed(extensions, VISIBILITY, dict).get("visible") is False
 
 
 def _children(document: Document, index: int) -> list[int]:

@@ -6,12 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.asset.flatten import Scene
-from core.asset.gltf import Document, typed
+from core.asset.hierarchy import hidden_nodes
 
 Bool = NDArray[np.bool_]
 
 SEE_THROUGH_MODES = ("MASK", "BLEND")
-VISIBILITY = "KHR_node_visibility"
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +35,7 @@ def editable(scene: Scene) -> Editable:
     hides, or of nodes whose transform flattens them. Glass (KHR_materials_transmission) may: its surface is all there,
     and the walls of letters refract.
     """
-    hidden = _hidden_nodes(scene.document)
+    hidden = hidden_nodes(scene.document)
     shown = np.array([drawn.node not in hidden for drawn in scene.primitives])
     if not shown.any():
         shown[:] = True
@@ -54,21 +53,3 @@ def _is_see_through(scene: Scene, number: int) -> bool:
         return False
     material = document.entry("materials", primitive["material"])
     return material.get("alphaMode") in SEE_THROUGH_MODES
-
-
-def _hidden_nodes(document: Document) -> set[int]:
-    """Nodes that are hidden themselves or below a hidden one."""
-    nodes = range(len(typed(document.json, "nodes", list)))
-    pending = [node for node in nodes if _is_hidden(document, node)]
-    hidden: set[int] = set()
-    while pending:
-        node = pending.pop()
-        if node not in hidden:
-            hidden.add(node)
-            pending += typed(document.entry("nodes", node), "children", list)
-    return hidden
-
-
-def _is_hidden(document: Document, node: int) -> bool:
-    extensions = typed(document.entry("nodes", node), "extensions", dict)
-    return typed(extensions, VISIBILITY, dict).get("visible") is False

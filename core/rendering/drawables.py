@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from core.asset.flatten import DrawnPrimitive, flatten
 from core.asset.gltf import Document, dequantize, malformed, read_accessor
-from core.asset.materials import Material, read_material
+from core.asset.hierarchy import hidden_nodes
+from core.asset.materials import Emission, Material, read_material
 from core.asset.pixels import read_texture
 
 Float32 = NDArray[np.float32]
@@ -26,14 +27,17 @@ class Drawable:
         faces: (T, 3) int64, counter-clockwise from outside.
         normals: (N, 3) float32, or ``None``: flat shading.
         uv: (N, 2) float32 as in glTF (v points down), its transform applied, or ``None``.
+        emission_uv: the same for the texture of its emission.
         colors: (N, 4) float32 linear RGBA, or ``None``.
-        material: how it looks; its texture is drawn only where there is ``uv``.
+        material: how it looks; its texture is drawn only where there is ``uv``, its emission, where that has a
+            texture, only where there is ``emission_uv``.
     """
 
     positions: Float32
     faces: Int
     normals: Float32 | None
     uv: Float32 | None
+    emission_uv: Float32 | None
     colors: Float32 | None
     material: Material
 
@@ -41,8 +45,9 @@ class Drawable:
 def drawables(glb: bytes, texture_limit: int) -> list[Drawable]:
     """What the default scene of ``glb`` shows at its default pose, see-through primitives last.
 
-    Positions and normals follow node transforms and skins; morph targets move positions only. Textures are reduced
-    to ``texture_limit`` pixels a side.
+    Nodes that KHR_node_visibility hides, and triangles without an area, are left out, unless that leaves nothing.
+    Positions and normals follow node transforms and skins; morph targets move positions only. Textures are reduced to
+    ``texture_limit`` pixels a side.
 
     Raises:
         MeshmarkError: as :func:`core.asset.flatten.flatten`, and ``malformed_file`` for attributes and materials
@@ -52,12 +57,17 @@ def drawables(glb: bytes, texture_limit: int) -> list[Drawable]:
     scene = flatten(document)
     texture = cache(partial(read_texture, document, limit=texture_limit))
     material = cache(partial(read_material, document, read_texture=texture))
+    surface, hidden = scene.surface, hidden_nodes(document)
+    shown = np.array([drawn.node not in hidden for drawn in scene.primitives])[surface.face_primitive]
+    shown &= surface.areas > 0
+    shown |= not shown.any()
+    found = []
     ends = np.cumsum([len(drawn.triangles) for drawn in scene.primitives])
-    drawn_faces = np.split(scene.surface.faces, ends[:-1])
-    found = [
-        _drawable(document, drawn, faces, scene.surface.positions, material(_entry(document, drawn).get("material")))
-        for drawn, faces in zip(scene.primitives, drawn_faces, strict=True)
-    ]
+    for drawn, triangles in zip(scene.primitives, np.split(np.arange(len(shown)), ends[:-1]), strict=True):
+        faces = surface.faces[triangles[shown[triangles]]]
+        if len(faces):
+            seen = material(_entry(document, drawn).get("material"))
+            found.append(_drawable(document, drawn, faces, surface.positions, seen))
     return sorted(found, key=lambda drawable: drawable.material.alpha_mode == "BLEND")
 
 
@@ -71,18 +81,25 @@ def _drawable(document: Document, drawn: DrawnPrimitive, faces: Int, positions: 
     rows = used - drawn.first_vertex
     attributes = _entry(document, drawn)["attributes"]
     normals = _attribute(document, attributes, "NORMAL", rows)
-    uv = _attribute(document, attributes, f"TEXCOORD_{material.uv_set}", rows) if material.texture else None
+    emission = material.emission
     colors = _attribute(document, attributes, "COLOR_0", rows)
     return Drawable(
         positions=positions[used].astype(np.float32),
         faces=corners.reshape(-1, 3),
         normals=None if normals is None else _to_world(normals, drawn, rows).astype(np.float32),
-        uv=None
-        if uv is None
-        else (uv[:, :2] @ material.uv_transform[:, :2].T + material.uv_transform[:, 2]).astype("f4"),
+        uv=_uv(document, attributes, rows, material) if material.texture else None,
+        emission_uv=_uv(document, attributes, rows, emission) if emission and emission.texture else None,
         colors=None if colors is None else np.column_stack([colors, np.ones(len(colors))])[:, :4].astype(np.float32),
         material=material,
     )
+
+
+def _uv(document: Document, attributes: dict[str, Any], rows: Int, layer: Material | Emission) -> Float32 | None:
+    """(N, 2) where a texture is sampled; ``None`` where the vertices do not have its set of coordinates."""
+    uv = _attribute(document, attributes, f"TEXCOORD_{layer.uv_set}", rows)
+    if uv is None:
+        return None
+    return (uv[:, :2] @ layer.uv_transform[:, :2].T + layer.uv_transform[:, 2]).astype(np.float32)
 
 
 def _attribute(document: Document, attributes: dict[str, Any], name: str, rows: Int) -> Float | None:

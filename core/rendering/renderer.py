@@ -16,6 +16,7 @@ from core.errors import ErrorCode, MeshmarkError
 from core.rendering.drawables import Drawable, drawables
 
 Float = NDArray[np.float64]
+Float32 = NDArray[np.float32]
 
 BACKGROUND = 0.92  # sRGB grey
 FIELD_OF_VIEW = np.radians(20)  # a long lens: letters keep their shape away from the middle
@@ -28,6 +29,7 @@ _ARRAYS = ("ctypesarrays", "ctypesparameters", "ctypespointers", "lists", "numpy
 def _pyrender() -> ModuleType:
     """pyrender, imported only when something is drawn: ``import core`` must work where there is no OpenGL."""
     os.environ["PYOPENGL_PLATFORM"] = "egl"
+    os.environ.setdefault("MESA_SHADER_CACHE_DISABLE", "true")  # Mesa warns where it cannot write its cache
     np.infty = np.inf  # type: ignore[attr-defined]  # pyrender 0.1.45 still uses the name that NumPy 2 dropped
     import pyglet
 
@@ -95,7 +97,7 @@ class Renderer:
         self._context.delete()
 
     def load(self, glb: bytes, frame: Frame | None = None) -> None:
-        """Take a GLB as it is: its normals (flat shading where there are none), base colours and vertex colours.
+        """Take a GLB as it is: its normals (flat shading where there are none), base colours, vertex colours, emission.
 
         Args:
             glb: the asset.
@@ -169,24 +171,40 @@ class Renderer:
 
     def _primitive(self, drawable: Drawable, textures: dict[Texture, Any]) -> Any:
         material = drawable.material
-        texture, uv = None, None
-        if material.texture is not None and drawable.uv is not None:
-            texture = textures.setdefault(material.texture, self._texture(material.texture))
-            uv = drawable.uv * [1, -1] + [0, 1]  # pyrender stores images upside down: v points up
+        texture, uv = self._sampled(material.texture, drawable.uv, textures)
+        glow, glow_texture, glow_uv = np.zeros(3), None, None
+        if material.emission is not None and (material.emission.texture is None or drawable.emission_uv is not None):
+            glow = material.emission.color
+            glow_texture, glow_uv = self._sampled(material.emission.texture, drawable.emission_uv, textures)
         return self._gl.Primitive(
             positions=drawable.positions,
             normals=drawable.normals,
             texcoord_0=uv,
+            texcoord_1=glow_uv,
             color_0=drawable.colors,
             indices=drawable.faces,
             material=self._gl.MetallicRoughnessMaterial(
                 baseColorFactor=material.color,
                 baseColorTexture=texture,
-                metallicFactor=material.alpha_cutoff,  # a slot of the shader's own use, see mesh.frag
+                emissiveFactor=glow,
+                emissiveTexture=glow_texture,
+                # Two slots of the shader's own use, see mesh.frag.
+                metallicFactor=material.alpha_cutoff,
+                roughnessFactor=float(material.unlit),
                 alphaMode=material.alpha_mode,
                 doubleSided=material.double_sided,
             ),
         )
+
+    def _sampled(
+        self, texture: Texture | None, uv: Float32 | None, textures: dict[Texture, Any]
+    ) -> tuple[Any, Float | None]:
+        """What pyrender draws a texture from, made once for all primitives, and its coordinates (N, 2)."""
+        if texture is None or uv is None:
+            return None, None
+        if texture not in textures:
+            textures[texture] = self._texture(texture)
+        return textures[texture], uv * [1, -1] + [0, 1]  # pyrender stores images upside down: v points up
 
     def _texture(self, texture: Texture) -> Any:
         sampler = self._gl.Sampler(wrapS=texture.wrap[0], wrapT=texture.wrap[1])

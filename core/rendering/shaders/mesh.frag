@@ -1,6 +1,7 @@
 #version 330 core
 // Matte shading under three lights that move with the camera. Metal and gloss are left out on purpose: the picture
-// is there to judge colours and relief, and without an environment to reflect a metal would only be black.
+// is there to judge colours and relief, and without an environment to reflect a metal would only be black. Emission is
+// added to the lit colour, and unlit materials are left as they are, as three.js does.
 in vec3 view_position;
 #ifdef NORMAL_LOC
 in vec3 view_normal;
@@ -8,15 +9,23 @@ in vec3 view_normal;
 #ifdef TEXCOORD_0_LOC
 in vec2 uv;
 #endif
+#ifdef TEXCOORD_1_LOC
+in vec2 emission_uv;
+#endif
 #ifdef COLOR_0_LOC
 in vec4 tint;
 #endif
 
 struct Material {
     vec4 base_color_factor;
+    vec3 emissive_factor;
     float metallic_factor;  // carries the alpha below which a fragment is dropped
+    float roughness_factor;  // carries whether the material is unlit: 1.0, else 0.0
 #ifdef HAS_BASE_COLOR_TEX
     sampler2D base_color_texture;
+#endif
+#ifdef HAS_EMISSIVE_TEX
+    sampler2D emissive_texture;
 #endif
 };
 uniform Material material;
@@ -52,9 +61,15 @@ void main() {
 #endif
     if (color.a < material.metallic_factor) discard;
 
+    vec3 emission = material.emissive_factor;
+#ifdef HAS_EMISSIVE_TEX
+    emission *= pow(texture(material.emissive_texture, emission_uv).rgb, vec3(2.2));
+#endif
+
     float light = mix(0.10, 0.30, 0.5 + 0.5 * n.y)
         + 0.72 * max(dot(n, KEY), 0.0)
         + 0.22 * max(dot(n, FILL), 0.0)
         + 0.10 * max(dot(n, RIM), 0.0);
-    fragment = vec4(pow(clamp(color.rgb * light, 0.0, 1.0), vec3(1.0 / 2.2)), color.a);
+    light = mix(light, 1.0, material.roughness_factor);
+    fragment = vec4(pow(clamp(color.rgb * light + emission, 0.0, 1.0), vec3(1.0 / 2.2)), color.a);
 }

@@ -9,6 +9,10 @@ out vec3 view_normal;
 layout(location = TEXCOORD_0_LOC) in vec2 texcoord;
 out vec2 uv;
 #endif
+#ifdef TEXCOORD_1_LOC
+layout(location = TEXCOORD_1_LOC) in vec2 emission_texcoord;
+out vec2 emission_uv;
+#endif
 #ifdef COLOR_0_LOC
 layout(location = COLOR_0_LOC) in vec4 vertex_color;
 out vec4 tint;
@@ -26,6 +30,9 @@ void main() {
 #endif
 #ifdef TEXCOORD_0_LOC
     uv = texcoord;
+#endif
+#ifdef TEXCOORD_1_LOC
+    emission_uv = emission_texcoord;
 #endif
 #ifdef COLOR_0_LOC
     tint = vertex_color;

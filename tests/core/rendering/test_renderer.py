@@ -2,6 +2,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -194,6 +195,142 @@ def test_back_faces_are_drawn_and_lit_only_where_the_material_is_double_sided(re
     np.testing.assert_array_equal(behind, front)
 
 
+def room(**node: Any) -> bytes:
+    """A cube whose single-sided faces look inwards."""
+    return GlbWriter().mesh(CORNERS, CUBE_FACES[:, ::-1], material=plain((1, 1, 1, 1)), **node).bytes()
+
+
+def depth_of_middle(renderer: Renderer, glb: bytes) -> float:
+    renderer.load(glb)
+    return float(renderer.render_with_depth(FRONT, UP)[1][SIZE // 2, SIZE // 2])
+
+
+MIRRORS: list[dict[str, Any]] = [
+    {},
+    {"scale": [-1, 1, 1]},
+    {"scale": [-2, -1, -1]},
+    {"matrix": [0, 1, 0, 0, 1, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]},  # x and y change places
+]
+
+
+@pytest.mark.parametrize("node", MIRRORS)
+def test_a_single_sided_room_is_seen_into(renderer: Renderer, node: dict[str, Any]) -> None:
+    """Its near walls are not drawn, however its node mirrors it: in the middle the far wall is seen."""
+    far, near = (depth_of_middle(renderer, glb) for glb in (room(**node), cube(**node)))
+    assert far > near + 10
+
+
+@pytest.mark.parametrize("node", MIRRORS)
+def test_a_closed_cube_looks_the_same_single_and_double_sided(renderer: Renderer, node: dict[str, Any]) -> None:
+    single, double = (
+        shoot(
+            renderer, GlbWriter().mesh(CORNERS, CUBE_FACES, material={"doubleSided": both}, **node).bytes(), (1, 2, 3)
+        )
+        for both in (False, True)
+    )
+    np.testing.assert_allclose(single.astype(int), double, atol=8)  # smoothed outlines
+
+
+def test_an_unlit_cube_has_its_one_colour_on_all_sides(renderer: Renderer) -> None:
+    srgb = np.array([200, 120, 40])
+    material = plain((*((srgb / 255) ** 2.2), 1.0), extensions={"KHR_materials_unlit": {}}, emissiveFactor=[1, 1, 1])
+    glb = GlbWriter().mesh(CORNERS, CUBE_FACES, material=material).bytes()
+    for direction in ((1, 1, 1), (-1, -2, 0.5)):
+        picture = shoot(renderer, glb, direction)
+        inside = picture[SIZE // 2 - 20 : SIZE // 2 + 20, SIZE // 2 - 20 : SIZE // 2 + 20]
+        np.testing.assert_allclose(inside.reshape(-1, 3), np.tile(srgb, (1600, 1)), atol=1)
+
+
+def test_a_cube_that_glows_is_seen_though_its_base_is_black(renderer: Renderer) -> None:
+    strength = {"KHR_materials_emissive_strength": {"emissiveStrength": 2.0}}
+    material = plain((0, 0, 0, 1), emissiveFactor=[0.25, 0, 0], extensions=strength)
+    picture = shoot(renderer, GlbWriter().mesh(CORNERS, CUBE_FACES, material=material).bytes(), (1, 1, 1))
+    inside = picture[SIZE // 2 - 20 : SIZE // 2 + 20, SIZE // 2 - 20 : SIZE // 2 + 20].reshape(-1, 3)
+    np.testing.assert_allclose(inside, np.tile([255 * 0.5 ** (1 / 2.2), 0, 0], (1600, 1)), atol=1)
+
+
+def test_emission_is_added_to_what_light_shows(renderer: Renderer) -> None:
+    lit, both = (
+        shoot(
+            renderer,
+            GlbWriter().mesh(QUAD, QUAD_FACES, material=plain((0.2, 0.2, 0.2, 1), emissiveFactor=glow)).bytes(),
+        )[SIZE // 2, SIZE // 2]
+        for glow in ([0, 0, 0], [0, 0.3, 0])
+    )
+    linear = (np.stack([lit, both]) / 255) ** 2.2
+    np.testing.assert_allclose(linear[1] - linear[0], [0, 0.3, 0], atol=0.01)
+
+
+@pytest.mark.parametrize("base_too", [False, True])
+def test_an_emissive_texture_has_coordinates_of_its_own(renderer: Renderer, base_too: bool) -> None:
+    writer = GlbWriter()
+    moved = {"KHR_texture_transform": {"offset": [0.5, 0.0]}}
+    glow = {"index": writer.image_texture(png(FOUR_COLORS)), "texCoord": 1, "extensions": moved}
+    material = plain((0, 0, 0, 1), emissiveFactor=[1, 1, 1], emissiveTexture=glow)
+    if base_too:
+        black = np.zeros((2, 2, 3), dtype=np.uint8)
+        material["pbrMetallicRoughness"] = {"baseColorTexture": {"index": writer.image_texture(png(black))}}
+    sets = {"TEXCOORD_0": np.zeros_like(QUAD_UV), "TEXCOORD_1": QUAD_UV}
+    picture = shoot(renderer, writer.mesh(QUAD, QUAD_FACES, sets, material).bytes())
+    assert quadrants(picture) == [hue(np.array(color, dtype=np.uint8)) for color in (GREEN, RED, YELLOW, BLUE)]
+
+
+def test_vertex_colours_do_not_dim_emission(renderer: Renderer) -> None:
+    material = plain((1, 1, 1, 1), emissiveFactor=[0, 1, 0])
+    black = {"COLOR_0": np.zeros((4, 3), dtype=np.uint8)}
+    middle = shoot(renderer, GlbWriter().mesh(QUAD, QUAD_FACES, black, material).bytes())[SIZE // 2, SIZE // 2]
+    assert middle.tolist() == [0, 255, 0]
+
+
+@pytest.mark.parametrize("broken", [b"\xabKTX 20\xbb\r\n\x1a\n" + bytes(64), None])
+def test_an_emissive_texture_that_cannot_be_shown_does_not_glow(renderer: Renderer, broken: bytes | None) -> None:
+    """Neither does one whose coordinates are not there: most of such textures are dark nearly everywhere."""
+    writer = GlbWriter()
+    texture = {"index": writer.image_texture(broken or png(FOUR_COLORS))}
+    uv = {"TEXCOORD_0": QUAD_UV} if broken else {}
+    material = plain((1, 0, 0, 1), emissiveFactor=[1, 1, 1], emissiveTexture=texture)
+    picture = shoot(renderer, writer.mesh(QUAD, QUAD_FACES, uv, material).bytes())
+    assert set(quadrants(picture)) == {hue(np.array(RED, dtype=np.uint8))}
+
+
+def test_primitives_that_share_a_texture_draw_it_from_one_copy(
+    renderer: Renderer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = []
+    make = Renderer._texture
+
+    def counted(self: Renderer, texture: Any) -> Any:
+        made.append(texture)
+        return make(self, texture)
+
+    monkeypatch.setattr(Renderer, "_texture", counted)
+    writer = GlbWriter()
+    texture = {"index": writer.image_texture(png(FOUR_COLORS))}
+    for place in range(5):
+        material = {"pbrMetallicRoughness": {"baseColorTexture": texture}, "name": str(place)}
+        writer.mesh(QUAD + np.array([place, 0, 0]), QUAD_FACES, {"TEXCOORD_0": QUAD_UV}, material)
+    renderer.load(writer.bytes())
+    assert len(made) == 1
+
+
+HIDDEN: list[dict[str, Any]] = [
+    {"extensions": {"KHR_node_visibility": {"visible": False}}},
+    {"scale": [0, 0, 0]},
+]
+
+
+@pytest.mark.parametrize("node", HIDDEN)
+def test_what_is_hidden_is_neither_drawn_nor_framed(renderer: Renderer, node: dict[str, Any]) -> None:
+    alone = shoot(renderer, cube((1, 0, 0, 1)))
+    writer = GlbWriter().mesh(CORNERS, CUBE_FACES, material=plain((1, 0, 0, 1)))
+    writer.mesh(CORNERS, CUBE_FACES, material=plain((0, 1, 0, 1)), translation=[2.0, 0.5, 0.0], **node)
+    np.testing.assert_allclose(shoot(renderer, writer.bytes()).astype(int), alone, atol=2)
+
+
+def test_what_is_hidden_as_a_whole_is_shown(renderer: Renderer) -> None:
+    assert shown(shoot(renderer, cube(extensions={"KHR_node_visibility": {"visible": False}}))).any()
+
+
 def test_masked_texels_below_the_cutoff_are_holes(renderer: Renderer) -> None:
     writer = GlbWriter()
     pixels = np.full((16, 16, 4), 255, dtype=np.uint8)
@@ -298,3 +435,14 @@ def test_importing_the_renderer_needs_no_opengl() -> None:
     code = "import sys, core.rendering.preview; print({'OpenGL', 'pyrender'} & set(sys.modules))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "set()"
+
+
+def test_no_cache_of_shaders_is_written_nor_warned_of(tmp_path: Path) -> None:
+    code = "from core.rendering.renderer import Renderer\nwith Renderer(64): pass"
+    environment = os.environ | {
+        "MESA_SHADER_CACHE_DIR": str(tmp_path / "missing"),
+        "HOME": "/proc",
+        "XDG_CACHE_HOME": "/proc",
+    }
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
+    assert run.stderr == ""
