@@ -5,12 +5,18 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck
+from hypothesis import settings as hypothesis_settings
 
 from service.config import Settings
 from tests.service.conftest import Client, client_with
 from tests.service.postgres import Postgres, postgres_server
 from tests.service.s3 import S3, s3_server
 from tests.service.watched import Watched
+
+# The only place for what depends on the clock: an example, or making it, may take as long as a busy machine needs.
+hypothesis_settings.register_profile("meshmark", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+hypothesis_settings.load_profile("meshmark")
 
 os.environ.setdefault("MESHMARK_CACHE", "false")  # tests send the same asset often, and mean to see it worked on
 

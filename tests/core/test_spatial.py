@@ -1,5 +1,5 @@
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from core.spatial import SpatialIndex
@@ -9,7 +9,6 @@ CUBE = box(2.0, 2.0, 2.0)
 INDEX = SpatialIndex(CUBE.positions, CUBE.faces)
 
 
-@settings(deadline=None)
 @given(st.lists(st.tuples(*[st.floats(-5, 5)] * 3), min_size=1, max_size=20))
 def test_the_closest_point_of_a_cube_is_the_clamped_one(points: list[tuple[float, float, float]]) -> None:
     query = np.array(points)

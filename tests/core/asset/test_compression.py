@@ -137,7 +137,7 @@ def test_a_draco_stream_that_is_cut_short_or_random_is_refused() -> None:
     assert "Draco" in _malformed(Document(document.json, document.binary[:start] + noise))
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(data=st.data())
 def test_damaged_compressed_bytes_are_decoded_or_refused_but_never_anything_else(data: st.DataObject) -> None:
     compressed = data.draw(st.sampled_from(_COMPRESSED))

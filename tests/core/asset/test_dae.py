@@ -156,7 +156,7 @@ def test_triangles_are_counted_whatever_the_file_declares() -> None:
         Scan(data, Budgets(faces=11))
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(data=st.data())
 def test_a_damaged_scene_is_read_or_refused_but_never_anything_else(data: st.DataObject) -> None:
     damaged = bytearray(TEXTURED)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -85,7 +85,6 @@ def test_nothing_is_invented_where_the_file_has_only_positions() -> None:
     assert (accessor["min"], accessor["max"]) == ([0, 0, 0], [1, 1, 0])
 
 
-@settings(deadline=None)
 @given(
     points=arrays(np.float32, (9, 3), elements=st.floats(-100, 100, width=32)),
     faces=arrays(np.int64, st.tuples(st.integers(1, 8), st.just(3)), elements=st.integers(0, 8)),

@@ -120,7 +120,7 @@ def test_textures_over_the_budget_are_refused() -> None:
         to_document(data, admit(data), Budgets(image_pixels=9999))
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(data=st.data())
 def test_a_damaged_mtl_is_read_or_refused_but_never_anything_else(data: st.DataObject) -> None:
     damaged = bytearray(MTL)

@@ -30,7 +30,7 @@ def test_vertices_that_differ_by_rounding_are_merged() -> None:
     assert volume(surface(torn, np.arange(36).reshape(-1, 3))) == pytest.approx(6000)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.sets(st.integers(0, len(BALL.faces) - 1), max_size=3))
 def test_a_few_missing_faces_are_mended(missing: set[int]) -> None:
     body = solid(surface(BALL.positions, np.delete(BALL.faces, list(missing), axis=0)))
@@ -38,7 +38,7 @@ def test_a_few_missing_faces_are_mended(missing: set[int]) -> None:
     assert body.volume() == pytest.approx(volume(BALL), rel=1e-2)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.integers(0, len(BALL.faces) - 1))
 def test_a_turned_face_is_mended(turned: int) -> None:
     faces = BALL.faces.copy()

@@ -52,7 +52,7 @@ def test_a_hairline_beside_a_fat_stroke_stays_open() -> None:
     assert np.linalg.norm(both.shift[~thin], axis=1).min() > 0.005
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(text=st.text(st.characters(codec="latin-1", categories=["L", "N", "P", "S"]), min_size=1, max_size=6))
 def test_no_part_of_any_letter_turns_over_and_none_grows(text: str) -> None:
     letters = stamp(lettering(text))

@@ -254,7 +254,7 @@ def _bumpy(seed: int, columns: int, rows: int, height: float) -> Surface:
     return surface(sheet.positions + np.column_stack([0 * noise, 0 * noise, noise * inner]), sheet.faces)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     seed=st.integers(0, 10**6),
     columns=st.integers(1, 60),

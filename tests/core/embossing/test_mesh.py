@@ -1,5 +1,5 @@
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from core.embossing.mesh import FaceGrid, barycentric
@@ -7,7 +7,6 @@ from tests.core.embossing.bench import Bench, box_at
 from tests.core.shapes import grid
 
 
-@settings(deadline=None)
 @given(st.integers(0, 10**6), st.integers(1, 200), st.sampled_from([0.1, 0.9, 5.0]))
 def test_the_grid_finds_exactly_the_faces_that_meet_a_box(seed: int, count: int, size: float) -> None:
     rng = np.random.default_rng(seed)

@@ -27,7 +27,7 @@ def test_what_looks_out_stays() -> None:
     assert not any(_reversed(BALL))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.lists(st.integers(0, len(BALL.faces) - 1), unique=True))
 def test_whichever_faces_are_flipped_are_the_ones_that_are_turned(which: list[int]) -> None:
     flipped = np.array(which, dtype=np.int64)

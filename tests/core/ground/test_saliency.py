@@ -116,7 +116,7 @@ def test_a_head_is_salient_and_the_neck_below_it_is_not() -> None:
     assert not found.salient[neck].any()
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(
     neck=st.floats(0.4, 2.5),
     wider=st.floats(1.3, 2),
@@ -133,7 +133,7 @@ def test_heads_are_salient_and_limbs_are_not_however_wide_and_whichever_way_they
     assert not found.salient[height < 10].any()
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(radius=st.floats(0.4, 3), x=st.floats(-10, 10), y=st.floats(-10, 10))
 def test_a_knob_on_a_plain_body_is_salient_wherever_it_is(radius: float, x: float, y: float) -> None:
     found = saliency(join(plane(30, 30), moved(sphere(radius), shift=(x, y, 0))), seed=0)

@@ -233,7 +233,7 @@ def test_no_boxes_have_no_colour() -> None:
     assert len(found(plate(drawn(*eye(5, 4)))).color_under(none)) == 0
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(x=st.floats(-12, 12), y=st.floats(-12, 12))
 def test_an_eye_is_found_wherever_it_is(x: float, y: float) -> None:
     result = found(plate(drawn(*eye(x, y))))

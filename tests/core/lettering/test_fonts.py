@@ -102,7 +102,7 @@ def test_a_font_that_maps_no_characters_is_refused() -> None:
 
 
 @pytest.mark.parametrize("make", [lambda: SMALL, lambda: make_font({"a": [SQUARE]}, cff=True)])
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(data=st.data())
 def test_a_damaged_font_gives_letters_or_a_clear_error_but_never_a_crash(
     make: Callable[[], bytes], data: st.DataObject

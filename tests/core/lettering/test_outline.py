@@ -73,7 +73,7 @@ def check(letters: Lettering) -> None:
     assert negative == pytest.approx(0, abs=1e-9)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(TEXTS)
 def test_rings_are_simple_disjoint_and_normalised_for_any_text(text: str) -> None:
     check(lettering(text))
