@@ -156,7 +156,7 @@ def _place(job: Job) -> None:
             job.saliency,
             texture,
             skin,
-            job.lettering.aspect,
+            job.lettering,
             parameters,
             job.rng,
             job.usable,
@@ -185,19 +185,21 @@ def _place(job: Job) -> None:
 def _emboss(job: Job) -> None:
     from core.embossing.marks import emboss_marks
     from core.embossing.stamp import stamp
-    from core.placement.place import narrowest_legible
+    from core.placement.legibility import legible_height
 
     job.mesh = WorkingMesh(job.ground.surface, job.usable, job.ground.sheets, job.ground.resolution)
     done = emboss_marks(job.mesh, job.site, job.placement, stamp(job.lettering), job.rng, job.report_progress)
     job.placement, job.marks, job.refusals = done.placement, done.marks, done.refusals
-    widest = max(mark.box.size[0, 0] for mark in job.marks.values())
-    if job.parameters.size is None and widest < narrowest_legible(job.lettering.aspect):
+    highest = max(mark.box.size[0, 1] for mark in job.marks.values())
+    if highest < legible_height(job.parameters.color) * (1 - 1e-6):
+        sized = job.parameters.size is not None
         job.warnings.append(
             {
                 "code": "small_text",
-                "message": f"Nothing on this asset has room for text that reads well; the widest is {widest:.2g} where "
-                "the asset's largest side is 30, and is legible only from close up.",
-                "remedy": "Use a shorter text.",
+                "message": f"No text on this asset reads well: the highest is {highest:.2g} high where the asset's "
+                "largest side is 30, and is legible only from close up."
+                + ("" if sized else " Nothing higher has room."),
+                "remedy": "Ask for a larger `size`, or use a shorter text." if sized else "Use a shorter text.",
             }
         )
 

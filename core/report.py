@@ -116,7 +116,7 @@ def boxes_of(marks: dict[int, Mark], parameters: Parameters) -> tuple[Boxes, NDA
         np.concatenate([mark.box.axes for mark in marks.values()]),
         np.concatenate([mark.box.size for mark in marks.values()]),
     )
-    return boxes, np.abs([parameters.relief_at(width) for width in boxes.size[:, 0]])
+    return boxes, np.abs([parameters.relief_at(height) for height in boxes.size[:, 1]])
 
 
 def file_facts(data: bytes, file_format: Format) -> dict[str, Any]:

@@ -62,6 +62,6 @@ def _filtered(prepared: Prepared, parameters: Parameters, rng: np.random.Generat
 
 
 def _curved(prepared: Prepared, parameters: Parameters, boxes: Boxes) -> Marked:
-    relief = abs(parameters.relief_at(text_width(parameters)))
+    relief = abs(parameters.relief_at(text_width(parameters) * prepared.lettering.aspect))
     mesh = fuse_curved(prepared.solid, prepared.lettering, boxes, prepared.surface, prepared.index, relief)
     return Marked(mesh, boxes, np.full(len(boxes), relief))

@@ -55,7 +55,7 @@ def emboss_boxes(
     """
     for number in range(len(boxes)):
         box = boxes[np.array([number])]
-        yield emboss(mesh, box, letters, parameters.relief_at(box.size[0, 0]), index)
+        yield emboss(mesh, box, letters, parameters.relief_at(box.size[0, 1]), index)
 
 
 def emboss_marks(

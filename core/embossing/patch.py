@@ -16,7 +16,7 @@ Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
 MIN_FACING = 0.15  # cosine between the box normal and a face's normal
-MARGIN = 0.02  # how far beyond the text's rectangle faces are taken in, in text widths
+MARGIN = 0.16  # how far beyond the text's rectangle faces are taken in, in text heights
 # More faces or pieces under a box are refused: half a second's work (measured: 20 microseconds a face, 100 a piece);
 # and more faces whose bounding boxes come near it, one microsecond each.
 MAX_FACES, MAX_PIECES, MAX_NEAR = 25_000, 1_000, 400_000
@@ -138,7 +138,8 @@ def patches(mesh: WorkingMesh, box: Boxes, hidden: Int | None = None) -> list[Pa
     """
     center, axes, size = box.center[0], box.axes[0], box.size[0]
     width = size[0]
-    reach = size / 2 + np.array([MARGIN * width, MARGIN * width, 0.0])
+    margin = MARGIN * size[1]
+    reach = size / 2 + np.array([margin, margin, 0.0])
     extent = np.abs(axes).T @ reach
     ids = mesh.near(center - extent, center + extent)
     if len(ids) > MAX_NEAR:

@@ -17,9 +17,9 @@ Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
-CLEARANCE = 0.004  # text widths kept between an outline and the edge of its patch, so that outlines never cross one
+CLEARANCE = 0.032  # text heights kept between an outline and the edge of its patch, so that outlines never cross one
 LOST_AREA = 1e-9  # square text widths: rounding of the clipper, far under a letter's serif
-COINCIDENT = 1e-4  # text widths between two layers that are one to the eye; a ray meets either of them
+COINCIDENT = 8e-4  # text heights between two layers that are one to the eye; a ray meets either of them
 AGREEMENT = 0.9  # share of an island's sample rays that must name one patch; a ray along an edge may slip through
 
 
@@ -69,6 +69,7 @@ def stand(
     rooms: dict[int, CrossSection] = {}
     standing: list[list[CrossSection]] = [[] for _ in found]
     center, axes, size = box.center[0], box.axes[0], box.size[0]
+    aspect = size[1] / size[0]
     for island, points in zip(letters.islands, letters.samples, strict=True):
         origins = center + size[0] * points @ axes[:2] + size[2] / 2 * axes[2]
         distance, face = index.first_hit(origins, np.broadcast_to(-axes[2], origins.shape))
@@ -81,20 +82,22 @@ def stand(
             return Refusal.NOT_WHOLE
         height = size[2] / (2 * size[0]) - distance[met] / size[0]
         stands = votes == best
-        if not raised and any(_level(patch, points[met], height).any() for k, patch in enumerate(found) if k != best):
+        others = [patch for k, patch in enumerate(found) if k != best]
+        if not raised and any(_level(patch, points[met], height, aspect).any() for patch in others):
             return Refusal.SECOND_LAYER
         if raised and not stands.all():
-            stands[~stands] = _level(found[best], points[met][~stands], height[~stands])
+            stands[~stands] = _level(found[best], points[met][~stands], height[~stands], aspect)
         if stands.sum() < AGREEMENT * len(points):
             return Refusal.NOT_WHOLE
         if best not in rooms:
-            rooms[best] = found[best].room(CLEARANCE)
+            rooms[best] = found[best].room(CLEARANCE * aspect)
         if (island - rooms[best]).area() > LOST_AREA:
             return Refusal.NOT_WHOLE
         standing[best].append(island)
     return [CrossSection.compose(islands) for islands in standing]
 
 
-def _level(patch: Patch, points: Float, height: Float) -> Bool:
-    """(N,) where the patch is as high, in text widths, as what was met at the ``points``."""
-    return np.asarray(np.abs(patch.height(points) - height) < COINCIDENT)
+def _level(patch: Patch, points: Float, height: Float, aspect: float) -> Bool:
+    """(N,) where the patch is as high, in text widths, as what was met at the ``points`` of a text ``aspect`` times as
+    high as wide."""
+    return np.asarray(np.abs(patch.height(points) - height) < COINCIDENT * aspect)

@@ -38,13 +38,13 @@ class Lettering:
         polygons: closed rings, (N, 2) float64 each, without a repeated end point; outer rings run counter-clockwise,
             holes clockwise. Rings are simple and disjoint, so every fill rule gives the same shape.
         aspect: height of the bounding box (its width is 1).
-        letters: number of disjoint outer shapes (an "i" has two), to check that none got lost on a surface.
+        ink: share of the bounding box that the letters cover.
     """
 
     text: str
     polygons: tuple[Float, ...]
     aspect: float
-    letters: int
+    ink: float
 
 
 def lettering(text: str, font: bytes | None = None) -> Lettering:
@@ -66,12 +66,12 @@ def lettering(text: str, font: bytes | None = None) -> Lettering:
     _require_few_points(sum(map(len, rings)), text)
     points = np.concatenate(rings)
     low, high = points.min(axis=0), points.max(axis=0)
-    width = high[0] - low[0]
+    width, height = high - low
     return Lettering(
         text=text,
         polygons=tuple((ring - (low + high) / 2) / width for ring in rings),
-        aspect=float((high[1] - low[1]) / width),
-        letters=sum(_area(ring) > 0 for ring in rings),
+        aspect=float(height / width),
+        ink=sum(map(_area, rings)) / float(width * height),
     )
 
 

@@ -28,7 +28,7 @@ def candidates(points: Float, normals: Float, size: tuple[float, float, float], 
         radius: samples closer than this to an earlier one are rejected (the paper's H_r = 1).
     """
     kept = thin(points, radius)
-    normal = _mean_normals(points, normals, kept, reach=size[0] / 4)
+    normal = _mean_normals(points, normals, kept, reach=max(size[:2]) / 4)
     return Boxes(points[kept], upright(normal), np.tile(np.asarray(size, dtype=np.float64), (len(kept), 1)))
 
 

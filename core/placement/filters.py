@@ -27,8 +27,8 @@ SMALLEST_COSINE = 0.05
 FACING = 0.15  # cosine from which embossing takes a face as part of the patch
 FOOTPRINT = (24, 6)
 RAYS_SKIPPED = 4  # roughness takes every fourth ray, 36 a box
-FRAME, FRAME_GRID = 0.1, (9, 4)
-FOOTPRINT_MARGIN = 0.01  # of the width; letters keep this clear of every border of the surface
+FRAME, FRAME_GRID = 0.8, (9, 4)
+FOOTPRINT_MARGIN = 0.08  # of the height; letters keep this clear of every border of the surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,11 +58,11 @@ def footprint(
 ) -> Footprint:
     """Cast a ``grid`` of rays onto each box from ``clearance`` (one for all, or (B,)) above its front face.
 
-    The grid spans the front face and ``margin`` times the width more on all sides. ``normals`` (F, 3) are the
+    The grid spans the front face and ``margin`` times the height more on all sides. ``normals`` (F, 3) are the
     unit face normals of the surface in ``index``.
     """
     u, v = np.meshgrid(*(np.linspace(-0.5, 0.5, count) for count in grid), indexing="ij")
-    spread = boxes.size[:, None, :2] + 2 * margin * boxes.size[:, None, :1]
+    spread = boxes.size[:, None, :2] + 2 * margin * boxes.size[:, None, 1:2]
     local = np.stack([u.ravel(), v.ravel()], axis=1)[None] * spread
     start = boxes.size[:, 2] / 2 + clearance
     normal = boxes.axes[:, 2]
@@ -126,7 +126,7 @@ def exposed(boxes: Boxes, index: SpatialIndex, normals: Float, clearance: float 
     """(B,) share of a frame around each box in which the surface under it does not go on: near an edge, a hole or a
     silhouette a mark is cut off by the first crop, and looks as if it had slipped.
 
-    The frame is :data:`FRAME` of the width wide; ``clearance`` and ``normals`` as for :func:`footprint`.
+    The frame is :data:`FRAME` of the height wide; ``clearance`` and ``normals`` as for :func:`footprint`.
     """
     met = footprint(boxes, index, normals, clearance, FRAME_GRID, margin=FRAME)
     across, down = FRAME_GRID

@@ -22,6 +22,7 @@ from core.placement.filters import (
     thin_walled,
 )
 from core.placement.finetune import LOSS_THRESHOLD, adam, correct, distinct, levenberg_marquardt, loss_limit
+from core.placement.legibility import text_width
 from core.placement.objective import (
     BARRED,
     FACING_VIEW,
@@ -45,7 +46,7 @@ Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
-THICKNESS, THINNEST = 0.15, 0.25  # of the width: room for text that bends as much as it may
+THICKNESS, THINNEST = 0.15, 0.25  # of the longer side: room for text that bends as much as it may; size-30 units
 PAPER_THICKNESS, PAPER_SAMPLES, PAPER_RADIUS = 0.5, 300, 1.0
 # Drawn before thinning, and about how many stay: as many as half a second fits on one core. Narrower text is looked for
 # only where wider text does little, and draws more: thin edges and small parts have little of the area.
@@ -61,14 +62,15 @@ GLANCES = 6  # directions in which each sample is looked for: one that none of t
 # Of that many random darts thinned to a radius r, about 0.5 area / r^2 stay.
 PACKING = 0.5
 COPY = 0.05  # fitted boxes closer than this are one (finetune.distinct)
-# Size-30 units: on strips narrower than this, on which upright text is hardly legible, text runs along; narrower text
-# than NARROW needs less room.
-NARROW_STRIP, NARROW = 1.5, 2.0
+# On strips narrower than this share of legible text, or of the text if that is less, text runs along; so many of the
+# samples around each place say what is a strip.
+NARROW, STRIP_SAMPLES = 0.75, 300
 GROWTH, GROWTH_STEPS = 1.1, 5  # from each width to nearly the next wider one
 LIFT = 1.5  # reliefs above the surface at which visibility starts: just clear of the letters
 SKIN = 0.01  # how far from the surface rays start that must not meet it
 SIGHT_GRID = (8, 2)
-SLIDES, SLIDE_GRID, SLIDE_MARGIN = (2.0, 1.0), (12, 16), 0.02  # with as much of the width to spare at the border
+SIGHT = 8.0  # heights in front of a text in which no other part may stand
+SLIDES, SLIDE_GRID, SLIDE_MARGIN = (2.0, 1.0), (12, 16), 0.16  # with as much of the height to spare at the border
 NONE = Boxes(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3)))
 
 
@@ -92,8 +94,11 @@ def fit(
     Returns:
         The survivors, and how many boxes were left after each stage, by stage.
     """
-    thickness = PAPER_THICKNESS if site.parameters.preset is Preset.PAPER else max(THICKNESS * width, THINNEST)
-    boxes = _candidates(site, (width, width * site.aspect, thickness), wanted, rng)
+    height = width * site.lettering.aspect
+    thickness = max(THICKNESS * max(width, height), THINNEST)
+    if site.parameters.preset is Preset.PAPER:
+        thickness = PAPER_THICKNESS
+    boxes = _candidates(site, (width, height, thickness), wanted, rng)
     left = {"candidates": len(boxes)}
     if site.parameters.solver is Solver.ADAM:
         boxes, loss = adam(boxes, site.index, progress)
@@ -113,7 +118,7 @@ def fit(
         return settled, stands
 
     boxes, loss = levenberg_marquardt(boxes, site.index, site.surfels, worth, settle)
-    return _survivors(site, boxes, loss, loss_limit(boxes.size[:, 0]), left, hanging)
+    return _survivors(site, boxes, loss, loss_limit(boxes.size), left, hanging)
 
 
 def grow(site: Site, boxes: Boxes, most: Float) -> Placement:
@@ -124,12 +129,12 @@ def grow(site: Site, boxes: Boxes, most: Float) -> Placement:
         room = np.flatnonzero(size[:, 0] < most)
         start = join(start, Boxes(boxes.center[room], boxes.axes[room], size[room]))
     grown, loss = correct(start, site.index, lambda fitted: _settled(site, fitted))
-    return _survivors(site, grown, loss, loss_limit(grown.size[:, 0]), {})[0]
+    return _survivors(site, grown, loss, loss_limit(grown.size), {})[0]
 
 
 def _relief(site: Site, boxes: Boxes) -> Float:
     """(B,) height or depth of the letters at each box, size-30 units."""
-    return np.array([abs(site.parameters.relief_at(width)) for width in boxes.size[:, 0].tolist()])
+    return np.array([abs(site.parameters.relief_at(height)) for height in boxes.size[:, 1].tolist()])
 
 
 def _settled(site: Site, fitted: Boxes) -> tuple[Boxes, Bool]:
@@ -178,7 +183,7 @@ def _survivors(
     relief = _relief(site, boxes)
     met = footprint(boxes, index, site.normals, relief, SIGHT_GRID, margin=0.0)
     sight = above(boxes, met, LIFT * relief)
-    blocked = occluded(boxes, sight, index, reach=boxes.size[:, 0])
+    blocked = occluded(boxes, sight, index, reach=SIGHT * boxes.size[:, 1])
     if parameters.mode is Mode.DEBOSS:
         blocked |= thin_walled(boxes, above(boxes, met, -SKIN), index, depth=LIFT * relief)
     visible = np.zeros((len(boxes), len(site.served.directions)), dtype=bool)
@@ -210,8 +215,9 @@ def _candidates(site: Site, size: tuple[float, float, float], wanted: Float | No
     if not len(shown):
         return NONE
     boxes = candidates(points[shown], normals[shown], size, float(np.sqrt(PACKING * area / (CHOICE * most))))
-    narrow = NARROW_STRIP * min(1.0, size[0] / NARROW)
-    return _promising(site, along_strips(boxes, points[shown], normals[shown], narrow))
+    narrow = NARROW * min(text_width(1.0, site.lettering.aspect), size[0])
+    around = shown[:: int(np.ceil(len(shown) * 4 * narrow**2 / (area * STRIP_SAMPLES)))]
+    return _promising(site, along_strips(boxes, points[around], normals[around], narrow))
 
 
 def _promising(site: Site, boxes: Boxes) -> Boxes:
@@ -262,7 +268,7 @@ def _valued(
         detail=details,
         busy=busy,
         preferred=preferred,
-        distance=distance(boxes, relief, float(site.surface.areas.sum())),
+        distance=distance(boxes, relief, site.lettering.ink, float(site.surface.areas.sum())),
     )
     return Placement(
         boxes=boxes,

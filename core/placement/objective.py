@@ -14,10 +14,11 @@ somebody has filed that one off. The columns are
       L = seen (SEEN + (1 - SEEN) size x facing x roll x flatness)
 
   Seen is 1 where the mark faces the direction within 45 degrees and rays from all over its letters get out; size is
-  how well text as high as this is read, coloured or not, see :func:`size`, the projected height times its tone; tone is
-  how letters stand out from the base colour under them, see :func:`tone`; facing is the cosine over that of 40
-  degrees, at most 1; roll is ``1 - ROLLED (1 - cos r) / 2`` for the angle r between the text and the picture's
-  horizontal (1 for the even directions, whose pictures have no up); flatness is 1 less the bend under the text;
+  how well text as high as this is read, coloured or not (:mod:`core.placement.legibility`), the projected height times
+  its tone; tone is how letters stand out from the base colour under them, see :func:`tone`; facing is the cosine
+  over that of 40 degrees, at most 1; roll is ``1 - ROLLED (1 - cos r) / 2`` for the angle r between the text and the
+  picture's horizontal (1 for the even directions, whose pictures have no up); flatness is 1 less the bend under the
+  text;
 * 64 half-spaces through the surface's centroid, together worth ``CROPS``: L = 1 where the whole mark lies in the
   half-space, so that a crop by the plane leaves it.
 
@@ -60,6 +61,7 @@ from core.asset.surface import Surface
 from core.ground.texture import cielab
 from core.placement.boxes import Boxes
 from core.placement.candidates import upright
+from core.placement.legibility import legibility
 from core.rendering.views import fibonacci_directions, view_directions
 
 Float = NDArray[np.float64]
@@ -70,19 +72,11 @@ Single = NDArray[np.float32]
 FACING_VIEW = np.cos(np.radians(45.0))  # a mark turned further away is not readable from that view
 EVEN_DIRECTIONS = 200
 HALF_SPACES = 64
-# Text 5.5 wide, the paper's, is 20 pixels high in the metrics' pictures, which show a sphere about the asset, say of
-# radius 18, on 1024 pixels. Over 978 views with one uncoloured mark each, of twelve assets and widths from 2 to 10,
-# recognition reads 0.54 of a text 9 pixels high, 0.64 at 15, 0.75 at 19 and 0.80 from 24 on; 0.15 is what it reads
-# where there is no text. Between 4 and 24 pixels that is about the square root. Over 551 views with one red mark each
-# of nineteen assets it reads 0.39 at 4.5 pixels, 0.51 at 6.5, 0.92 at 8.5 and hardly more up to 14, 0.99 above.
-PIXELS, TINY = 1024 / 36, 4.0
-PLAIN, COLORED = (24.0, 0.5), (9.0, 1.0)  # pixels from which on text is read, and the exponent up to there
 HEAD_ON = np.cos(np.radians(40.0))  # turned less than this a text reads as well as from the front
 ROLLED = 0.5  # readers turn pictures in four ways; people do not
 PENALTY = 0.005
 MOST_DISTORTED = 0.05  # whoever asks for text as large as a side gets it on all sides
 BESIDE = 5.0  # between the centres of marks, size-30 units
-LETTERS = 0.41  # of a box are covered by the letters of "watermark"
 # CIELAB units between letters and ground. Over 672 views of one mark in six colours on eleven textured assets, 12 to 20
 # pixels high, recognition reads 0.37 to 0.69 below 30 and 0.8 to 0.9 above; by WCAG 2's contrast ratio, which does not
 # see that red on grey differs, 0.76 to 0.84 below 3 and 0.87 above.
@@ -275,17 +269,10 @@ def tone(ground: Float, color: str | None) -> Float:
     return np.asarray(TONELESS + (1 - TONELESS) * contrast)
 
 
-def size(height: Float, color: str | None = None) -> Float:
-    """How well text of a ``height`` (any shape) on the metrics' pictures, pixels, is read: 0 to 1. Letters of a
-    ``color`` of their own need less height than those of the ground's (None)."""
-    readable, power = PLAIN if color is None else COLORED
-    return np.asarray(np.clip((height - TINY) / (readable - TINY), 0.0, 1.0) ** power)
-
-
 def within_reach(height: float, cosine: Float, color: str | None, objective: Objective = OBJECTIVE) -> Float:
     """(D,) how well a mark serves directions at best, whose text is of a ``height`` in size-30 units and turned away
     by the angles of these ``cosine`` (D,)."""
-    legible = size(np.array(height * PIXELS), color) * np.clip(cosine / HEAD_ON, 0, 1)
+    legible = legibility(np.array(height), color) * np.clip(cosine / HEAD_ON, 0, 1)
     return np.asarray(objective.seen + (1 - objective.seen) * legible)
 
 
@@ -313,8 +300,8 @@ def likelihood(
     # The text is as high on the picture as its up is long there.
     upright_length = np.sqrt(np.clip(1 - (boxes.axes[:, 1] @ served.directions.T) ** 2, 0, 1))
     # Contrast and size stand in for each other: fainter text has to be larger.
-    height = boxes.size[:, 1:2] * upright_length * PIXELS * tone[:, None]
-    legible = size(height, color) * np.minimum(1.0, cosine / HEAD_ON) * np.clip(1 - bend, 0, 1)[:, None]
+    height = boxes.size[:, 1:2] * upright_length * tone[:, None]
+    legible = legibility(height, color) * np.minimum(1.0, cosine / HEAD_ON) * np.clip(1 - bend, 0, 1)[:, None]
     # The text's right on the picture: how far along its horizontal, how far along its vertical.
     views = served.directions[: len(served.up)]
     along = boxes.axes[:, 0] @ np.cross(served.up, views).T
@@ -379,7 +366,7 @@ def bend(boxes: Boxes, height: Float) -> Float:
     return np.asarray(np.minimum(np.sqrt((height**2).mean(axis=1)) / (boxes.size[:, 2] / 2), 1.0))
 
 
-def distance(boxes: Boxes, relief: Float, area: float) -> Float:
-    """(B,) about what each mark, its letters ``relief`` (B,) high, adds to the mean distance between the marked and the
-    plain surface."""
-    return np.asarray(LETTERS * boxes.size[:, 0] * boxes.size[:, 1] * relief / area)
+def distance(boxes: Boxes, relief: Float, ink: float, area: float) -> Float:
+    """(B,) about what each mark, its letters ``relief`` (B,) high and covering the share ``ink`` of its box, adds to
+    the mean distance between the marked and the plain surface of an ``area``."""
+    return np.asarray(ink * boxes.size[:, 0] * boxes.size[:, 1] * relief / area)

@@ -11,43 +11,43 @@ from core.asset.surface import MODEL_SIZE
 from core.errors import ErrorCode, MeshmarkError
 from core.placement.boxes import join
 from core.placement.fit import fit, grow
+from core.placement.legibility import USUAL_ASPECT, legible_height, text_width
 from core.placement.objective import FACING_VIEW, Placement, within_reach
 from core.placement.selection import select
 from core.placement.site import Site
 
 Bool = NDArray[np.bool_]
 
-WIDTHS = (6.2, 4.8, 3.7, 2.8, 2.0)
-SMALL = 1.2  # legible from close up; only for what nothing wider shows
-LAST_RESORT = 0.8  # only where there is nothing else at all
-# WIDTHS are meant for a word like "watermark", an eighth as high as wide; other proportions get the same area.
-USUAL_ASPECT = 0.125
+# Heights of the text, in legible ones; the small one is only for what nothing higher shows, the last only where there
+# is nothing else at all.
+HEIGHTS, SMALL, LAST_RESORT = (3.1, 2.4, 1.85, 1.4, 1.0), 0.6, 0.4
+NARROWER = 1.5  # from one to the next width below those, which text in one line has to be on small assets if it is long
 # A direction is served well by as large a share of what text of a width can do for it at best. With so many of the
 # directions that any surface looks at served well, text of that width is not tried.
 BETTER, ENOUGH = 0.85, 0.98
 
 
-def narrowest_legible(aspect: float) -> float:
-    """The width under which text of this height over width is legible only from close up, size-30 units."""
-    return _scaled(WIDTHS[-1], aspect)
-
-
-def _scaled(width: float, aspect: float) -> float:
-    return min(width * float(np.sqrt(USUAL_ASPECT / aspect)), MODEL_SIZE)
+def ladder(aspect: float) -> list[float]:
+    """The widths, from the widest on, at which text of this height over its width is tried."""
+    widths = [text_width(height, aspect) for height in (*HEIGHTS, SMALL, LAST_RESORT)]
+    narrowest = LAST_RESORT * legible_height() / float(np.sqrt(aspect * USUAL_ASPECT))  # as much area as a word's
+    while widths[-1] > NARROWER * narrowest:
+        widths.append(widths[-1] / NARROWER)
+    return sorted(set(widths), reverse=True)
 
 
 def _widths(site: Site) -> list[float]:
-    """From the widest on.
+    """The widths for what is asked, from the widest on.
 
     Raises:
         MeshmarkError: ``no_placement`` where there is less surface than any text covers.
     """
     asked = site.parameters.size
-    widths = [asked] if asked is not None else [_scaled(one, site.aspect) for one in (*WIDTHS, SMALL, LAST_RESORT)]
+    widths = [asked] if asked is not None else ladder(site.lettering.aspect)
     # Letters stand on as much surface as they cover. Less than that is no asset but needles, on which searches for
     # the closest point take forever.
     area = float(site.ground.areas.sum())
-    widths = [width for width in widths if width**2 * site.aspect <= area]
+    widths = [width for width in widths if width**2 * site.lettering.aspect <= area]
     if not widths:
         raise MeshmarkError(
             ErrorCode.NO_PLACEMENT,
@@ -61,9 +61,9 @@ def _widths(site: Site) -> list[float]:
 def place(site: Site, rng: np.random.Generator, progress: Callable[[float], None] = lambda _: None) -> Placement:
     """All boxes that may carry the text; :func:`core.placement.selection.select` picks among them.
 
-    With no ``size`` asked for, five widths are tried from the widest on, then one that is legible only from close up,
-    each only for the directions that wider text serves worse than it could, until there are none; a last one where
-    nothing was found. Then the best choice grows, each mark to what its place has room for.
+    With no ``size`` asked for, five heights of text are tried from the highest on, then one that is legible only from
+    close up, each only for the directions that higher text serves worse than it could, until there are none; lower
+    ones where nothing was found. Then the best choice grows, each mark to what its place has room for.
 
     Args:
         site: where.
@@ -113,7 +113,7 @@ def _search(
                 if worth[poorly].sum() <= (1 - ENOUGH) * worth[possible].sum():
                     break
                 wanted = site.served.directions[poorly]
-            if len(found.boxes) and width < _scaled(SMALL, site.aspect):
+            if len(found.boxes) and width < text_width(SMALL, site.lettering.aspect):
                 break
 
         def share(done: float, step: int = step) -> None:
@@ -143,7 +143,7 @@ def _poorly_served(site: Site, found: Placement, chosen: list[int], width: float
     """(D,) directions in which nothing of the ``chosen`` boxes is seen, or what is seen reads clearly worse than text
     of this ``width`` could."""
     served, _ = found.served(chosen)
-    enough = BETTER * within_reach(width * site.aspect, site.facing, site.parameters.color, site.objective)
+    enough = BETTER * within_reach(width * site.lettering.aspect, site.facing, site.parameters.color, site.objective)
     # On the views' pictures text is also worth less for being rolled, which other text would be as well.
     views = len(site.served.up)
     enough[:views] = np.minimum(enough[:views], site.objective.seen)

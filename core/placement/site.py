@@ -11,6 +11,7 @@ from core.ground.joints import Joints
 from core.ground.regions import Regions
 from core.ground.saliency import Saliency
 from core.ground.texture import Detail
+from core.lettering.outline import Lettering
 from core.parameters import Parameters
 from core.placement.objective import OBJECTIVE, Columns, Objective, columns
 from core.placement.surfels import Surfels
@@ -38,7 +39,7 @@ class Site:
         detail: of the texture of ``surface``; None where it has one colour.
         joints: of ``surface``; None where it has no skin.
         regions: what the request keeps out of or prefers; None where nothing.
-        aspect: height of the text over its width.
+        lettering: the text.
         parameters: resolved.
         objective: the weights of the objective's terms.
         served: the columns of the objective.
@@ -56,7 +57,7 @@ class Site:
     detail: Detail | None
     joints: Joints | None
     regions: Regions | None
-    aspect: float
+    lettering: Lettering
     parameters: Parameters
     objective: Objective
     served: Columns
@@ -69,7 +70,7 @@ def open_site(
     saliency: Saliency,
     detail: Detail | None,
     joints: Joints | None,
-    aspect: float,
+    lettering: Lettering,
     parameters: Parameters,
     rng: np.random.Generator,
     usable: Bool | None = None,
@@ -85,7 +86,7 @@ def open_site(
         saliency: of ``surface``.
         detail: of the texture of ``surface``; None where it has one colour.
         joints: of ``surface``; None where it has no skin.
-        aspect: height of the text over its width.
+        lettering: the text.
         parameters: resolved.
         rng: the source of every draw.
         usable: (F,) the faces that boxes may stand on; all if None. The others still stand in the way.
@@ -127,7 +128,7 @@ def open_site(
         detail,
         joints,
         regions,
-        aspect,
+        lettering,
         parameters,
         objective,
         served,

@@ -24,9 +24,9 @@ def test_what_is_given_wins_over_the_preset() -> None:
 
 
 def test_relief_grows_with_the_text_unless_it_is_given_and_is_negative_when_sunken() -> None:
-    assert Parameters(text="a").relief_at(5.5) == pytest.approx(0.11)
-    assert Parameters(text="a", mode=Mode.DEBOSS).relief_at(2.0) == pytest.approx(-0.04)
-    assert Parameters(text="a", relief=0.1).relief_at(5.5) == 0.1
+    assert Parameters(text="a").relief_at(0.7) == pytest.approx(0.158 * 0.7)
+    assert Parameters(text="a", mode=Mode.DEBOSS).relief_at(0.25) == pytest.approx(-0.158 * 0.25)
+    assert Parameters(text="a", relief=0.1).relief_at(0.7) == 0.1
 
 
 @pytest.mark.parametrize("text", ["", " ", "\t \n", "\u3000"])

@@ -54,7 +54,7 @@ def test_the_report_says_where_every_watermark_is(spot: Result) -> None:
         assert np.allclose(np.cross(right, up), normal, atol=1e-6)
         normalised = (np.array(mark["center"]) - units["offset"]) * units["scale"]
         assert np.linalg.norm(surface.positions - normalised, axis=1).min() < 1.5
-        assert mark["relief"] * units["scale"] == pytest.approx(0.02 * mark["size"][0] * units["scale"])
+        assert mark["relief"] == pytest.approx(0.158 * mark["size"][1])
         assert mark["text"] == "watermark"
         assert mark["placement_score"] == pytest.approx(1.0, abs=0.02)
     json.dumps(spot.report, allow_nan=False)
@@ -171,6 +171,28 @@ def test_what_is_asked_for_is_what_is_done() -> None:
         assert mark["size"][0] * scale == pytest.approx(2.5)
         assert mark["relief"] * scale == pytest.approx(0.3)
     assert report["metrics"] is None
+
+
+@pytest.mark.parametrize(
+    "text", ["i", "\u00a9", "JB", "watermark", "Property of Example Studios, 2026. Do not copy it."]
+)
+def test_letters_stand_out_by_the_same_share_of_their_height_however_long_the_text(text: str) -> None:
+    asked = Parameters(text=text, count=1, evaluate=Evaluate.NONE)
+    report = watermark(SPOT.read_bytes(), asked, preview=False).report
+    (mark,) = report["watermarks"]
+    assert mark["relief"] / mark["size"][1] == pytest.approx(0.158)
+    assert report["warnings"] == []
+
+
+@pytest.mark.parametrize(("color", "warned"), [(None, ["small_text"]), ("#d02020", [])])
+def test_text_too_low_to_be_read_is_warned_of_however_wide_it_is(color: str | None, warned: list[str]) -> None:
+    asked = Parameters(text="m" * 64, size=8.0, count=1, color=color, evaluate=Evaluate.NONE)
+    low = watermark(SPOT.read_bytes(), asked, preview=False).report
+    assert [warning["code"] for warning in low["warnings"]] == ["small_text"]
+    assert "larger `size`" in low["warnings"][0]["remedy"]
+    word = Parameters(text="watermark", size=1.8, count=1, color=color, evaluate=Evaluate.NONE)
+    report = watermark(SPOT.read_bytes(), word, preview=False).report
+    assert [warning["code"] for warning in report["warnings"]] == warned
 
 
 @pytest.mark.parametrize("file_type", ["obj", "stl", "stl_ascii", "ply", "off"])

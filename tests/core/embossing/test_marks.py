@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 import trimesh
 
-from core.embossing import marks
+from core.embossing import emboss, marks
 from core.embossing.emboss import Mark
 from core.embossing.mesh import WorkingMesh
 from core.embossing.refusal import Refusal
 from core.parameters import Evaluate, Parameters
 from core.pipeline import watermark
+from core.placement import place
 from core.placement.boxes import Boxes
 from core.placement.objective import OBJECTIVE, Objective, Placement
 
@@ -22,7 +23,7 @@ class Cutter:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, times: int, pooled: bool) -> None:
         self.left, self.searches, self._pooled = times, 0, pooled
-        self._emboss, self._more = marks.emboss, marks.place_more
+        self._emboss, self._more = emboss.emboss, place.place_more
         monkeypatch.setattr("core.embossing.marks.emboss", self.emboss)
         monkeypatch.setattr("core.embossing.marks.place_more", self.place_more)
 

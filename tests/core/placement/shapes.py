@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.asset.surface import Surface
+from core.lettering.outline import Lettering
 from core.placement.boxes import Boxes
 from core.spatial import SpatialIndex
 from tests.core.shapes import join as join
@@ -96,3 +97,8 @@ def rotation(axis: tuple[float, float, float], degrees: float) -> Float:
     skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     angle = np.radians(degrees)
     return np.asarray(np.eye(3) + np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew)
+
+
+def text(aspect: float) -> Lettering:
+    """What placement knows of a text so many times as high as wide."""
+    return Lettering("watermark", (), aspect, 0.41)

@@ -51,7 +51,7 @@ def is_covered(shape: Surface, where: Boxes, part: NDArray[np.int64] | None = No
 
 def slid_twice(shape: Surface, where: Boxes, part: NDArray[np.int64] | None = None) -> Boxes:
     for ahead in (2.0, 1.0):
-        met = footprint(where, index_of(shape), shape.normals, CLEARANCE, (12, 16), 0.02)
+        met = footprint(where, index_of(shape), shape.normals, CLEARANCE, (12, 16), 0.16)
         where = slid(where, met, one_part(shape) if part is None else part, ahead)
     return where
 

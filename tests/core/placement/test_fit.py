@@ -7,7 +7,7 @@ from core.parameters import Parameters
 from core.placement.boxes import Boxes
 from core.placement.fit import fit, grow
 from core.placement.site import Site, open_site
-from tests.core.placement.shapes import box, cuboid, index_of, inside_out, join, moved, sphere
+from tests.core.placement.shapes import box, cuboid, index_of, inside_out, join, moved, sphere, text
 
 UP = np.array([[0.0, 1.0, 0.0]])
 
@@ -15,7 +15,7 @@ UP = np.array([[0.0, 1.0, 0.0]])
 def opened(shape: Surface) -> Site:
     parameters = Parameters(text="watermark").resolved()
     rng = np.random.default_rng(0)
-    return open_site(shape, index_of(shape), saliency(shape, 0), None, None, 0.125, parameters, rng)
+    return open_site(shape, index_of(shape), saliency(shape, 0), None, None, text(0.125), parameters, rng)
 
 
 def test_each_stage_leaves_no_more_boxes_than_the_one_before() -> None:

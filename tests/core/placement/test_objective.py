@@ -24,7 +24,6 @@ from core.placement.objective import (
     likelihood,
     obstructed,
     roll,
-    size,
     tone,
     within_reach,
 )
@@ -129,14 +128,7 @@ def test_a_mark_that_is_seen_serves_a_view_however_badly_it_reads() -> None:
     assert served == pytest.approx(OBJECTIVE.seen)
 
 
-def test_text_is_read_from_four_pixels_on_and_no_better_from_twenty_four_on() -> None:
-    read = size(np.array([0.0, 4.0, 9.0, 14.0, 24.0, 100.0]))
-    assert read == pytest.approx([0, 0, 0.5, np.sqrt(0.5), 1, 1])
-
-
-def test_text_of_a_colour_of_its_own_is_read_from_nine_pixels_on() -> None:
-    height = np.array([4.0, 6.5, 9.0, 100.0])
-    assert size(height, "#d02020") == pytest.approx([0, 0.5, 1, 1])
+def test_text_of_a_colour_of_its_own_serves_at_heights_at_which_plain_text_hardly_does() -> None:
     where = box((0, 0, 15), size=(2.6, 0.33, 0.5))
     assert shown(where, color="#d02020")[0, FRONT] > 1.2 * shown(where)[0, FRONT]
 
@@ -253,7 +245,7 @@ def test_bend_is_the_part_of_the_boxs_thickness_that_the_surface_takes_up() -> N
 
 def test_a_mark_changes_a_small_surface_more() -> None:
     relief = np.array([0.2])
-    assert distance(box(), relief, 100.0) == pytest.approx(10 * distance(box(), relief, 1000.0))
+    assert distance(box(), relief, 0.4, 100.0) == pytest.approx(10 * distance(box(), relief, 0.4, 1000.0))
 
 
 def test_the_centroid_is_that_of_the_area_not_of_the_vertices() -> None:

@@ -13,19 +13,23 @@ from core.ground.saliency import saliency
 from core.parameters import Mode, Parameters, Preset
 from core.placement.candidates import upright
 from core.placement.filters import overlapping
+from core.placement.legibility import legible_height
 from core.placement.objective import Placement
-from core.placement.place import WIDTHS, place, place_more
+from core.placement.place import HEIGHTS, ladder, place, place_more
 from core.placement.selection import select
 from core.placement.site import Site, open_site
 from tests.core.asset.meshes import MESHES
-from tests.core.placement.shapes import cuboid, index_of, inside_out, join, moved, plane, sphere, surface
+from tests.core.placement.shapes import cuboid, index_of, inside_out, join, moved, plane, sphere, surface, text
 
 ASPECT = 0.125
+WIDTHS = ladder(ASPECT)
+LEGIBLE_WIDTH = WIDTHS[len(HEIGHTS) - 1]
 
 
 def opened(shape: Surface, rng: np.random.Generator, aspect: float = ASPECT, **asked: object) -> Site:
     parameters = Parameters.model_validate({"text": "watermark"} | asked).resolved()
-    return open_site(shape, index_of(shape), saliency(shape, parameters.seed), None, None, aspect, parameters, rng)
+    salient = saliency(shape, parameters.seed)
+    return open_site(shape, index_of(shape), salient, None, None, text(aspect), parameters, rng)
 
 
 def placed(shape: Surface, aspect: float = ASPECT, seed: int = 0, **asked: object) -> Placement:
@@ -78,7 +82,7 @@ def test_parts_too_narrow_for_wide_text_get_narrower_text() -> None:
     found = placed(join(cuboid(30, 0.8, 0.8), moved(cuboid(3.2, 12, 3.2), shift=(0, 0.4, 0))))
     widths = found.boxes.size[list(found.start), 0]
     assert len(set(widths.tolist())) > 1
-    assert WIDTHS[-1] <= widths.min()
+    assert widths.min() >= LEGIBLE_WIDTH
     assert widths.max() < WIDTHS[0]
 
 
@@ -87,11 +91,33 @@ def test_text_as_large_as_a_side_stands_on_both_sides_when_it_is_asked_for() -> 
     assert sorted(np.round(found.boxes.axes[list(found.start), 2, 2]).tolist()) == [-1, 1]
 
 
-def test_text_of_other_proportions_gets_the_same_area() -> None:
-    long = placed(cuboid(30, 30, 30), aspect=0.03125)
-    assert np.allclose(long.boxes.size[:, 0], 2 * WIDTHS[0])
-    single = placed(cuboid(30, 30, 30), aspect=0.5)
-    assert np.allclose(single.boxes.size[:, 0], WIDTHS[0] / 2)
+def highest(found: Placement) -> float:
+    return float(found.boxes.size[list(found.start), 1].max())
+
+
+def test_long_text_is_as_high_as_a_word_and_short_text_higher_but_not_a_tower() -> None:
+    cube = cuboid(30, 30, 30)
+    word, initials, letter = (highest(placed(cube, aspect=aspect)) for aspect in (ASPECT, 0.5, 4.0))
+    long = highest(placed(cube, aspect=0.03125))
+    assert long == pytest.approx(word)
+    assert initials == letter == pytest.approx(2 * word)
+
+
+def test_sixty_letters_are_legible_where_there_is_room_and_smaller_where_there_is_none() -> None:
+    assert highest(placed(cuboid(30, 30, 30), aspect=0.015)) >= legible_height() * (1 - 1e-9)
+    assert 0.05 < highest(placed(cuboid(10, 10, 10), aspect=0.015)) < legible_height()
+
+
+def test_long_text_runs_along_a_bar_on_which_it_would_not_be_legible_across() -> None:
+    assert highest(placed(cuboid(4, 30, 4), aspect=0.015)) >= legible_height() * (1 - 1e-9)
+
+
+def test_the_widths_of_any_proportions_go_down_to_those_of_a_word_in_area() -> None:
+    for aspect in (0.001, 0.015, 0.03125, 0.125, 0.5, 4.0):
+        widths = ladder(aspect)
+        assert widths == sorted(set(widths), reverse=True)
+        assert widths[0] <= 30
+        assert widths[-1] ** 2 * aspect <= 2.25 * WIDTHS[-1] ** 2 * ASPECT * 4
 
 
 def test_the_paper_preset_uses_its_samples_and_its_size() -> None:

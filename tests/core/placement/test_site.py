@@ -7,13 +7,13 @@ from core.errors import ErrorCode, MeshmarkError
 from core.ground.saliency import saliency
 from core.parameters import Parameters
 from core.placement.site import Site, open_site
-from tests.core.placement.shapes import cuboid, index_of, plane
+from tests.core.placement.shapes import cuboid, index_of, plane, text
 
 
 def opened(shape: Surface, usable: NDArray[np.bool_] | None = None) -> Site:
     parameters = Parameters(text="watermark").resolved()
     rng = np.random.default_rng(0)
-    return open_site(shape, index_of(shape), saliency(shape, 0), None, None, 0.125, parameters, rng, usable)
+    return open_site(shape, index_of(shape), saliency(shape, 0), None, None, text(0.125), parameters, rng, usable)
 
 
 def test_a_direction_is_faced_as_nearly_as_any_surface_looks_that_way() -> None:
