@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from core.asset.assembly import Assembly
 from core.asset.gltf import Document
 from core.asset.images import mime_type
-from core.asset.polygons import Attribute, Float, Int, Material, PolygonMesh, linear, triangulate, weld
+from core.asset.polygons import Attribute, Float, Int, Material, PolygonMesh, linear, triangulate
 from core.asset.refusals import no_faces, non_finite
+from core.asset.winding import Bool, Outward, outward
 from core.errors import ErrorCode, MeshmarkError
 
 # Beyond this ratio of coordinate to size, float32 leaves less than four digits of shape after the decimal point.
@@ -31,6 +32,9 @@ def assemble(assembly: Assembly) -> Document:
     coordinates or colours: nothing is invented, nothing is dropped but vertices that no face uses. Vertices and faces
     keep their order; polygons are triangulated. Coordinates far from the origin are stored relative to the node.
     A matrix that glTF forbids in a node, since it shears, is applied to the positions.
+
+    The formats that come here know no culling: closed parts are turned outwards, normals on the wrong side with them,
+    and a mesh that is not closed throughout is double-sided.
 
     Raises:
         MeshmarkError: ``no_faces``, ``index_out_of_range`` or ``non_finite_positions``.
@@ -61,13 +65,22 @@ def _is_transform(matrix: Float) -> bool:
 
 
 def _moved(body: PolygonMesh, matrix: Float) -> PolygonMesh:
-    attributes = dict(body.attributes)
+    """The body with a matrix (4, 4) applied to it; one that mirrors reverses the polygons."""
+    attributes, corners = dict(body.attributes), body.corners
     linear_part = matrix[:3, :3]
+    mirrored = np.linalg.det(linear_part) < 0
     if "NORMAL" in attributes:  # by the cofactors, which are the inverse transpose where there is an inverse
         cofactors = np.stack([np.cross(linear_part[i - 2], linear_part[i - 1]) for i in range(3)])
         normals = attributes["NORMAL"]
-        attributes["NORMAL"] = Attribute(normals.values @ cofactors.T, normals.index)
-    return replace(body, positions=body.positions @ linear_part.T + matrix[:3, 3], attributes=attributes)
+        attributes["NORMAL"] = Attribute(normals.values @ (-cofactors.T if mirrored else cofactors.T), normals.index)
+    if mirrored:
+        start = np.repeat(np.cumsum(body.sizes) - body.sizes, body.sizes)
+        size = np.repeat(body.sizes, body.sizes)
+        order = start + (start - np.arange(len(corners))) % size  # each polygon backwards from its first corner
+        corners = corners[order]
+        attributes = {name: Attribute(item.values, item.index[order]) for name, item in attributes.items()}
+    positions = body.positions @ linear_part.T + matrix[:3, 3]
+    return replace(body, positions=positions, corners=corners, attributes=attributes)
 
 
 def _check_references(index: Int, count: int, what: str) -> None:
@@ -116,16 +129,46 @@ def _origin(positions: Float) -> Float:
     return (low + high) / 2 if is_far and np.any(positions.astype(np.float32) != positions) else np.zeros(3)
 
 
-def _is_closed(positions: Float, vertices: Int) -> bool:
-    """Whether every edge of the triangles (T, 3) has at least two of them, equal positions being one vertex."""
-    return _has_no_boundary(vertices) or _has_no_boundary(weld(positions)[vertices])
+def _faced_outwards(body: PolygonMesh, triangles: Int) -> tuple[PolygonMesh, Int, bool]:
+    """Triangles (T, 3) of corner numbers with closed parts turned outwards, and whether all parts are closed.
+
+    Normals that then look against the side they are on are turned as well; their corners get numbers of their own, so
+    that a body comes back too.
+    """
+    found = outward(body.positions, body.corners[triangles])
+    triangles = np.where(found.turned[:, None], triangles[:, [0, 2, 1]], triangles)
+    if "NORMAL" in body.attributes and len(body.attributes["NORMAL"].values):
+        against = _against_normals(body, triangles, found)
+        if against.any():
+            body, triangles = _with_normals_turned(body, triangles, against)
+    return body, triangles, bool(found.closed.all())
 
 
-def _has_no_boundary(vertices: Int) -> bool:
-    edges = np.sort(np.concatenate([vertices[:, [0, 1]], vertices[:, [1, 2]], vertices[:, [2, 0]]]), axis=1)
-    edges = edges[edges[:, 0] != edges[:, 1]]
-    _, count = np.unique(edges[:, 0] * (int(vertices.max()) + 1) + edges[:, 1], return_counts=True)
-    return bool(np.all(count > 1))
+def _against_normals(body: PolygonMesh, triangles: Int, found: Outward) -> Bool:
+    """(T,) the triangles whose normals are on the wrong side.
+
+    The triangles of a closed part that were turned, and those that were not, are taken together: slivers and sharp
+    edges may have normals on either side.
+    """
+    normals = body.attributes["NORMAL"]
+    index = normals.index[triangles]
+    a, b, c = (body.positions[body.corners[triangles[:, corner]]] for corner in range(3))
+    mean = np.where((index >= 0)[..., None], normals.values[index], 0.0).sum(axis=1)
+    group = 2 * (found.part + 1) + found.turned
+    side = np.bincount(group, np.einsum("ni,ni->n", np.cross(b - a, c - a), mean))[group]
+    return np.asarray((side < 0) & found.closed & (found.part >= 0))
+
+
+def _with_normals_turned(body: PolygonMesh, triangles: Int, which: Bool) -> tuple[PolygonMesh, Int]:
+    """The body with a corner of its own for each corner of the triangles, and the normals of some of them reversed."""
+    old = triangles.ravel()
+    attributes = {name: replace(item, index=item.index[old]) for name, item in body.attributes.items()}
+    normals = attributes["NORMAL"]
+    turned = np.repeat(which, 3) & (normals.index >= 0)
+    attributes["NORMAL"] = Attribute(
+        np.concatenate([normals.values, -normals.values]), normals.index + turned * len(normals.values)
+    )
+    return replace(body, corners=body.corners[old], attributes=attributes), np.arange(len(old)).reshape(-1, 3)
 
 
 def _shared_vertices(columns: list[Int]) -> tuple[Int, Int]:
@@ -161,9 +204,9 @@ class _Writer:
         if len(triangles) == 0:
             return None
         attributes = {name: _usable(name, attribute) for name, attribute in body.attributes.items()}
-        vertices = body.corners[triangles]
-        origin = _origin(body.positions[vertices.ravel()])
-        double_sided = not _is_closed(body.positions, vertices)
+        body, triangles, closed = _faced_outwards(replace(body, attributes=attributes), triangles)
+        attributes = body.attributes
+        origin = _origin(body.positions[body.corners[triangles.ravel()]])
         kind = body.group[polygon] << len(attributes)
         for bit, attribute in enumerate(attributes.values()):
             kind |= np.all(attribute.index[triangles] >= 0, axis=1).astype(np.int64) << bit
@@ -174,7 +217,7 @@ class _Writer:
             value = int(kind[rows[0]])
             present = {name: item for bit, (name, item) in enumerate(attributes.items()) if value >> bit & 1}
             material = self.material(
-                body.materials[value >> len(attributes)], "COLOR_0" in present, "TEXCOORD_0" in present, double_sided
+                body.materials[value >> len(attributes)], "COLOR_0" in present, "TEXCOORD_0" in present, not closed
             )
             primitives.append(
                 self.primitive(body, triangles[rows], present, origin) | {"material": material, "mode": 4}

@@ -2,10 +2,9 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from core.asset.surface import Surface
+from core.asset.winding import consistent, neighbours
 from core.rendering.views import fibonacci_directions
 from core.spatial import SpatialIndex
 
@@ -35,8 +34,8 @@ def reversed_faces(surface: Surface, distinct: Bool, index: SpatialIndex) -> tup
         index: over the asset.
     """
     ids = np.flatnonzero(distinct)
-    one, two, agree = _neighbours(surface.weld[surface.faces[ids]])
-    part, turned = _consistent(len(ids), one, two, agree)
+    one, two, agree = neighbours(surface.weld[surface.faces[ids]])
+    part, turned = consistent(len(ids), one, two, agree)
     area = surface.areas[ids]
     total = np.asarray(np.bincount(part, weights=area), dtype=np.float64)
     turned ^= (np.bincount(part, weights=area * turned) > total / 2)[part]
@@ -44,38 +43,6 @@ def reversed_faces(surface: Surface, distinct: Bool, index: SpatialIndex) -> tup
     all_turned, all_parts = np.zeros(len(surface.faces), dtype=bool), np.full(len(surface.faces), -1)
     all_turned[ids], all_parts[ids] = turned, part
     return all_turned, all_parts
-
-
-def _neighbours(corners: Int) -> tuple[Int, Int, Bool]:
-    """Pairs of faces (P,), (P,) that share an edge of exactly two faces, and whether they agree on its sides."""
-    start, end = corners.ravel(), np.roll(corners, -1, axis=1).ravel()
-    key = np.minimum(start, end) * (corners.max(initial=0) + 1) + np.maximum(start, end)
-    order = np.argsort(key)
-    key = key[order]
-    same = key[1:] == key[:-1]
-    lone = same & ~np.append(same[1:], False) & ~np.insert(same[:-1], 0, False)
-    first, second = order[:-1][lone], order[1:][lone]
-    return first // 3, second // 3, start[first] != start[second]
-
-
-def _consistent(count: int, one: Int, two: Int, agree: Bool) -> tuple[Int, Bool]:
-    """The part (F,) of each of ``count`` faces, and which (F,) to turn for the faces of a part to agree."""
-    if agree.all():
-        return _connected(count, one, two), np.zeros(count, dtype=bool)
-    # Every face twice, as it is and turned: neighbours that disagree connect crosswise. An orientable part then
-    # falls into two mirror images, of which one is chosen.
-    across = np.where(agree, 0, count)
-    both = _connected(
-        2 * count, np.concatenate([one, one + count]), np.concatenate([two + across, two + count - across])
-    )
-    image = np.minimum(both[:count], both[count:])
-    _, part = np.unique(image, return_inverse=True)
-    return part, both[:count] != image
-
-
-def _connected(count: int, one: Int, two: Int) -> Int:
-    graph = coo_array((np.ones(len(one), dtype=np.int8), (one, two)), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
 def _inside_out(surface: Surface, ids: Int, turned: Bool, part: Int, total: Float, index: SpatialIndex) -> Bool:
