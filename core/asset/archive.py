@@ -7,10 +7,12 @@ import stat
 import struct
 import zipfile
 import zlib
+from collections.abc import Iterator
 from functools import cached_property
-from urllib.parse import unquote, urlsplit
+from urllib.parse import unquote_to_bytes
 
 from core.asset.budgets import Budgets, within
+from core.asset.names import code_page, decode, decoded, folded, spellings
 from core.asset.refusals import malformed, truncated
 from core.errors import ErrorCode, MeshmarkError
 
@@ -46,11 +48,15 @@ class Archive:
             if b"PK\x05\x06" not in data:
                 raise truncated("The ZIP archive is cut off: its directory, which comes last, is missing.") from None
             raise malformed("The directory of the ZIP archive is damaged.") from None
+        page = code_page(_raw_name(entry) for entry in self._zip.infolist() if not _is_utf8(entry))
+        entries, names = [], []
         for entry in self._zip.infolist():
-            _check_name(entry)
-        entries = [entry for entry in self._zip.infolist() if not entry.is_dir()]
-        self._entries = {_normal(entry.filename): entry for entry in entries if not _IGNORED.search(entry.filename)}
-        names = [_normal(entry.filename) for entry in entries]
+            name = entry.filename if _is_utf8(entry) else decoded(_raw_name(entry), page) or entry.filename
+            _check_name(name, entry)
+            if not entry.is_dir():
+                entries.append(entry)
+                names.append(_normal(name))
+        self._entries = {name: entry for name, entry in zip(names, entries, strict=True) if not _IGNORED.search(name)}
         if len(set(names)) != len(names):
             twice = next(name for name in names if names.count(name) > 1)
             raise malformed(f"The ZIP archive has two entries of the name {_quote(twice)}.")
@@ -58,6 +64,7 @@ class Archive:
             _check_entry(entry, budgets)
         within(sum(entry.file_size for entry in entries), budgets.unpacked_bytes, "bytes of unpacked files")
         _check_overlap(entries, self._zip.start_dir)
+        self._guesses = budgets.archive_entries  # no honest file refers to more that its archive does not have
 
     @property
     def names(self) -> list[str]:
@@ -102,46 +109,96 @@ class Archive:
             )
         return found[0]
 
-    def find(self, uri: str, beside: str) -> str | None:
-        """The name of the file that a relative URI in the file ``beside`` means; ``None`` where there is none.
+    def find(self, reference: str | bytes, beside: str, *, escaped: bool = True) -> str | None:
+        """The name of the file that a reference in the file ``beside`` means; ``None`` where there is none.
 
-        Exporters on other systems write backslashes and do not mind upper and lower case.
+        Exporters write backslashes, names as they are where a URI belongs and URIs where names do, escape twice, and
+        do not mind the code page nor upper and lower case: what the reference says by the rules comes first, then
+        what it says otherwise.
+
+        Args:
+            reference: a URI, or a path.
+            beside: one of :attr:`names`, which the reference is relative to.
+            escaped: whether it is a URI by the rules of the format, not a path.
 
         Raises:
-            MeshmarkError: ``external_reference`` for a URI that leads out of the archive.
+            MeshmarkError: ``external_reference`` for a reference that leads out of the archive.
         """
-        if (path := inside_path(uri, beside)) is None:
-            raise outside(uri, beside)
-        if path in self._entries:
-            return path
-        return self._by_folded_name.get(path.casefold())
+        paths = [_inside_path(text, beside) for text in self._readings(reference, escaped)]
+        for path in paths:
+            if path in self._entries:
+                return path
+        for path in paths:
+            if path is not None and (found := self._by_folded_name.get(folded(path))) is not None:
+                return found
+        self._guesses -= 1
+        if None in paths or not paths:
+            raise outside(reference, beside)
+        return None
 
-    def find_by_name(self, path: str) -> str | None:
-        """The one file whose last name is that of ``path``, whatever folder it lies in; ``None`` where not just one."""
-        wanted = posixpath.basename(path.replace("\\", "/")).casefold()
-        found = [name for name in self._entries if posixpath.basename(name).casefold() == wanted]
-        return found[0] if len(found) == 1 else None
+    def find_by_name(self, reference: str | bytes) -> str | None:
+        """The one file whose last name is that of a reference, whatever its folder; ``None`` where not just one."""
+        for text in self._readings(reference, escaped=True):
+            found = self._by_last_name.get(folded(posixpath.basename(text.replace("\\", "/"))), ())
+            if len(found) == 1:
+                return next(iter(found))
+        return None
+
+    def locate(self, reference: str | bytes, beside: str, *, escaped: bool = True) -> str | None:
+        """As :meth:`find`, else as :meth:`find_by_name`: paths of the machine that wrote the file lead nowhere here."""
+        try:
+            found = self.find(reference, beside, escaped=escaped)
+        except MeshmarkError:
+            found = None
+        return found or self.find_by_name(reference)
+
+    def _readings(self, reference: str | bytes, escaped: bool) -> Iterator[str]:
+        """What a reference can mean, the likeliest first: with fewer or more escapes, each in every code page."""
+        raw = reference.encode("utf-8", "surrogatepass") if isinstance(reference, str) else reference
+        once = unquote_to_bytes(raw)
+        path = unquote_to_bytes(re.split(rb"[?#]", raw)[0])
+        likeliest_first = (path, once, raw) if escaped else (raw, once, path)
+        for meant in dict.fromkeys((*likeliest_first, unquote_to_bytes(once), unquote_to_bytes(path))):
+            if meant:
+                yield from spellings(meant)
+            if self._guesses < 0:
+                return
 
     @cached_property
     def _by_folded_name(self) -> dict[str, str]:
-        return {name.casefold(): name for name in self._entries}
+        """Names by what they can be compared as; what one is goes before what another could be."""
+        table = {folded(name): name for name in reversed(self._entries)}
+        for name, entry in self._entries.items():
+            if not _is_utf8(entry):
+                for text in spellings(_raw_name(entry)):
+                    table.setdefault(folded(_normal(text)), name)
+        return table
+
+    @cached_property
+    def _by_last_name(self) -> dict[str, set[str]]:
+        table: dict[str, set[str]] = {}
+        for path, name in self._by_folded_name.items():
+            table.setdefault(posixpath.basename(path), set()).add(name)
+        return table
 
 
-def inside_path(uri: str, beside: str) -> str | None:
-    """The path within an archive of a URI relative to the file ``beside``; ``None`` where it leads out of it."""
-    try:
-        parts = urlsplit(uri.replace("\\", "/"))
-    except ValueError:
-        return None
-    path = unquote(parts.path)
+def _inside_path(text: str, beside: str) -> str | None:
+    """The path within an archive of one relative to the file ``beside``; ``None`` where it leads out of it."""
+    path = text.replace("\\", "/")
     joined = posixpath.normpath(posixpath.join(posixpath.dirname(beside), path))
-    if parts.scheme or parts.netloc or not path or path.startswith("/") or joined.startswith("../") or joined == "..":
+    if (
+        path.startswith("/")
+        or re.match(r"[A-Za-z][A-Za-z0-9+.-]*:", path)
+        or joined.startswith("../")
+        or joined == ".."
+    ):
         return None
     return joined
 
 
-def outside(uri: str, beside: str) -> MeshmarkError:
+def outside(reference: str | bytes, beside: str) -> MeshmarkError:
     """The error for a reference to something that was not uploaded."""
+    uri = decode(reference) if isinstance(reference, bytes) else reference
     return MeshmarkError(
         ErrorCode.EXTERNAL_REFERENCE,
         f"{_quote(beside)} refers to {_quote(uri)}; nothing outside the uploaded file is opened.",
@@ -157,12 +214,21 @@ def _quote(name: str) -> str:
     return repr(name if len(name) <= 60 else name[:60] + "...")
 
 
-def _check_name(entry: zipfile.ZipInfo) -> None:
-    name = entry.filename.replace("\\", "/")
+def _is_utf8(entry: zipfile.ZipInfo) -> bool:
+    return bool(entry.flag_bits & 0x800)
+
+
+def _raw_name(entry: zipfile.ZipInfo) -> bytes:
+    """The name as its bytes stand in the archive: zipfile takes all that is not UTF-8 for code page 437."""
+    return entry.orig_filename.partition("\0")[0].encode("utf-8" if _is_utf8(entry) else "cp437")
+
+
+def _check_name(decoded: str, entry: zipfile.ZipInfo) -> None:
+    name = decoded.replace("\\", "/")
     if name.startswith("/") or re.match(r"[A-Za-z]:", name) or ".." in name.split("/") or not name or "\0" in name:
-        raise malformed(f"The ZIP archive has an entry {_quote(entry.filename)}, which would lie outside of it.")
+        raise malformed(f"The ZIP archive has an entry {_quote(decoded)}, which would lie outside of it.")
     if stat.S_ISLNK(entry.external_attr >> 16):
-        raise malformed(f"The entry {_quote(entry.filename)} of the ZIP archive is a link, not a file.")
+        raise malformed(f"The entry {_quote(decoded)} of the ZIP archive is a link, not a file.")
 
 
 def _check_entry(entry: zipfile.ZipInfo, budgets: Budgets) -> None:

@@ -42,6 +42,11 @@ class Assembly:
     warnings: list[MeshmarkError] = field(default_factory=list)
 
 
+def single(mesh: PolygonMesh, warnings: list[MeshmarkError]) -> Assembly:
+    """The assembly of a format that knows one mesh and no names."""
+    return Assembly([mesh], ["model"], [Instance("model", 0)], warnings=warnings)
+
+
 def dropped(sentence: str, remedy: str = "Send the asset as a GLB to keep it.") -> MeshmarkError:
     """The warning for a part of the file that the result does not have."""
     return MeshmarkError(ErrorCode.UNSUPPORTED_FEATURE, sentence, remedy)

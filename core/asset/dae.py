@@ -3,7 +3,6 @@
 import io
 from collections.abc import Callable
 from typing import Any
-from urllib.parse import unquote
 
 import numpy as np
 
@@ -43,11 +42,7 @@ def read_dae_zip(archive: Archive, budgets: Budgets) -> Assembly:
     name = archive.only(".dae")
 
     def load(path: str) -> bytes | None:
-        try:
-            found = archive.find(path, name)
-        except MeshmarkError:  # on the machine that wrote the file: its name may help
-            found = None
-        found = found or archive.find_by_name(unquote(path))
+        found = archive.locate(path, name)
         return None if found is None else archive.read(found)
 
     return _read(archive.read(name), load, budgets)

@@ -4,17 +4,16 @@ from dataclasses import replace
 
 from core.asset.archive import Archive
 from core.asset.assemble import assemble
-from core.asset.assembly import Assembly, Instance
+from core.asset.assembly import Assembly
 from core.asset.budgets import DEFAULT_BUDGETS, Budgets
 from core.asset.dae import read_dae, read_dae_zip
 from core.asset.glb_check import carried_unread
 from core.asset.gltf import Document
-from core.asset.obj import read_obj
+from core.asset.obj import read_obj_alone
 from core.asset.obj_zip import read_obj_zip
 from core.asset.off import read_off
 from core.asset.pack import pack_archive, pack_json
 from core.asset.ply import read_ply
-from core.asset.polygons import PolygonMesh
 from core.asset.sniff import Format
 from core.asset.stl import read_stl
 from core.asset.threemf import read_3mf
@@ -52,17 +51,17 @@ def to_document(data: bytes, file_format: Format, budgets: Budgets = DEFAULT_BUD
         case Format.DAE_ZIP:
             return assemble(read_dae_zip(Archive(data, budgets), budgets))
         case _:
-            return assemble(Assembly([_read(data, file_format, budgets)], ["model"], [Instance("model", 0)]))
+            return assemble(_read(data, file_format, budgets))
 
 
 def _as_it_is(document: Document) -> Document:
     return replace(document, warnings=[*document.warnings, *carried_unread(document)])
 
 
-def _read(data: bytes, file_format: Format, budgets: Budgets) -> PolygonMesh:
+def _read(data: bytes, file_format: Format, budgets: Budgets) -> Assembly:
     match file_format:
         case Format.OBJ:
-            return read_obj(data, budgets)
+            return read_obj_alone(data, budgets)
         case Format.STL:
             return read_stl(data)
         case Format.PLY:

@@ -98,7 +98,8 @@ def _check_stl(data: bytes, budgets: Budgets) -> None:
                 f"The STL claims {faces:,} triangles, which take {faces * stl.TRIANGLE_BYTES:,} bytes, "
                 f"but {present:,} follow its header."
             )
-        if present > 2 * faces * stl.TRIANGLE_BYTES > 0:  # a few stray bytes at the end are common and harmless
+        # a few stray bytes at the end are common and harmless
+        if present > max(2 * faces, 1) * stl.TRIANGLE_BYTES:
             raise malformed(f"The STL claims {faces:,} triangles, but {present:,} bytes follow its header.")
     if faces == 0:
         raise no_faces("The STL has no triangle.")

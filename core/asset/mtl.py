@@ -5,27 +5,31 @@ from collections.abc import Callable
 import numpy as np
 
 from core.asset.assembly import dropped
+from core.asset.names import code_page, decode
 from core.asset.polygons import Material, linear
+from core.asset.text import joined_lines
 from core.asset.textures import usable_image
 from core.errors import MeshmarkError
 
-Load = Callable[[str], bytes | None]
+Load = Callable[[bytes], bytes | None]
+
+Table = dict[str, bytes]  # values as they are written, by keyword
 
 # How many arguments an option of a texture map takes; -o, -s and -t take one to three numbers.
 _OPTIONS = {
-    "-blendu": 1,
-    "-blendv": 1,
-    "-boost": 1,
-    "-bm": 1,
-    "-cc": 1,
-    "-clamp": 1,
-    "-imfchan": 1,
-    "-mm": 2,
-    "-o": 3,
-    "-s": 3,
-    "-t": 3,
-    "-texres": 1,
-    "-type": 1,
+    b"-blendu": 1,
+    b"-blendv": 1,
+    b"-boost": 1,
+    b"-bm": 1,
+    b"-cc": 1,
+    b"-clamp": 1,
+    b"-imfchan": 1,
+    b"-mm": 2,
+    b"-o": 3,
+    b"-s": 3,
+    b"-t": 3,
+    b"-texres": 1,
+    b"-type": 1,
 }
 _CARRIED = ("map_kd", "map_d", "norm")
 _NOT_CARRIED = {
@@ -40,8 +44,8 @@ _NOT_CARRIED = {
 }
 
 
-def read_mtl(data: bytes, load: Load) -> tuple[dict[str, Material], list[MeshmarkError]]:
-    """The materials of an MTL by name, and what of them a glTF cannot hold.
+def read_mtl(data: bytes, load: Load) -> tuple[dict[bytes, Material], list[MeshmarkError]]:
+    """The materials of an MTL by the bytes of their name, and what of them a glTF cannot hold.
 
     Kd is taken as sRGB and, as in modelling programs, replaced by the texture where there is one; d is the alpha; Ke,
     Pr, Pm and Ns (where Ks is not black) become emission, roughness and metallic. Ambient and specular colours have no
@@ -49,21 +53,21 @@ def read_mtl(data: bytes, load: Load) -> tuple[dict[str, Material], list[Meshmar
 
     Args:
         data: the file.
-        load: the bytes of a texture by the path written in the MTL; ``None`` where it is not in the upload.
+        load: the bytes of a texture by the path written in the MTL, in whatever code page; ``None`` where it is not in
+            the upload.
     """
-    tables: dict[str, dict[str, str]] = {}
-    current: dict[str, str] = {}
-    for line in data.decode("utf-8", "replace").replace("\\\n", " ").splitlines():
-        key, _, value = line.strip().partition(" ")
-        if "\t" in key:
-            key, _, value = line.strip().partition("\t")
-        if key.lower() == "newmtl":
+    tables: dict[bytes, Table] = {}
+    current: Table = {}
+    for line in joined_lines(data).splitlines():
+        key, _, value = line.strip().replace(b"\t", b" ", 1).partition(b" ")
+        keyword = key.decode("latin-1").lower()
+        if keyword == "newmtl":
             current = tables.setdefault(value.strip(), {})
-        elif key and not key.startswith("#"):
-            current[key.lower()] = value if key.lower() in (*_CARRIED, *_NOT_CARRIED) else value.partition("#")[0]
+        elif keyword and not keyword.startswith("#"):
+            current[keyword] = value if keyword in (*_CARRIED, *_NOT_CARRIED) else value.partition(b"#")[0]
     warnings: list[MeshmarkError] = []
-    images = _Images(load, warnings)
-    return {name: _material(name, table, images, warnings) for name, table in tables.items()}, warnings
+    images, page = _Images(load, warnings), code_page(tables)
+    return {name: _material(name.decode(page), table, images, warnings) for name, table in tables.items()}, warnings
 
 
 class _Images:
@@ -72,20 +76,20 @@ class _Images:
     def __init__(self, load: Load, warnings: list[MeshmarkError]) -> None:
         self.load = load
         self.warnings = warnings
-        self.known: dict[str, bytes | None] = {}
+        self.known: dict[bytes, bytes | None] = {}
 
-    def __call__(self, table: dict[str, str], key: str) -> bytes | None:
-        path = _path(table.get(key, ""))
+    def __call__(self, table: Table, key: str) -> bytes | None:
+        path = _path(table.get(key, b""))
         if path and path not in self.known:
-            self.known[path] = usable_image(path, self.load(path), self.warnings)
+            self.known[path] = usable_image(decode(path), self.load(path), self.warnings)
         return self.known.get(path)
 
 
-def _material(name: str, table: dict[str, str], images: _Images, warnings: list[MeshmarkError]) -> Material:
+def _material(name: str, table: Table, images: _Images, warnings: list[MeshmarkError]) -> Material:
     texture = images(table, "map_kd")
     opacity = images(table, "map_d")
     masked = opacity is not None and opacity == texture
-    lost = [use for key, use in _NOT_CARRIED.items() if _path(table.get(key, ""))]
+    lost = [use for key, use in _NOT_CARRIED.items() if _path(table.get(key, b""))]
     lost += ["opacity"] if opacity is not None and not masked else []
     if lost:
         uses = ", ".join(dict.fromkeys(lost))
@@ -111,7 +115,7 @@ def _material(name: str, table: dict[str, str], images: _Images, warnings: list[
     )
 
 
-def _roughness(table: dict[str, str]) -> float:
+def _roughness(table: Table) -> float:
     if (given := _numbers(table.get("pr"), 1)) is not None:
         return float(given[0])
     specular, exponent = _numbers(table.get("ks"), 3), _numbers(table.get("ns"), 1, 1000.0)
@@ -125,10 +129,10 @@ def _rgb(color: np.ndarray[tuple[int], np.dtype[np.float64]]) -> tuple[float, fl
     return red, green, blue
 
 
-def _numbers(text: str | None, count: int, most: float = 1.0) -> np.ndarray[tuple[int], np.dtype[np.float64]] | None:
+def _numbers(text: bytes | None, count: int, most: float = 1.0) -> np.ndarray[tuple[int], np.dtype[np.float64]] | None:
     """The first numbers of a line, clipped to 0 and ``most``; one number stands for all of a colour."""
     try:
-        values = np.array([float(word) for word in (text or "").split()[:count]], np.float64)
+        values = np.array([float(word) for word in (text or b"").split()[:count]], np.float64)
     except ValueError:
         return None
     if len(values) not in (1, count) or not np.isfinite(values).all():
@@ -136,7 +140,7 @@ def _numbers(text: str | None, count: int, most: float = 1.0) -> np.ndarray[tupl
     return np.clip(np.resize(values, count), 0, most)
 
 
-def _is_moved(value: str) -> bool:
+def _is_moved(value: bytes) -> bool:
     """Whether the options of a texture map scale it or move it."""
     words, neutral = value.split(), 0.0
     is_option = False
@@ -145,26 +149,26 @@ def _is_moved(value: str) -> bool:
             if is_option and float(word) != neutral:
                 return True
             continue
-        is_option = word in ("-s", "-o", "-t")
-        neutral = 1.0 if word == "-s" else 0.0
+        is_option = word in (b"-s", b"-o", b"-t")
+        neutral = 1.0 if word == b"-s" else 0.0
     return False
 
 
-def _path(value: str) -> str:
+def _path(value: bytes) -> bytes:
     """The file name behind the options of a texture map; it may have blanks."""
     words = value.strip()
-    while words.startswith("-"):
+    while words.startswith(b"-"):
         option, *rest = words.split(maxsplit=1)
-        words = rest[0] if rest else ""
+        words = rest[0] if rest else b""
         for number in range(_OPTIONS.get(option.lower(), 0)):
-            word, *rest = words.split(maxsplit=1) or [""]
-            if number > 0 and option.lower() in ("-o", "-s", "-t") and not _is_number(word):
+            word, *rest = words.split(maxsplit=1) or [b""]
+            if number > 0 and option.lower() in (b"-o", b"-s", b"-t") and not _is_number(word):
                 break
-            words = rest[0] if rest else ""
-    return words.strip().strip('"')
+            words = rest[0] if rest else b""
+    return words.strip().strip(b'"')
 
 
-def _is_number(word: str) -> bool:
+def _is_number(word: bytes) -> bool:
     try:
         float(word)
     except ValueError:

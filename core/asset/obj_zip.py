@@ -2,12 +2,12 @@
 
 from dataclasses import replace
 from functools import partial
-from urllib.parse import quote
 
 from core.asset.archive import Archive, outside
-from core.asset.assembly import Assembly, Instance, dropped
+from core.asset.assembly import Assembly, dropped
 from core.asset.budgets import Budgets
 from core.asset.mtl import read_mtl
+from core.asset.names import decode
 from core.asset.obj import material_libraries, read_obj
 from core.asset.polygons import Material
 from core.asset.textures import check_pixels, usable_image
@@ -28,19 +28,20 @@ def read_obj_zip(archive: Archive, budgets: Budgets) -> Assembly:
     """
     name = archive.only(".obj")
     data = archive.read(name)
-    mesh = read_obj(data, budgets)
     warnings: list[MeshmarkError] = []
-    materials: dict[str, Material] = {}
+    materials: dict[bytes, Material] = {}
     libraries = _libraries(archive, name, data, warnings)
     for library in libraries:
         found, lost = read_mtl(archive.read(library), partial(_load, archive, library))
         materials = found | materials
         warnings += lost
+    assembly = read_obj(data, budgets, materials if libraries else None)
+    mesh = assembly.bodies[0]
     if not libraries:
         images = [entry for entry in archive.names if entry.lower().endswith(_IMAGE_ENDINGS)]
         if len(images) == 1:
             image = usable_image(images[0], archive.read(images[0]), warnings)
-            materials = {material.name: Material(material.name, texture=image) for material in mesh.materials}
+            mesh = replace(mesh, materials=tuple(replace(material, texture=image) for material in mesh.materials))
         elif images:
             warnings.append(
                 dropped(
@@ -48,12 +49,11 @@ def read_obj_zip(archive: Archive, budgets: Budgets) -> Assembly:
                     "Add the MTL file to the archive.",
                 )
             )
-    mesh = replace(mesh, materials=tuple(materials.get(material.name, material) for material in mesh.materials))
     mapped = mesh.attributes.get("TEXCOORD_0")
     if any(material.texture for material in mesh.materials) and (mapped is None or not (mapped.index >= 0).any()):
         warnings.append(dropped("The OBJ has no texture coordinates, so its textures are dropped."))
     check_pixels(mesh.materials, budgets)
-    return Assembly([mesh], ["model"], [Instance("model", 0)], warnings=warnings)
+    return replace(assembly, bodies=[mesh], warnings=warnings + assembly.warnings)
 
 
 def _libraries(archive: Archive, name: str, data: bytes, warnings: list[MeshmarkError]) -> list[str]:
@@ -62,7 +62,9 @@ def _libraries(archive: Archive, name: str, data: bytes, warnings: list[Meshmark
     for path in material_libraries(data):
         library = _locate(archive, path, name)
         if library is None:
-            warnings.append(dropped(f"The materials {path[:60]!r} are not in the archive.", "Add them to the archive."))
+            warnings.append(
+                dropped(f"The materials {decode(path)[:60]!r} are not in the archive.", "Add them to the archive.")
+            )
         else:
             found.append(library)
     all_there_are = [entry for entry in archive.names if entry.lower().endswith(".mtl")]
@@ -72,16 +74,12 @@ def _libraries(archive: Archive, name: str, data: bytes, warnings: list[Meshmark
     return list(dict.fromkeys(found))
 
 
-def _locate(archive: Archive, path: str, beside: str) -> str | None:
-    if "://" in path:
+def _locate(archive: Archive, path: bytes, beside: str) -> str | None:
+    if b"://" in path:
         raise outside(path, beside)
-    try:
-        found = archive.find(quote(path.replace("\\", "/")), beside)  # these are paths, not URIs
-    except MeshmarkError:  # a path on the machine that wrote the file: nothing to open, but its name may help
-        found = None
-    return found or archive.find_by_name(path)
+    return archive.locate(path, beside, escaped=False)
 
 
-def _load(archive: Archive, beside: str, path: str) -> bytes | None:
+def _load(archive: Archive, beside: str, path: bytes) -> bytes | None:
     found = _locate(archive, path, beside)
     return None if found is None else archive.read(found)

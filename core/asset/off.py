@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from core.asset.assembly import Assembly, single
 from core.asset.budgets import Budgets
 from core.asset.polygons import Attribute, Float, Int, PolygonMesh, check_sizes
 from core.asset.refusals import malformed, truncated
@@ -59,7 +60,7 @@ def parse_header(data: bytes) -> Header:
     return Header(prefix, int(match[3]), int(match[4]), match.end())
 
 
-def read_off(data: bytes, budgets: Budgets) -> PolygonMesh:
+def read_off(data: bytes, budgets: Budgets) -> Assembly:
     """Read an OFF, text or binary.
 
     A text with one vertex or polygon on each line may have colours of faces; one whose numbers run on freely may not,
@@ -86,7 +87,7 @@ def read_off(data: bytes, budgets: Budgets) -> PolygonMesh:
         has_color = np.isfinite(face_colors[:, 0])
         index = np.where(has_color, np.arange(header.faces), -1)
         attributes["COLOR_0"] = Attribute(face_colors, np.repeat(index, sizes))
-    return PolygonMesh(table[:, :3], corners, sizes, np.zeros(header.faces, np.int64), attributes)
+    return single(PolygonMesh(table[:, :3], corners, sizes, np.zeros(header.faces, np.int64), attributes), [])
 
 
 def _read_text(header: Header, data: bytes, budgets: Budgets) -> tuple[Float, dict[str, slice], Polygons]:

@@ -31,7 +31,11 @@ def pack_archive(archive: Archive, budgets: Budgets) -> Document:
         found = archive.find(uri, name)
         return None if found is None else archive.read(found)
 
-    return _pack(archive.read(name), name, load, budgets)
+    def load_image(uri: str) -> bytes | None:
+        found = archive.locate(uri, name)
+        return load(uri) if found is None else archive.read(found)
+
+    return _pack(archive.read(name), name, load, load_image, budgets)
 
 
 def pack_json(data: bytes, budgets: Budgets) -> Document:
@@ -40,17 +44,17 @@ def pack_json(data: bytes, budgets: Budgets) -> Document:
     Raises:
         MeshmarkError: ``malformed_file``, ``budget_exceeded``, or ``external_reference`` for buffers in other files.
     """
-    return _pack(data, "The glTF", lambda _uri: None, budgets)
+    return _pack(data, "The glTF", lambda _uri: None, lambda _uri: None, budgets)
 
 
-def _pack(text: bytes, name: str, load: Load, budgets: Budgets) -> Document:
+def _pack(text: bytes, name: str, load: Load, load_image: Load, budgets: Budgets) -> Document:
     text = text.removeprefix(b"\xef\xbb\xbf")
     check_json_text(text, budgets)
     document = Document(parse_json(text), b"")
     check_version(document.json)
     binary = bytearray()
     _pack_buffers(document, binary, name, load)
-    _pack_images(document, binary, load)
+    _pack_images(document, binary, load_image)
     if binary:
         buffers = document.json["buffers"]
         buffers[0]["byteLength"] = len(binary)

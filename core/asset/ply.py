@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from core.asset.assembly import Assembly, single
 from core.asset.budgets import Budgets
 from core.asset.polygons import Attribute, Float, Int, PolygonMesh, check_sizes, weld
 from core.asset.refusals import malformed, truncated
@@ -109,7 +110,7 @@ def parse_header(data: bytes) -> Header:
     return Header(file_format, tuple(Element(name, count, tuple(columns)) for name, count, columns in elements), end)
 
 
-def read_ply(data: bytes, budgets: Budgets) -> PolygonMesh:
+def read_ply(data: bytes, budgets: Budgets) -> Assembly:
     """Read the vertices and faces (or triangle strips) of a PLY that passed the gate; every other element is skipped.
 
     Vertex colours win over face colours. Texture files named in comments are never opened.
@@ -141,7 +142,7 @@ def read_ply(data: bytes, budgets: Budgets) -> PolygonMesh:
     positions = _matrix(vertex, "xyz")
     mesh = PolygonMesh(positions, corners, sizes, np.zeros(len(sizes), np.int64))
     mesh.attributes.update(_attributes(header, vertex, face, mesh))
-    return mesh
+    return single(mesh, [])
 
 
 def _strip_corners(sizes: Int, corners: Int) -> Int:

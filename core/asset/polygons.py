@@ -82,6 +82,22 @@ def linear(colors: Float) -> Float:
     return result
 
 
+def color_fractions(colors: Float) -> Float:
+    """Colours (N, 3 or 4) in 0-1 from numbers of a range that nothing tells; what is not finite stays.
+
+    They are in 0-255 where they plainly are, by whole numbers over 1 or by any over 2, and in 0-65535 over 255; what
+    an optimiser left slightly over 1 is clipped. An alpha of at most 1 is a fraction whatever the range of the others.
+    """
+    result = colors.copy()
+    for channels in (slice(0, 3), slice(3, 4)):
+        values = colors[:, channels]
+        finite = values[np.isfinite(values)]
+        most = finite.max(initial=0.0)
+        if most > 2 or (most > 1 and np.all(finite == np.floor(finite))):
+            result[:, channels] = values / (65535.0 if most > 255 else 255.0)
+    return np.clip(result, 0, 1)
+
+
 def hex_linear(color: str) -> Float:
     """(3,) linear RGB, 0-1, of ``"#rrggbb"``."""
     return linear(np.array([int(color[start : start + 2], 16) / 255 for start in (1, 3, 5)]))

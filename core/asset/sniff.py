@@ -101,7 +101,7 @@ def _is_binary_stl(data: bytes) -> bool:
     """Binary STL has no signature: either the size fits the count exactly, or 80 bytes of padded text precede it."""
     if len(data) < stl.HEADER_BYTES:
         return False
-    if len(data) == stl.HEADER_BYTES + stl.TRIANGLE_BYTES * stl.triangle_count(data):
+    if len(data) == stl.HEADER_BYTES + stl.TRIANGLE_BYTES * stl.claimed_count(data):
         return True
     return _is_printable(data[:80].replace(b"\0", b" ")) and not _is_printable(data[:_HEAD])
 

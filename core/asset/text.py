@@ -11,6 +11,19 @@ from core.asset.refusals import malformed
 Scalar = TypeVar("Scalar", np.float64, np.int64)
 
 _NEWLINE, _BLANK = 10, 32
+_CONTROLS_AS_BLANKS = bytes(_BLANK if code < _BLANK and code != _NEWLINE else code for code in range(256))
+_MICROSOFT = re.compile(rb"(?<!\S)[-+]?1\.#(?:IND|INF|QNAN|SNAN)\d*(?!\S)")  # not a number, to its C library
+_NO_NUMBER = re.compile(rb"(?<!\S)(?![-+]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][-+]?\d++)?(?!\S))\S+")
+
+
+def joined_lines(data: bytes) -> bytes:
+    """The text with each line that ends in a backslash joined with the next one.
+
+    A backslash behind a byte of no ASCII is the second half of a letter in Shift JIS or GBK.
+    """
+    if b"\\\n" not in data and b"\\\r" not in data:
+        return data
+    return re.sub(rb"(?<![\x80-\xff])\\(\r\n|\n|\r)", b" ", data)
 
 
 class Lines:
@@ -44,14 +57,17 @@ class Lines:
         return mask
 
     def select(self, mask: NDArray[np.bool_], skip: int) -> bytes:
-        """The text of some lines without their first ``skip`` bytes and without trailing comments."""
+        """The text of some lines without their first ``skip`` bytes and without trailing comments.
+
+        A comment starts at the start of a word: ``-1.#IND00`` holds none.
+        """
         length = self.end - self.start + 1
         block = self.buffer[np.repeat(mask, length)]
         start = np.cumsum(length[mask]) - length[mask]
         for offset in range(skip):
             block[start + offset] = _BLANK
         text = block.tobytes()
-        return re.sub(rb"#[^\n]*", b"", text) if b"#" in text else text
+        return re.sub(rb"(?<!\S)#[^\n]*", b"", text) if b"#" in text else text
 
 
 def tokens_per_line(text: bytes) -> NDArray[np.int64]:
@@ -81,12 +97,26 @@ def parse_numbers(text: bytes, dtype: type[Scalar], what: str) -> NDArray[Scalar
     Raises:
         MeshmarkError: ``malformed_file``, quoting the first token that is not a number.
     """
+    try:
+        return _numbers(text, dtype)
+    except ValueError:
+        if dtype is np.float64 and _MICROSOFT.search(text):
+            return parse_numbers(_MICROSOFT.sub(b"nan", text), dtype, what)
+        raise malformed(f"A {what} line holds {_first_bad_token(text, dtype)!r} where a number belongs.") from None
+
+
+def readable_numbers(text: bytes) -> NDArray[np.float64]:
+    """(N,) the blank-separated numbers of a text; NaN for a token that is none."""
+    try:
+        return _numbers(text, np.float64)
+    except ValueError:
+        return _numbers(_NO_NUMBER.sub(b"nan", text.translate(_CONTROLS_AS_BLANKS)), np.float64)
+
+
+def _numbers(text: bytes, dtype: type[Scalar]) -> NDArray[Scalar]:
     if not text.strip():
         return np.empty(0, dtype)  # numpy would read one number here
-    try:
-        return np.fromstring(text, dtype, sep=" ")
-    except ValueError:
-        raise malformed(f"A {what} line holds {_first_bad_token(text, dtype)!r} where a number belongs.") from None
+    return np.fromstring(text, dtype, sep=" ")
 
 
 def _first_bad_token(text: bytes, dtype: Any) -> str:

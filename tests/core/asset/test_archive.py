@@ -151,6 +151,89 @@ def test_references_are_found_relative_to_the_file_that_makes_them() -> None:
     assert archive.find_by_name("C:\\Users\\me\\cow.png") == "Tex/Cow.PNG"
 
 
+def _raw_zip(names: list[bytes]) -> bytes:
+    """An archive whose names are bytes, as packers write them that do not know UTF-8."""
+    marked = [b"\x01" * len(name) for name in names]
+    assert len({len(name) for name in names}) == len(names), "told apart by their length"
+    data = zipped({name.decode(): "content" for name in marked})
+    for raw, mark in sorted(zip(names, marked, strict=True), key=lambda pair: -len(pair[0])):
+        data = data.replace(mark, raw)
+    return data
+
+
+@pytest.mark.parametrize(
+    ("name", "reference"),
+    [
+        ("wood #2.png", "wood #2.png"),
+        ("wood #2.png", "wood%20%232.png"),
+        ("what? really.png", "what? really.png"),
+        ("100% wool.png", "100% wool.png"),
+        ("a b.png", "a%2520b.png"),
+        ("a%20b.png", "a%20b.png"),
+        ("a+b.png", "a+b.png"),
+        ("cow.png", "cow.png?v=2"),
+        ("cow.png", "./cow.png#main"),
+        ("tex/cow.png", "TEX\\Cow.png"),
+        ("gru\u0308n.png", "gr%C3%BCn.png"),
+        ("gr\u00fcn.png", "gru\u0308n.png"),
+        ("gr\u00fcn.png", "GR\u00dcN.png"),
+        ("gr\u00fcn.png", "gr%FCn.png"),
+        ("gr\u00fcn.png", b"gr\xfcn.png"),
+        ("gr\u00fcn.png", b"gr\x81n.png"),
+        ("gr\u00fcn.png", "gr\u00fcn.png".encode()),
+        ("\u0414\u0435\u0440.png", "\u0414\u0435\u0440.png".encode("cp1251")),
+        ("\u8868\u7d19.png", "\u8868\u7d19.png".encode("cp932")),
+        ("\u6728\u5934.png", "\u6728\u5934.png".encode("gb18030")),
+    ],
+)
+@pytest.mark.parametrize("escaped", [True, False])
+def test_a_file_is_found_however_its_name_was_written(name: str, reference: str | bytes, escaped: bool) -> None:
+    archive = Archive(zipped({"model.gltf": "x", name: "content", "other.png": "y"}), Budgets())
+    assert archive.find(reference, "model.gltf", escaped=escaped) == name
+
+
+@pytest.mark.parametrize(
+    ("packed", "shown"),
+    [
+        ("gr\u00fcn.png".encode("cp850"), "gr\u00fcn.png"),
+        ("\u0414\u0435\u0440\u0435\u0432\u043e.png".encode("cp866"), "\u0414\u0435\u0440\u0435\u0432\u043e.png"),
+        ("\u91d1\u5c5e\u6750\u8d28.png".encode("gb18030"), "\u91d1\u5c5e\u6750\u8d28.png"),
+        ("\u30c6\u30af\u30b9\u8868.png".encode("cp932"), "\u30c6\u30af\u30b9\u8868.png"),
+        ("gr\u00fcn.png".encode(), "gr\u00fcn.png"),
+    ],
+)
+def test_names_packed_in_a_code_page_are_shown_as_they_are_meant_and_found(packed: bytes, shown: str) -> None:
+    archive = Archive(_raw_zip([b"m.obj", packed]), Budgets())
+    assert archive.names == ["m.obj", shown]
+    assert archive.read(shown) == b"content"
+    for reference in (packed, shown, shown.encode()):
+        assert archive.find(reference, "m.obj", escaped=False) == shown
+
+
+def test_what_a_reference_says_by_the_rules_goes_before_what_it_may_mean() -> None:
+    archive = Archive(zipped(dict.fromkeys(["a b.png", "a%20b.png", "cow.png", "cow.png#1"], "x")), Budgets())
+    assert archive.find("a%20b.png", "model.gltf") == "a b.png"
+    assert archive.find("a%20b.png", "model.mtl", escaped=False) == "a%20b.png"
+    assert archive.find("cow.png#1", "model.gltf") == "cow.png"
+
+
+def test_a_path_of_another_machine_is_located_by_its_last_name_if_one_file_has_it() -> None:
+    archive = Archive(zipped(dict.fromkeys(["tex/Cow #1.png", "a/x.png", "b/x.png"], "x")), Budgets())
+    assert archive.locate("file:///C:/me/Cow%20%231.png", "model.gltf") == "tex/Cow #1.png"
+    assert archive.locate("C:\\me\\cow #1.png", "model.gltf") == "tex/Cow #1.png"
+    assert archive.locate("/home/x.png", "model.gltf") is None
+    assert archive.locate("b/x.png", "model.gltf") == "b/x.png"
+
+
+def test_what_a_reference_may_mean_is_guessed_for_no_more_missing_files_than_an_archive_may_have() -> None:
+    archive = Archive(zipped({"wood #2.png": "x", "wood.png": "y"}), Budgets(archive_entries=5))
+    for number in range(6):
+        assert archive.find("wood #2.png", "model.gltf") == "wood #2.png"
+        assert archive.find(f"missing{number}.png", "model.gltf") is None
+    assert archive.find("wood #2.png", "model.gltf") is None
+    assert archive.find("wood.png", "model.gltf") == "wood.png"
+
+
 @pytest.mark.parametrize(
     "uri",
     ["http://evil.example/x.bin", "file:///etc/passwd", "//host/x", "/etc/passwd", "../../x", "%2e%2e/%2e%2e/x", ""],

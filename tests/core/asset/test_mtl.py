@@ -9,7 +9,7 @@ IMAGE = png(1, 2, 3)
 
 def _one(text: str) -> Material:
     materials, _ = read_mtl(b"newmtl a\n" + text.encode(), lambda _path: IMAGE)
-    return materials["a"]
+    return materials[b"a"]
 
 
 def test_a_material_that_says_nothing_is_grey_and_opaque() -> None:
@@ -58,9 +58,9 @@ def test_roughness_and_metal(text: str, roughness: float, metallic: float) -> No
     ],
 )
 def test_the_name_of_a_texture_stands_behind_its_options(line: str) -> None:
-    asked: list[str] = []
+    asked: list[bytes] = []
     _, warnings = read_mtl(f"newmtl a\n{line}\n".encode(), lambda path: asked.append(path) or IMAGE)  # type: ignore[func-returns-value]
-    assert asked == ["a b.png"]
+    assert asked == [b"a b.png"]
     assert warnings == []
 
 

@@ -75,6 +75,54 @@ def test_a_path_of_another_machine_is_found_by_its_name_in_the_archive(path: str
     assert _texture(document, _materials(document)["paint"]) == RED
 
 
+TWO = b"mtllib a.mtl\n" + re.sub(rb"mtllib.*\n", b"", OBJ)
+
+
+@pytest.mark.parametrize("page", ["cp1251", "cp866", "gb18030", "cp932", "utf-8"])
+def test_materials_whose_names_are_in_a_code_page_are_told_apart_and_named(page: str) -> None:
+    names = {"gb18030": ("\u6728\u5934", "\u91d1\u5c5e")}.get(
+        page, ("\u0414\u0435\u0440\u0435\u0432\u043e", "\u041c\u0435\u0442\u0430\u043b\u043b")
+    )
+    wood, metal = (name.encode(page) for name in names)
+    obj = TWO.replace(b"paint", wood).replace(b"gold", metal)
+    mtl = b"newmtl " + wood + b"\nKd 1 0 0\n\nnewmtl " + metal + b"\nKd 0 0 1\n"
+    document = _convert({"a.obj": obj, "a.mtl": mtl})
+    colors = {
+        material["pbrMetallicRoughness"]["baseColorFactor"][0]: name for name, material in _materials(document).items()
+    }
+    assert set(colors) == {1, 0}
+    if page in ("cp1251", "utf-8"):
+        assert colors == {1: names[0], 0: names[1]}
+    assert document.warnings == []
+
+
+def test_names_in_different_encodings_of_the_same_text_are_the_same() -> None:
+    obj = TWO.replace(b"paint", "gr\u00fcn".encode())
+    mtl = "newmtl gr\u00fcn\nKd 0 1 0\nnewmtl gold\n".encode("cp1252")
+    materials = _materials(_convert({"a.obj": obj, "a.mtl": mtl}))
+    assert materials["gr\u00fcn"]["pbrMetallicRoughness"]["baseColorFactor"] == [0, 1, 0, 1]
+
+
+@pytest.mark.parametrize("page", ["cp1252", "cp850", "mac_roman", "utf-8"])
+@pytest.mark.parametrize("name", ["gr\u00fcn #1.png", "gru\u0308n #1.png"])
+def test_a_texture_is_found_whatever_code_page_names_it(page: str, name: str) -> None:
+    mtl = "newmtl paint\nmap_Kd gr\u00fcn #1.png\n".encode(page)
+    document = _convert({"a.obj": TWO, "a.mtl": mtl, name: RED, "other.png": BLUE})
+    assert _texture(document, _materials(document)["paint"]) == RED
+
+
+def test_a_missing_texture_is_named_as_it_is_meant() -> None:
+    mtl = "newmtl gold\nnewmtl paint\nmap_Kd gr\u00fcn.png\n".encode("cp1252")
+    document = _convert({"a.obj": TWO, "a.mtl": mtl, "x.png": RED})
+    assert [warning.message for warning in document.warnings] == ["The texture 'gr\u00fcn.png' is not in the upload."]
+
+
+def test_materials_that_no_mtl_has_are_said() -> None:
+    document = _convert({"a.obj": TWO, "a.mtl": "newmtl Paint\nKd 1 0 0\nnewmtl gold\n"})
+    assert "'paint'" in document.warnings[0].message
+    assert "gold" not in document.warnings[0].message
+
+
 @pytest.mark.parametrize("image", [RED, WEBP])
 def test_the_only_image_is_the_base_colour_where_there_is_no_mtl(image: bytes) -> None:
     document = _convert({"cube.obj": BARE, "loose.png": image})

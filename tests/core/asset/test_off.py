@@ -12,7 +12,7 @@ BODY = "0 0 0\n1 0 0\n1 1 0\n0 1 0\n"
 
 
 def _read(text: str) -> PolygonMesh:
-    return read_off(text.encode(), Budgets())
+    return read_off(text.encode(), Budgets()).bodies[0]
 
 
 @pytest.mark.parametrize(
@@ -114,7 +114,9 @@ def test_numbers_that_run_on_and_do_not_hold_what_is_declared_are_refused(body: 
 
 def _binary(prefix: bytes, vertices: list[list[float]], faces: bytes, count: int) -> PolygonMesh:
     words = b"".join(struct.pack(f">{len(row)}f", *row) for row in vertices)
-    return read_off(prefix + b" BINARY\n" + struct.pack(">3i", len(vertices), count, 0) + words + faces, Budgets())
+    return read_off(
+        prefix + b" BINARY\n" + struct.pack(">3i", len(vertices), count, 0) + words + faces, Budgets()
+    ).bodies[0]
 
 
 def test_binary_files_have_polygons_of_any_size_with_colours() -> None:

@@ -57,6 +57,26 @@ def test_images_keep_their_bytes_and_get_their_true_type() -> None:
     assert not error_counts(document.to_glb())
 
 
+@pytest.mark.parametrize(
+    "name", ["wood #2.png", "what?.png", "100%.png", "gr\u00fcn %41.png", "model data.png", "a\\b #.png"]
+)
+@pytest.mark.parametrize("folder", ["", "tex/"])
+def test_files_whose_names_are_written_without_escapes_are_packed(name: str, folder: str) -> None:
+    uri = folder + name
+    text = gltf(uri + ".bin", images=[{"uri": uri}])
+    path = uri.replace("\\", "/")
+    document = _pack({"m/x.gltf": text, f"m/{path}": RED, f"m/{path}.bin": CUBE_BIN})
+    assert _image(document, 0) == RED
+    assert document.warnings == []
+    assert "uri" not in json.dumps(document.json)
+
+
+def test_an_image_at_a_path_of_another_machine_is_found_by_its_name() -> None:
+    images = [{"uri": "file:///C:/Users/me/My%20Wood.png"}, {"uri": "C:\\Users\\me\\My Wood.png"}]
+    document = _pack({"x.gltf": gltf(images=images), "cube.bin": CUBE_BIN, "tex/My Wood.png": RED})
+    assert [_image(document, number) for number in range(2)] == [RED, RED]
+
+
 def _two_buffers() -> dict[str, Any]:
     """The cube with its positions in one buffer and its indices in another."""
     tree: dict[str, Any] = json.loads(gltf())

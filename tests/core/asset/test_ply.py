@@ -14,7 +14,7 @@ LIST = "property list uchar int vertex_indices\n"
 
 
 def _read(data: bytes) -> PolygonMesh:
-    return read_ply(data, Budgets())
+    return read_ply(data, Budgets()).bodies[0]
 
 
 def _ascii(vertex: str, face: str, body: str, vertices: int = 3, faces: int = 1) -> bytes:
