@@ -9,6 +9,7 @@ import numpy as np
 from core.asset.archive import Archive
 from core.asset.assembly import Assembly, Instance, dropped
 from core.asset.budgets import Budgets
+from core.asset.dae_prepare import prepare
 from core.asset.dae_scan import Scan
 from core.asset.polygons import Attribute, Float, Material, PolygonMesh, linear, weld
 from core.asset.refusals import malformed, no_faces
@@ -33,7 +34,8 @@ def read_dae_zip(archive: Archive, budgets: Budgets) -> Assembly:
     """The one DAE of an archive: a body and an instance for each set of polygons that its scene draws.
 
     Carried are positions, normals, the first UV set, colours of vertices, and of materials the colour, texture, normal
-    map and transparency. Skins, morphs, animations, cameras and lights are not.
+    map and transparency, in all conventions. Skins and morphs are drawn in their bind pose, without joints and targets;
+    animations, cameras and lights are not carried.
 
     Raises:
         MeshmarkError: ``malformed_file``, ``no_faces``, ``budget_exceeded``, or ``unsupported_feature`` for a
@@ -55,9 +57,10 @@ def _read(data: bytes, load: Load, budgets: Budgets) -> Assembly:
 
     warnings: list[MeshmarkError] = []
     images = _Images(load, warnings)
+    prepared = prepare(data, warnings)
     try:
         with np.errstate(all="ignore"):
-            loaded = load_collada(io.BytesIO(data), resolver=images)  # type: ignore[no-untyped-call]
+            loaded = load_collada(io.BytesIO(prepared), resolver=images)  # type: ignore[no-untyped-call]
     except Exception as error:  # pycollada lets everything through that its own code runs into
         raise malformed(f"The DAE cannot be read ({type(error).__name__}: {str(error)[:100]}).") from None
     assembly = Assembly([], [], [], _UP[scan.up_axis] @ np.diag([scan.metres] * 3 + [1.0]), warnings)
@@ -71,6 +74,10 @@ def _read(data: bytes, load: Load, budgets: Budgets) -> Assembly:
         assembly.instances.append(Instance(name, len(assembly.bodies), matrix))
         assembly.bodies.append(body)
         assembly.names.append(name)
+    if scan.has_controllers:
+        warnings.append(
+            dropped("The DAE has skinned or morphing meshes; they are kept in bind pose, without joints and targets.")
+        )
     for what in sorted(scan.not_read):
         warnings.append(dropped(f"The DAE has {what}, which are not read."))
     if not assembly.bodies:

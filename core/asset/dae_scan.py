@@ -9,18 +9,19 @@ from core.errors import ErrorCode, MeshmarkError
 
 READ = ("triangles", "polylist", "polygons")
 _LOST = {
-    "instance_controller": "skinned or morphing meshes",
     "animation": "animations",
     "instance_camera": "cameras",
     "instance_light": "lights",
 }
 _NOT_READ = ("tristrips", "trifans")
+CONTROLLER_DEPTH = 8  # a skin over a morph has two
+_USES = ("instance_node", "instance_geometry", "instance_controller")
 
 
 @dataclass(eq=False)
 class _Node:
     children: list["_Node"] = field(default_factory=list)
-    uses: list[tuple[str, str]] = field(default_factory=list)  # instance_node or instance_geometry, and the id
+    uses: list[tuple[str, str]] = field(default_factory=list)  # an element of _USES, and the id in it
 
 
 @dataclass(eq=False)
@@ -42,7 +43,8 @@ class Scan:
         up_axis: ``X_UP``, ``Y_UP`` or ``Z_UP``.
         names: of the geometries, by id.
         drawn: how many sets of polygons the scene draws.
-        not_read: names of elements with a surface that is not read.
+        has_controllers: whether it draws skins or morphs.
+        not_read: names of elements that are not read.
 
     Raises:
         MeshmarkError: ``malformed_file``, ``budget_exceeded``, ``unsupported_feature``.
@@ -51,8 +53,11 @@ class Scan:
     def __init__(self, data: bytes, budgets: Budgets) -> None:
         self.metres = 1.0
         self.up_axis = "Y_UP"
+        self.has_controllers = False
         self.not_read: set[str] = set()
         self._geometries: dict[str, _Geometry] = {}
+        self._controlled: dict[str, str] = {}  # by each controller: a geometry, or another controller
+        self._controller = ""  # the one being read
         self._nodes: dict[str, _Node] = {}
         self._path: list[str] = []  # of the element being read
         self._open = [_Node()]  # the nodes around it; the first is the scene
@@ -85,8 +90,13 @@ class Scan:
             if "library_nodes" not in self._path or len(self._open) > 1:
                 self._open[-1].children.append(node)
             self._open.append(node)
-        elif name in ("instance_node", "instance_geometry"):
+        elif name in _USES:
+            self.has_controllers |= name == "instance_controller"
             self._open[-1].uses.append((name, attributes.get("url", "").removeprefix("#")))
+        elif name == "controller":
+            self._controller = attributes.get("id", "")
+        elif name in ("skin", "morph"):
+            self._controlled[self._controller] = attributes.get("source", "").removeprefix("#")
         elif name in _LOST:
             self.not_read.add(_LOST[name])
         elif name == "geometry":
@@ -133,10 +143,21 @@ class Scan:
         for kind, key in node.uses:
             if kind == "instance_node" and key in self._nodes:
                 counts.append(self._count(self._nodes[key], known))
-            elif kind == "instance_geometry" and key in self._geometries:
+                continue
+            if kind == "instance_controller":
+                key = self._controlled_by(key)
+            if kind != "instance_node" and key in self._geometries:
                 counts.append((self._geometries[key].sets, self._geometries[key].triangles))
         known[id(node)] = total = sum(count[0] for count in counts), sum(count[1] for count in counts)
         return total
+
+    def _controlled_by(self, key: str) -> str:
+        """The geometry that a controller moves, through others where it moves these."""
+        for _ in range(CONTROLLER_DEPTH):
+            if key not in self._controlled:
+                return key
+            key = self._controlled[key]
+        raise malformed(f"The controllers of the DAE control each other more than {CONTROLLER_DEPTH} deep.")
 
 
 def _positive(text: str) -> float:

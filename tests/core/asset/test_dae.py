@@ -113,9 +113,130 @@ def test_cameras_lights_and_animations_that_are_not_read_are_said() -> None:
     assert [message.split(" has ")[1].split(",")[0] for message in messages] == ["animations", "cameras", "lights"]
 
 
-def test_meshes_that_are_not_read_are_said() -> None:
+def _controllers(*entries: tuple[str, str, str]) -> str:
+    """(id, skin or morph, source); a skin moves by (1, 2, 3)."""
+    matrix = "<bind_shape_matrix>1 0 0 1 0 1 0 2 0 0 1 3 0 0 0 1</bind_shape_matrix>"
+    bodies = (
+        f'<controller id="{key}"><{kind} source="#{source}">{matrix if kind == "skin" else ""}</{kind}></controller>'
+        for key, kind, source in entries
+    )
+    return f"<library_controllers>{''.join(bodies)}</library_controllers>"
+
+
+def _controlled(key: str) -> str:
+    return BOUND.replace("instance_geometry", "instance_controller").replace("#g", f"#{key}")
+
+
+def _centers(document: Document) -> list[list[float]]:
+    surface = flatten(document).surface
+    world = surface.to_world(surface.positions)
+    count = int(surface.face_primitive.max()) + 1
+    boxes = [world[surface.faces[surface.face_primitive == number]].reshape(-1, 3) for number in range(count)]
+    return [((box.min(axis=0) + box.max(axis=0)) / 2).round(5).tolist() for box in boxes]
+
+
+RED = _materials("<color>1 0 0 1</color>")
+PLACED = '<node id="n"><translate>10 0 0</translate>'
+
+
+@pytest.mark.parametrize(
+    ("entries", "center"),
+    [
+        ([("c", "skin", "g")], [1, 2, 3]),  # where its joints are, not its node
+        ([("c", "morph", "g")], [10, 0, 0]),
+        ([("c", "skin", "m"), ("m", "morph", "g")], [1, 2, 3]),
+        ([("c", "morph", "s"), ("s", "skin", "g")], [1, 2, 3]),
+    ],
+)
+def test_a_body_in_skins_or_morphs_stays_in_bind_pose(entries: list[tuple[str, str, str]], center: list[int]) -> None:
+    nodes = _controlled("c").replace('<node id="n">', PLACED)
+    document = _convert(dae(nodes, materials=RED, extra=_controllers(*entries)))
+    assert _centers(document) == [center]
+    assert document.json["materials"][0]["pbrMetallicRoughness"]["baseColorFactor"] == [1, 0, 0, 1]
+    assert ["bind pose" in warning.message for warning in document.warnings] == [True]
+
+
+def test_bodies_with_and_without_a_skin_stand_side_by_side() -> None:
+    skeleton = _controlled("c").replace("<bind_material>", "<skeleton>#joint</skeleton><bind_material>")
+    library = f'<library_nodes><node id="lib">{skeleton}</node></library_nodes>'
+    nodes = f'{skeleton}<node>{USE}</node><node><translate>5 0 0</translate><instance_node url="#lib"/></node>'
+    document = _convert(dae(nodes, materials=RED, extra=library + _controllers(("c", "skin", "g"))))
+    assert sorted(_centers(document)) == [[0, 0, 0], [1, 2, 3], [6, 2, 3]]
+
+
+@pytest.mark.parametrize("shape", ["", "1 2 3", "x", " ".join(["nan"] * 16)])
+def test_a_damaged_skin_does_not_cost_the_body(shape: str) -> None:
+    skin = f'<controller id="c"><skin source="#g"><bind_shape_matrix>{shape}</bind_shape_matrix><v>1 x</v></skin>'
+    extra = f"<library_controllers>{skin}</controller></library_controllers><library_animations><animation/>"
+    data = dae(_controlled("c"), materials=RED, extra=extra + "</library_animations>")
+    assert _centers(_convert(data)) == [[0, 0, 0]]
+
+
+def test_a_controller_of_nothing_costs_nothing_else() -> None:
     document = _convert(dae(f'<node>{USE}<instance_controller url="#skin"/></node>'))
+    assert _centers(document) == [[0, 0, 0]]
     assert "skinned" in document.warnings[0].message
+
+
+def test_triangles_of_controlled_bodies_are_counted_before_anything_is_loaded() -> None:
+    data = dae(_controlled("c") * 3, extra=_controllers(("c", "skin", "g")))
+    with pytest.raises(MeshmarkError, match="36 triangles"):
+        Scan(data, Budgets(faces=35))
+
+
+def test_controllers_in_a_circle_are_refused() -> None:
+    data = dae(_controlled("c"), extra=_controllers(("c", "skin", "d"), ("d", "morph", "c")))
+    with pytest.raises(MeshmarkError, match="controllers") as caught:
+        admit(data)
+    assert caught.value.code is ErrorCode.MALFORMED_FILE
+
+
+def _transparent(mode: str | None, color: str | None, amount: float | None) -> str:
+    opaque = f' opaque="{mode}"' if mode else ""
+    text = f"<transparent{opaque}><color>{color}</color></transparent>" if color is not None else ""
+    return text + (f"<transparency><float>{amount}</float></transparency>" if amount is not None else "")
+
+
+@pytest.mark.parametrize(
+    ("transparency", "alpha"),
+    [
+        (_transparent("A_ONE", "1 1 1 1", 0.3), 0.3),
+        (_transparent("A_ONE", "0 0 0 0.3", None), 0.3),
+        (_transparent(None, "1 1 1 0.6", 0.5), 0.3),
+        (_transparent("A_ZERO", "1 1 1 0.7", 1.0), 0.3),
+        (_transparent("RGB_ONE", "0.3 0.3 0.3 1", 1.0), 0.3),
+        (_transparent("RGB_ZERO", "0.7 0.7 0.7 1", None), 0.3),
+        (_transparent("RGB_ZERO", "1 1 1 1", 0.7), 0.3),
+        (_transparent(None, None, 0.3), 0.3),
+        # what exporters write for opaque
+        (_transparent("A_ONE", "1 1 1 1", 1.0), 1),
+        (_transparent("A_ZERO", "0 0 0 0", 1.0), 1),
+        (_transparent("RGB_ONE", "1 1 1 1", 1.0), 1),
+        (_transparent("RGB_ZERO", "0 0 0 1", 1.0), 1),
+        (_transparent("RGB_ZERO", "0 0 0 0", None), 1),
+        (_transparent("RGB_ZERO", "1 1 1 1", 0.0), 1),
+        (_transparent("A_ONE", "1 1 1 1", 0.0), 1),  # of 3ds Max
+        (_transparent(None, None, 0.0), 1),
+        (_transparent(None, None, 1.0), 1),
+        (_transparent("A_ONE", "nan", None), 1),
+        ("", 1),
+    ],
+)
+def test_transparency_is_read_in_every_convention(transparency: str, alpha: float) -> None:
+    materials = _materials("<color>1 0 0 1</color>").replace("</lambert>", f"{transparency}</lambert>")
+    document = _convert(dae(BOUND, materials=materials))
+    material = document.json["materials"][0]
+    assert material["pbrMetallicRoughness"]["baseColorFactor"] == pytest.approx([1, 0, 0, alpha], abs=0.003)
+    assert material.get("alphaMode", "OPAQUE") == ("OPAQUE" if alpha == 1 else "BLEND")
+    assert document.warnings == []
+
+
+def test_transparency_from_a_texture_is_said_to_be_lost() -> None:
+    transparent = '<transparent opaque="A_ONE"><texture texture="t" texcoord="UV"/></transparent></lambert>'
+    materials = _materials("<color>1 0 0 1</color>").replace("</lambert>", transparent)
+    document = _convert(dae(BOUND, materials=materials))
+    assert document.json["materials"][0].get("alphaMode", "OPAQUE") == "OPAQUE"
+    assert ["transparent" in warning.message for warning in document.warnings] == [True]
 
 
 @pytest.mark.parametrize(
@@ -156,10 +277,17 @@ def test_triangles_are_counted_whatever_the_file_declares() -> None:
         Scan(data, Budgets(faces=11))
 
 
+GLASS_SKIN = dae(
+    _controlled("c"),
+    materials=RED.replace("</lambert>", f"{_transparent('RGB_ZERO', '0.7 0.7 0.7 1', 1)}</lambert>"),
+    extra=_controllers(("c", "skin", "m"), ("m", "morph", "g")),
+)
+
+
 @settings(max_examples=150)
 @given(data=st.data())
 def test_a_damaged_scene_is_read_or_refused_but_never_anything_else(data: st.DataObject) -> None:
-    damaged = bytearray(TEXTURED)
+    damaged = bytearray(data.draw(st.sampled_from([TEXTURED, GLASS_SKIN])))
     for _ in range(data.draw(st.integers(1, 3))):
         at = data.draw(st.integers(0, len(damaged)))
         text = st.sampled_from([b"nan", b"1e999", b"-1", b"9" * 20, b"<", b'"', b"\0", b"&lt;", b"#", b"</p>", b""])
