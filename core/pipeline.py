@@ -80,6 +80,7 @@ class Job:
     marks: "dict[int, Mark]" = field(init=False)  # by the number of the box in `placement`
     refusals: Counter[str] = field(init=False)
     # write
+    colors: list[str | None] = field(init=False)  # of the letters of each mark, "#rrggbb"; None: their ground's own
     model: bytes = field(init=False)
     # report
     written: "Surface | None" = None  # read back from the model, in the frame of the asset; None: nothing is measured
@@ -210,7 +211,14 @@ def _peak_memory() -> int:
 
 
 def _write(job: Job) -> None:
-    job.model = write(job.scene, job.ground.as_in_file(job.mesh.edit()), [job.parameters.color] * len(job.marks))
+    from core.ground.contrast import letter_colors
+    from core.report import boxes_of
+
+    boxes, _ = boxes_of(job.marks, job.parameters)
+    worn = letter_colors(job.scene, job.ground.surface, job.ground.index, boxes, job.parameters.color)
+    job.colors = [color.color if color else None for color in worn]
+    glowing = {number for number, color in enumerate(worn) if color and color.glows}
+    job.model = write(job.scene, job.ground.as_in_file(job.mesh.edit()), job.colors, glowing)
     job.publish("model", job.model)
 
 
@@ -230,6 +238,7 @@ def _report(job: Job) -> None:
         written=job.written,
         placement=job.placement,
         marks=job.marks,
+        colors=job.colors,
         refusals=job.refusals,
         timings=job.timings,
         memory=job.memory,

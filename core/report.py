@@ -35,6 +35,7 @@ def build_report(
     written: Surface | None,
     placement: Placement,
     marks: dict[int, Mark],
+    colors: list[str | None],
     refusals: Counter[str],
     timings: dict[str, float],
     memory: dict[str, int],
@@ -51,6 +52,7 @@ def build_report(
         written: the surface read back from ``model``, in the asset's size-30 frame; None: nothing is measured.
         placement: the candidates that survived.
         marks: the watermarks by number of their box in ``placement``.
+        colors: "#rrggbb" of the letters of each, in the same order; None where they have their ground's material.
         refusals: how many boxes embossing refused, by reason.
         timings: seconds by stage; kept by reference, so that stages that end later still appear.
         memory: the most resident bytes the process had held up to the end of each stage; by reference likewise.
@@ -68,6 +70,7 @@ def build_report(
             "up": boxes.axes[number, 1].tolist(),
             "normal": boxes.axes[number, 2].tolist(),
             "size": (boxes.size[number] / surface.scale).tolist(),
+            "color": colors[number],
             "relief": float(relief[number] / surface.scale),
             "loss": float(placement.loss[box]),
             "roughness": float(placement.roughness[box]),

@@ -103,6 +103,12 @@ def hex_linear(color: str) -> Float:
     return linear(np.array([int(color[start : start + 2], 16) / 255 for start in (1, 3, 5)]))
 
 
+def hex_srgb(color: Float) -> str:
+    """The nearest ``"#rrggbb"`` to linear RGB (3,) in 0-1: the inverse of :func:`hex_linear`."""
+    encoded = np.where(color <= 0.0031308, 12.92 * color, 1.055 * color ** (1 / 2.4) - 0.055)
+    return "#" + "".join(f"{level:02x}" for level in np.rint(encoded * 255).astype(int).tolist())
+
+
 def check_sizes(sizes: Int, budgets: Budgets) -> None:
     """Refuse polygons, given the corners (P,) of each, that are too large or make too many triangles.
 

@@ -1,7 +1,7 @@
 """An edited surface back into its GLB: only what was touched is new, appended behind what was there."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from core.asset.edit import Kind, SurfaceEdit
 from core.asset.flatten import TRIANGLES, Scene
 from core.asset.gltf import Document, read_accessor
 from core.asset.instances import instance_attributes, split_off
+from core.asset.materials import UNLIT
 from core.asset.patch import Patch, cut_patches, primitive_json, row_labels
 from core.asset.polygons import hex_linear
 from core.asset.settle import primitive_accessors, settle
@@ -26,7 +27,9 @@ Replacement = tuple[dict[str, Any] | None, list[dict[str, Any]]]  # the surface 
 TEXTURING = ("TANGENT", "TEXCOORD_", "COLOR_")
 
 
-def write(scene: Scene, edit: SurfaceEdit, colors: Sequence[str | None]) -> bytes:
+def write(
+    scene: Scene, edit: SurfaceEdit, colors: Sequence[str | None], glowing: Collection[int] = frozenset()
+) -> bytes:
     """The scene's GLB with ``edit`` applied.
 
     The BIN chunk of the input is the beginning of the output's. A touched primitive gets new accessors, its old rows
@@ -37,7 +40,10 @@ def write(scene: Scene, edit: SurfaceEdit, colors: Sequence[str | None]) -> byte
         scene: what the edit refers to.
         edit: the faces that go and the triangles that come.
         colors: of each mark that ``edit.mark`` counts: ``"#rrggbb"`` puts its caps and walls into a primitive with a
-            plain material of that colour; ``None`` leaves them in the source primitive.
+            plain material of that colour; ``None`` leaves them in the source primitive. On unlit sources they are
+            unlit.
+        glowing: the marks whose colour is given off as light, to be seen on ground that glows; on unlit sources none
+            needs to.
 
     Raises:
         MeshmarkError: ``unsupported_feature`` where a touched vertex cannot be taken back to its node's frame.
@@ -47,6 +53,7 @@ def write(scene: Scene, edit: SurfaceEdit, colors: Sequence[str | None]) -> byte
     appender = Appender(scene.document)
     paint = _Paint(appender)
     painted = np.array([color is not None for color in colors], dtype=bool)
+    looks = [(color, number in glowing) for number, color in enumerate(colors)]
     changes: dict[Owner, dict[int, Replacement]] = {}
     replaced: set[int] = set()
     for patch in cut_patches(scene, edit):
@@ -68,10 +75,10 @@ def write(scene: Scene, edit: SurfaceEdit, colors: Sequence[str | None]) -> byte
             changes.setdefault((drawn.node, drawn.instance), {})[drawn.primitive] = (
                 _rewritten(source, maps, appender.add_indices(base, smallest)) if len(base) else None,
                 [
-                    paint.primitive(source, maps, appender.add_indices(added[letters & wears], smallest), color)
-                    for color in dict.fromkeys(colors[number] for number in np.unique(mark[letters]).tolist())
+                    paint.primitive(source, maps, appender.add_indices(added[letters & wears], smallest), color, glows)
+                    for color, glows in dict.fromkeys(looks[number] for number in np.unique(mark[letters]).tolist())
                     if color is not None
-                    for wears in (np.isin(mark, [n for n, other in enumerate(colors) if other == color]),)
+                    for wears in (np.isin(mark, [n for n, look in enumerate(looks) if look == (color, glows)]),)
                 ],
             )
     replaced |= {
@@ -87,34 +94,48 @@ class _Paint:
 
     def __init__(self, appender: Appender) -> None:
         self._appender = appender
-        self._materials: dict[tuple[bool, str], int] = {}
+        self._materials: dict[tuple[bool, bool, bool, str], int] = {}
 
-    def primitive(self, source: dict[str, Any], maps: list[dict[str, int]], indices: int, color: str) -> dict[str, Any]:
+    def primitive(
+        self, source: dict[str, Any], maps: list[dict[str, int]], indices: int, color: str, glows: bool
+    ) -> dict[str, Any]:
         """A primitive that shares the vertices ``maps`` of ``source``, without what only its textures needed."""
         kept = {name for name in maps[0] if not name.startswith(TEXTURING)}
         for target in maps[1:]:
             if kept.isdisjoint(target):
                 kept |= target.keys()  # a morph target must not become empty
         chosen = [{name: accessor for name, accessor in entry.items() if name in kept} for entry in maps]
-        painted = {"attributes": chosen[0], "indices": indices, "material": self._material(source, color)}
+        painted = {"attributes": chosen[0], "indices": indices, "material": self._material(source, color, glows)}
         return painted | ({"targets": chosen[1:]} if "targets" in source else {})
 
-    def _material(self, source: dict[str, Any], color: str) -> int:
-        materials = self._appender.json.get("materials", [])
-        double_sided = bool("material" in source and materials[source["material"]].get("doubleSided", False))
-        if (double_sided, color) not in self._materials:
-            material: dict[str, Any] = {
-                "name": "meshmark",
-                "pbrMetallicRoughness": {
-                    "baseColorFactor": [*hex_linear(color).round(6).tolist(), 1.0],
-                    "metallicFactor": 0.0,
-                    "roughnessFactor": 0.6,
-                },
-            }
-            if double_sided:
-                material["doubleSided"] = True
-            self._materials[double_sided, color] = self._appender.append("materials", material)
-        return self._materials[double_sided, color]
+    def _material(self, source: dict[str, Any], color: str, glows: bool) -> int:
+        ground = self._appender.json["materials"][source["material"]] if "material" in source else {}
+        double_sided, unlit = bool(ground.get("doubleSided", False)), UNLIT in ground.get("extensions", {})
+        key = double_sided, unlit, glows and not unlit, color
+        if key not in self._materials:
+            self._materials[key] = self._appender.append("materials", letter_material(*key))
+            if unlit:
+                used = self._appender.json.setdefault("extensionsUsed", [])
+                used += [UNLIT] if UNLIT not in used else []
+        return self._materials[key]
+
+
+def letter_material(double_sided: bool, unlit: bool, glows: bool, color: str) -> dict[str, Any]:
+    """A plain material of the colour ``"#rrggbb"``; one that ``glows`` is black but for the light it gives off."""
+    rgb = hex_linear(color).round(6).tolist()
+    base = {
+        "baseColorFactor": [*([0.0] * 3 if glows else rgb), 1.0],
+        "metallicFactor": 0.0,
+        "roughnessFactor": 0.9 if unlit else 0.6,  # 0.9: what KHR_materials_unlit advises for viewers without it
+    }
+    material: dict[str, Any] = {"name": "meshmark", "pbrMetallicRoughness": base}
+    if glows:
+        material["emissiveFactor"] = rgb
+    if double_sided:
+        material["doubleSided"] = True
+    if unlit:
+        material["extensions"] = {UNLIT: {}}
+    return material
 
 
 def _append_rows(document: Document, patch: Patch, appender: Appender) -> tuple[Int, list[dict[str, int]]]:

@@ -1,5 +1,6 @@
-"""The base colour that is seen at points of a surface, read without a renderer."""
+"""The colour that is seen at points of a surface, read without a renderer."""
 
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Any
 
@@ -9,12 +10,13 @@ from numpy.typing import NDArray
 from core.asset.attributes import Points, interpolate_attribute
 from core.asset.flatten import Scene
 from core.asset.gltf import Document, malformed
-from core.asset.materials import Material, read_material
+from core.asset.materials import Emission, Material, read_material
 from core.asset.pixels import Texture, read_texture
 from core.asset.surface import Surface
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
+Bool = NDArray[np.bool_]
 
 TEXTURE_LIMIT = 1024  # pixels a side: a pixel of one that spans the asset is 0.03 size-30 units, a tenth of a letter
 TEXTURES_KEPT = 8  # decoded at a time, 4 MiB each
@@ -24,9 +26,42 @@ _ENCODED = np.arange(256) / 255
 LINEAR = np.where(_ENCODED <= 0.04045, _ENCODED / 12.92, ((_ENCODED + 0.055) / 1.055) ** 2.4)  # IEC 61966-2-1
 
 
-@np.errstate(over="ignore", invalid="ignore")  # factors and transforms that no picture survives
+@dataclass(frozen=True, eq=False)
+class Appearance:
+    """What N points of a surface look like.
+
+    Attributes:
+        lit: (N, 3) linear RGB, 0 to 1, what the light that falls on them is multiplied by: the base colour; 0 where it
+            is shown unlit.
+        glow: (N, 3) linear RGB, what is seen without any light: the base colour of unlit materials, the emission of
+            others. May exceed 1.
+        unlit: (N,) bool, whose materials are unlit.
+    """
+
+    lit: Float
+    glow: Float
+    unlit: Bool
+
+    def __getitem__(self, index: Int) -> "Appearance":
+        return Appearance(self.lit[index], self.glow[index], self.unlit[index])
+
+    @property
+    def shown(self) -> Float:
+        """(N, 3) linear RGB, 0 to 1, what a viewer shows in full light."""
+        return np.clip(self.lit + self.glow, 0, 1)
+
+
 def base_color(scene: Scene, surface: Surface, points: Float, face: Int) -> Float:
-    """(N, 3) linear RGB, 0 to 1, at ``points`` (N, 3) on the faces ``face`` (N,) of a scene's surface.
+    """(N, 3) linear RGB, 0 to 1, that a viewer shows in full light at points of a surface: base colour and emission.
+
+    Arguments and errors are those of :func:`appearance`.
+    """
+    return appearance(scene, surface, points, face).shown
+
+
+@np.errstate(over="ignore", invalid="ignore")  # factors and transforms that no picture survives
+def appearance(scene: Scene, surface: Surface, points: Float, face: Int) -> Appearance:
+    """The :class:`Appearance` of ``points`` (N, 3) on the faces ``face`` (N,) of a scene's surface.
 
     Base colour factor x texture (KHR_texture_transform, wrap modes, its own UV set) x COLOR_0, as the renderer shows
     it: textures that it cannot show, and those of primitives without their UV set, count as white. Alpha is ignored.
@@ -56,12 +91,16 @@ def base_color(scene: Scene, surface: Surface, points: Float, face: Int) -> Floa
         kind_of[number] = kinds.setdefault(key, len(kinds))
 
     texture = lru_cache(TEXTURES_KEPT)(partial(read_texture, scene.document, limit=TEXTURE_LIMIT))
-    color = np.empty((len(points), 3))
+    lit, glow, unlit = np.zeros((len(points), 3)), np.zeros((len(points), 3)), np.zeros(len(points), dtype=bool)
     for (material, attributes), kind in kinds.items():
         mine = np.flatnonzero(kind_of[owner] == kind)
         seen = read_material(scene.document, material, texture)
-        color[mine] = _seen(scene.document, seen, dict(attributes), inside[mine])
-    return np.clip(np.nan_to_num(color), 0, 1)
+        color = np.clip(np.nan_to_num(_seen(scene.document, seen, dict(attributes), inside[mine])), 0, 1)
+        (glow if seen.unlit else lit)[mine] = color
+        if seen.emission is not None:
+            glow[mine] = _emitted(scene.document, seen.emission, dict(attributes), inside[mine])
+        unlit[mine] = seen.unlit
+    return Appearance(lit, glow, unlit)
 
 
 def _seen(document: Document, material: Material, attributes: dict[str, int], points: Points) -> Float:
@@ -73,6 +112,18 @@ def _seen(document: Document, material: Material, attributes: dict[str, int], po
         color *= _texels(material.texture, np.nan_to_num(moved))
     tint = _attribute(document, "COLOR_0", attributes, points, columns=3)
     return color if tint is None else color * tint
+
+
+def _emitted(document: Document, emission: Emission, attributes: dict[str, int], points: Points) -> Float:
+    """(C, 3) linear light that points of such primitives give off; 0 where the UV set of its texture is missing."""
+    color = np.repeat(emission.color[None], len(points.rows), axis=0)
+    if emission.texture is None:
+        return color
+    uv = _attribute(document, f"TEXCOORD_{emission.uv_set}", attributes, points, columns=2)
+    if uv is None:
+        return np.zeros_like(color)
+    moved = uv @ emission.uv_transform[:, :2].T + emission.uv_transform[:, 2]
+    return np.asarray(color * _texels(emission.texture, np.nan_to_num(moved)))
 
 
 def _attribute(document: Document, name: str, attributes: dict[str, int], points: Points, columns: int) -> Float | None:

@@ -100,6 +100,14 @@ def cielab(linear: Float) -> Float:
     return np.column_stack([116 * y - 16, 500 * (x - y), 200 * (y - z)])
 
 
+def from_cielab(lab: Float) -> Float:
+    """(N, 3) linear sRGB of CIELAB (D65) colours; outside 0 to 1 where sRGB does not have them."""
+    y = (lab[:, 0] + 16) / 116
+    steps = np.column_stack([y + lab[:, 1] / 500, y, y - lab[:, 2] / 200])
+    xyz = np.where(steps > 6 / 29, steps**3, 3 * (6 / 29) ** 2 * (steps - 4 / 29)) * _XYZ.sum(axis=1)
+    return np.asarray(np.linalg.solve(_XYZ, xyz.T).T)
+
+
 def _busy(points: Float, normals: Float, lab: Float) -> tuple[Float, Float]:
     """(N,) the spread of colour around each sample, 0 to 1 for the busiest, and (N,) its mean around each sample."""
     number = np.arange(len(points))

@@ -14,6 +14,7 @@ from core.asset.gltf import Document
 from core.errors import ErrorCode, MeshmarkError
 from core.parameters import Evaluate, Mode, Parameters, Preset
 from core.pipeline import STAGES, Result, watermark
+from tests.core.rendering.glb import CORNERS, CUBE_FACES, GlbWriter, plain
 from tests.validator import error_counts
 
 SPOT = Path(__file__).parents[1] / "data" / "spot.glb"
@@ -139,6 +140,26 @@ def test_letters_with_a_colour_are_a_primitive_of_their_own() -> None:
     assert len(primitives) == 2
     material = document.json["materials"][primitives[1]["material"]]
     assert material["pbrMetallicRoughness"]["baseColorFactor"] == pytest.approx([0.6308, 0.0144, 0.0144, 1], abs=1e-3)
+    assert not error_counts(result.model)
+
+
+def test_letters_that_no_light_would_show_get_a_colour_by_themselves() -> None:
+    """Two cubes, one of them unlit: its letters are dark and unlit, those of the other have its own material."""
+    writer = GlbWriter()
+    writer.json["extensionsUsed"] = ["KHR_materials_unlit"]
+    for place in (0.0, 5.0):
+        unlit: dict[str, Any] = {"extensions": {"KHR_materials_unlit": {}}} if place else {}
+        writer.mesh(CORNERS, CUBE_FACES, material=plain((0.8, 0.7, 0.6, 1), **unlit), translation=[place, 0, 0])
+    result = watermark(writer.bytes(), UNMEASURED.model_copy(update={"count": 8}), preview=False)
+    colors = [(mark["color"], mark["center"][0] > 2.5) for mark in result.report["watermarks"]]
+    assert {color is not None for color, is_unlit in colors if is_unlit} == {True}
+    assert {color for color, is_unlit in colors if not is_unlit} == {None}
+    document = Document.from_glb(result.model)
+    letters = document.json["materials"][2:]
+    assert letters
+    for material in letters:
+        assert "KHR_materials_unlit" in material["extensions"]
+        assert max(material["pbrMetallicRoughness"]["baseColorFactor"][:3]) < 0.1
     assert not error_counts(result.model)
 
 

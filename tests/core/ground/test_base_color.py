@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from core.asset.flatten import Scene, flatten
 from core.asset.gltf import Document
 from core.errors import ErrorCode, MeshmarkError
-from core.ground.base_color import base_color
+from core.ground.base_color import appearance, base_color
 from tests.core.placement.shapes import inside_out
 from tests.core.rendering.glb import QUAD, QUAD_FACES, QUAD_UV, GlbWriter, plain, png
 
@@ -154,3 +154,34 @@ def test_a_vertex_colour_of_too_few_components_is_refused() -> None:
     with pytest.raises(MeshmarkError) as caught:
         at(shown, (1, 0))
     assert caught.value.code is ErrorCode.MALFORMED_FILE
+
+
+def test_emission_is_added_to_the_base_colour() -> None:
+    dark = {"emissiveFactor": [0, 0.25, 0], "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": 2}}}
+    shown = flat(GlbWriter().mesh(QUAD, QUAD_FACES, material=plain((0.25, 0.75, 0, 1), **dark)))
+    assert at(shown, (1, 0))[0] == pytest.approx([0.25, 1, 0])  # no more than full light
+    seen = appearance(shown, shown.surface, np.array([[1.0, 0, 0]]), np.array([0]))
+    assert (seen.lit[0], seen.glow[0]) == (pytest.approx([0.25, 0.75, 0]), pytest.approx([0, 0.5, 0]))
+    assert not seen.unlit[0]
+
+
+def test_an_emissive_texture_glows_where_its_own_uvs_put_it() -> None:
+    writer = GlbWriter()
+    texture = {"index": writer.image_texture(png(QUARTERS), magFilter=NEAREST), "texCoord": 1}
+    sets = {"TEXCOORD_0": np.zeros_like(QUAD_UV), "TEXCOORD_1": QUAD_UV}
+    material = plain((0, 0, 0, 1), emissiveFactor=[1, 1, 1], emissiveTexture=texture)
+    assert at(flat(writer.mesh(QUAD, QUAD_FACES, sets, material)), *QUARTER_MIDDLES) == pytest.approx(
+        np.array([RED, GREEN, BLUE, WHITE])
+    )
+    without = GlbWriter()
+    without.image_texture(png(QUARTERS))
+    assert (at(flat(without.mesh(QUAD, QUAD_FACES, material=material)), *QUARTER_MIDDLES) == 0).all()
+
+
+def test_an_unlit_material_shows_its_base_colour_and_emits_nothing() -> None:
+    unlit = {"extensions": {"KHR_materials_unlit": {}}, "emissiveFactor": [1, 1, 1]}
+    shown = flat(GlbWriter().mesh(QUAD, QUAD_FACES, material=plain((0.5, 0.25, 0, 1), **unlit)))
+    seen = appearance(shown, shown.surface, np.array([[1.0, 0, 0]]), np.array([0]))
+    assert seen.unlit.all()
+    assert seen.lit[0].tolist() == [0, 0, 0]
+    assert seen.shown[0] == pytest.approx([0.5, 0.25, 0])

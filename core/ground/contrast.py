@@ -1,0 +1,108 @@
+"""Which marks stand on ground that shows no shading, and the colour that their letters need there.
+
+Letters without a colour of their own are seen by their light and dark sides alone. An unlit material has none, and
+what glows brightly outshines them.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.asset.flatten import Scene
+from core.asset.polygons import hex_linear, hex_srgb
+from core.asset.surface import Surface
+from core.ground.base_color import Appearance, appearance
+from core.ground.texture import cielab, from_cielab
+from core.placement.boxes import Boxes
+from core.spatial import SpatialIndex
+
+Float = NDArray[np.float64]
+Bool = NDArray[np.bool_]
+
+GRID = (48, 16)  # points under each box, along the text and across it
+SPECULAR = 0.04  # share of the light that a dielectric reflects without its base colour (glTF 2.0, appendix B.3.3)
+DIMMED = 0.5  # light on the dark side of a letter over that on its ground
+SHADING = 5.0  # CIELAB lightness; where ``DIMMED`` light changes less than this, letters cannot be told by it
+FLAT_SHARE = 0.25  # of the ground without shading, from which on a text cannot be read as a whole
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear sRGB
+CONTRAST = 60.0  # CIELAB lightness between letters and their ground: about 7:1 in luminance on white
+QUANTILE = 0.1  # share of the ground that may be closer to the letters than is reckoned with
+
+
+@dataclass(frozen=True)
+class LetterColor:
+    """What the letters of one mark wear in place of their ground's material.
+
+    Attributes:
+        color: "#rrggbb".
+        glows: it is given off as light, since the ground glows and is darker.
+    """
+
+    color: str
+    glows: bool
+
+
+def letter_colors(
+    scene: Scene, surface: Surface, index: SpatialIndex, boxes: Boxes, asked: str | None
+) -> list[LetterColor | None]:
+    """The colour of the letters of each of B marks; ``None`` where shading shows letters of the ground's own colour.
+
+    A mark counts as not shaded where a quarter of the ground under it shows less than 5 units of lightness between
+    full and half light: unlit materials, bright emission. Its letters keep the hue of their ground and are darker or
+    lighter, whichever leaves more contrast to what is darkest or lightest under them.
+
+    Args:
+        scene: the asset.
+        surface: the scene's, in which faces may be wound the other way round.
+        index: over the faces that count.
+        boxes: where the marks stand.
+        asked: a colour for all letters, "#rrggbb"; then only whether they glow is decided here.
+
+    Raises:
+        MeshmarkError: as :func:`core.ground.base_color.appearance`.
+    """
+    if not len(boxes):
+        return []
+    across = [(np.arange(count) + 0.5) / count - 0.5 for count in GRID]
+    plane = np.stack(np.meshgrid(*across, indexing="ij"), axis=-1).reshape(-1, 2)
+    offset = np.einsum("pk,bk,bki->bpi", plane, boxes.size[:, :2], boxes.axes[:, :2])
+    _, face, point = index.closest((boxes.center[:, None] + offset).reshape(-1, 3))
+    seen = appearance(scene, surface, point, face)
+    return [_letter_color(seen[rows], asked) for rows in np.split(np.arange(len(point)), len(boxes))]
+
+
+def _letter_color(ground: Appearance, asked: str | None) -> LetterColor | None:
+    """The same for one mark, from the ground under it."""
+    needed = not_shaded(ground).mean() >= FLAT_SHARE
+    if asked is None and not needed:
+        return None
+    lab = cielab(ground.shown)
+    color = asked or contrasting(lab)
+    lighter = cielab(hex_linear(color)[None])[0, 0] > np.median(lab[:, 0])
+    return LetterColor(color, bool(needed and lighter and not ground.unlit.all()))
+
+
+def not_shaded(ground: Appearance) -> Bool:
+    """(N,) where the light that falls on the ground hardly changes what is seen of it."""
+    lit = np.where(ground.unlit, 0, ground.lit @ LUMINANCE + SPECULAR)
+    glow = ground.glow @ LUMINANCE
+    full, dim = (_lightness(np.clip(glow + share * lit, 0, 1)) for share in (1, DIMMED))
+    return np.asarray(full - dim < SHADING)
+
+
+def _lightness(luminance: Float) -> Float:
+    """(N,) CIELAB lightness of luminances (N,), 0 to 1."""
+    return np.asarray(cielab(np.repeat(luminance[:, None], 3, axis=1))[:, 0])
+
+
+def contrasting(lab: Float) -> str:
+    """A colour, "#rrggbb", that stands out from ground of the CIELAB colours ``lab`` (N, 3) and has its mean hue."""
+    low, high = np.quantile(lab[:, 0], [QUANTILE, 1 - QUANTILE])
+    lightness = low - CONTRAST if low >= 100 - high else high + CONTRAST
+    hue = lab[:, 1:].mean(axis=0)
+    # As much of the chroma as sRGB has at this lightness; black and white have none.
+    shades = np.column_stack([np.full(101, np.clip(lightness, 0, 100)), np.linspace(1, 0, 101)[:, None] * hue])
+    linear = from_cielab(shades)
+    shown = linear[((linear >= -1e-6) & (linear <= 1 + 1e-6)).all(axis=1).argmax()]
+    return hex_srgb(np.clip(shown, 0, 1))

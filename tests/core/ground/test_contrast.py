@@ -1,0 +1,125 @@
+"""Marks that no shading shows get a colour, and others do not."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from core.asset.flatten import Scene, flatten
+from core.asset.gltf import Document
+from core.asset.polygons import hex_linear, hex_srgb
+from core.ground.contrast import LetterColor, contrasting, letter_colors
+from core.ground.texture import cielab, from_cielab
+from core.placement.boxes import Boxes
+from core.spatial import SpatialIndex
+from tests.core.rendering.glb import QUAD, QUAD_FACES, QUAD_UV, GlbWriter, plain, png
+
+UNLIT: dict[str, Any] = {"extensions": {"KHR_materials_unlit": {}}}
+
+
+def on(scene: Scene, *centers: tuple[float, float], asked: str | None = None) -> list[LetterColor | None]:
+    """The letters of marks of 8 x 1.2 at places on a square of 30 x 30."""
+    count = len(centers)
+    boxes = Boxes(
+        np.array([[x, y, 0.0] for x, y in centers]).reshape(-1, 3),
+        np.tile(np.eye(3), (count, 1, 1)),
+        np.tile([8.0, 1.2, 0.5], (count, 1)),
+    )
+    index = SpatialIndex(scene.surface.positions, scene.surface.faces)
+    return letter_colors(scene, scene.surface, index, boxes, asked)
+
+
+def square(material: dict[str, Any], image: Any = None, role: str = "emissiveTexture") -> Scene:
+    """A square; ``image`` is its base colour or what it emits."""
+    writer = GlbWriter()
+    attributes = {"TEXCOORD_0": QUAD_UV} if image is not None else None
+    if image is not None:
+        texture = {"index": writer.image_texture(png(image))}
+        material = material | (
+            {role: texture} if role == "emissiveTexture" else {"pbrMetallicRoughness": {role: texture}}
+        )
+    return flatten(Document.from_glb(writer.mesh(QUAD, QUAD_FACES, attributes, material).bytes()))
+
+
+def lightness(color: str) -> float:
+    return float(cielab(hex_linear(color)[None])[0, 0])
+
+
+@pytest.mark.parametrize("grey", [0.0, 0.02, 0.2, 1.0])
+def test_letters_on_ordinary_materials_keep_the_colour_of_their_ground(grey: float) -> None:
+    assert on(square(plain((grey, grey, grey, 1))), (0, 0)) == [None]
+
+
+@pytest.mark.parametrize("color", [(0, 0, 0), (1, 1, 1), (0.2, 0.2, 0.2), (0.5, 0.02, 0.02), (0.9, 0.8, 0.1)])
+def test_letters_on_unlit_materials_differ_from_them(color: tuple[float, float, float]) -> None:
+    (found,) = on(square(plain((*color, 1.0), **UNLIT)), (0, 0))
+    assert found is not None
+    assert abs(lightness(found.color) - cielab(np.array([color]))[0, 0]) > 45
+    assert not found.glows
+
+
+def test_letters_keep_the_hue_of_their_ground() -> None:
+    ground = np.array([[0.9, 0.6, 0.02]])
+    color = contrasting(cielab(ground))
+    hue, before = (cielab(linear)[0, 1:] for linear in (hex_linear(color)[None], ground))
+    assert np.linalg.norm(hue) > 10
+    assert np.dot(hue, before) / np.linalg.norm(hue) / np.linalg.norm(before) > 0.95
+
+
+def test_letters_are_on_the_side_of_greater_contrast_to_what_is_most_like_them() -> None:
+    """A fifth of the ground is nearly black, the rest is grey: only light letters are seen on both."""
+    dark = np.array([[2, 0, 0]] * 20 + [[50, 0, 0]] * 80, dtype=float)
+    assert lightness(contrasting(dark)) > 95
+    assert lightness(contrasting(dark[20:] * 1.4)) < 15
+
+
+def test_a_surface_that_glows_outshines_its_shading() -> None:
+    (on_bright,) = on(square(plain((0, 0, 0, 1), emissiveFactor=[0.9, 0.9, 0.9])), (0, 0))
+    (on_dim,) = on(square(plain((0, 0, 0, 1), emissiveFactor=[0.05, 0.05, 0.05])), (0, 0))
+    assert on_bright is not None
+    assert on_dim is not None
+    assert (lightness(on_bright.color) < 45, on_bright.glows) == (True, False)
+    assert (lightness(on_dim.color) > 85, on_dim.glows) == (True, True)
+
+
+def test_emission_that_leaves_shading_to_be_seen_changes_nothing() -> None:
+    assert on(square(plain((0.5, 0.5, 0.5, 1), emissiveFactor=[0.1, 0.1, 0.1])), (0, 0)) == [None]
+
+
+def test_a_small_emissive_detail_does_not_count_a_large_one_does() -> None:
+    """A screen that fills the left half, and a lamp in the middle of the right one."""
+    image = np.zeros((128, 128, 3), dtype=np.uint8)
+    image[:, :64] = 255
+    image[62:66, 94:98] = 255
+    scene = square(plain((0.5, 0.5, 0.5, 1), emissiveFactor=[1, 1, 1]), image)
+    screen, lamp = on(scene, (-8, 0), (8, 0))
+    assert screen is not None
+    assert lamp is None
+
+
+def test_each_mark_has_the_colour_that_its_own_ground_needs() -> None:
+    image = np.full((64, 64, 3), 20, dtype=np.uint8)
+    image[:, 32:] = 235
+    left, right = on(square(UNLIT, image, "baseColorTexture"), (-8, 0), (8, 0))
+    assert left is not None
+    assert right is not None
+    assert lightness(left.color) - lightness(right.color) > 30
+
+
+def test_a_colour_that_is_asked_for_is_kept_and_glows_where_it_would_be_dark_on_light() -> None:
+    red = "#d02020"
+    assert on(square(plain((1, 1, 1, 1), **UNLIT)), (0, 0), asked=red) == [LetterColor(red, False)]
+    assert on(square(plain((0.2, 0.2, 0.2, 1))), (0, 0), asked=red) == [LetterColor(red, False)]
+    assert on(square(plain((0, 0, 0, 1), emissiveFactor=[0, 0.08, 0])), (0, 0), asked=red) == [LetterColor(red, True)]
+    assert on(square(plain((0, 0, 0, 1), emissiveFactor=[0, 1, 0])), (0, 0), asked=red) == [LetterColor(red, False)]
+
+
+def test_no_marks_need_no_colour() -> None:
+    assert on(square(UNLIT)) == []
+
+
+def test_colours_come_back_from_cielab_and_from_hexadecimal_digits() -> None:
+    linear = np.random.default_rng(0).random((50, 3)) ** 2
+    np.testing.assert_allclose(from_cielab(cielab(linear)), linear, atol=1e-9)
+    for color in ("#000000", "#ffffff", "#0a0b0c", "#d02020"):
+        assert hex_srgb(hex_linear(color)) == color
