@@ -2,6 +2,7 @@
 
 import re
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from core.asset.polygons import Attribute, Float, Int, Material, PolygonMesh, li
 from core.asset.refusals import malformed, no_faces
 from core.asset.textures import check_pixels, usable_image
 from core.asset.threemf_model import Group, Model, Object
+from core.asset.threemf_slicer import OBJECT_TYPES, Tools, read_tools
 from core.asset.xml import parse_xml
 from core.errors import MeshmarkError
 
@@ -25,7 +27,8 @@ _NO_COLOR = {"compositematerials": "composite materials", "multiproperties": "la
 def read_3mf(archive: Archive, budgets: Budgets) -> Assembly:
     """A body for each mesh that is built, an instance for each time it is; the frame has metres and Y up.
 
-    Base materials become materials, colours of colour groups COLOR_0, texture groups TEXCOORD_0 and a texture.
+    Base materials become materials, colours of colour groups COLOR_0, texture groups TEXCOORD_0 and a texture. Supports
+    and a slicer's tools (negative volumes, modifiers, support blockers and enforcers) are left out.
 
     Raises:
         MeshmarkError: ``malformed_file``, ``no_faces``, ``budget_exceeded``, ``external_reference``, or
@@ -35,19 +38,30 @@ def read_3mf(archive: Archive, budgets: Budgets) -> Assembly:
     start = package.start_part()
     model = package.model(start)
     assembly = Assembly([], [], [], _Z_UP @ np.diag([model.metres] * 3 + [1.0]))
+    tools, left_out = read_tools(archive, budgets, assembly.warnings), Counter[str]()
     numbers: dict[Key, int] = {}
     faces = 0
-    for key, matrix in _built(package, start, budgets):
+    for key, matrix in _built(package, start, tools, left_out, budgets):
         thing = package.find(key)
         if key not in numbers:
             numbers[key] = len(assembly.bodies)
-            assembly.bodies.append(_mesh(thing, package, key[0], assembly.warnings))
+            body = _mesh(thing, package, key[0], assembly.warnings)
+            ranges = tools.ranges.get(key[1], []) if key[0] == start else []
+            assembly.bodies.append(_without(body, ranges))
             assembly.names.append(thing.name)
-        faces += len(thing.triangles) // 3
+            left_out.update(kind for _, _, kind in ranges)
+        faces += len(assembly.bodies[numbers[key]].sizes)
         within(faces, budgets.faces, "triangles")
         assembly.instances.append(Instance(thing.name, numbers[key], matrix))
+    if left_out:
+        counted = ", ".join(f"{count:,} {kind}" for kind, count in sorted(left_out.items()))
+        assembly.warnings.append(
+            dropped(f"The 3MF has {counted}: tools for printing and no parts of the model. They are left out.")
+        )
     if faces == 0:
-        raise no_faces(f"The 3MF builds no mesh ({len(model.items):,} build items, {len(model.objects):,} objects).")
+        also = " beside tools for printing" if left_out else ""
+        listed = f"{len(model.items):,} build items, {len(model.objects):,} objects"
+        raise no_faces(f"The 3MF builds no mesh{also} ({listed}).")
     check_pixels([material for body in assembly.bodies for material in body.materials], budgets)
     return assembly
 
@@ -102,8 +116,13 @@ class _Package:
         return thing
 
 
-def _built(package: _Package, start: str, budgets: Budgets) -> list[tuple[Key, Float]]:
-    """Each mesh that is built, once for each time, in file order, and its matrix to the build."""
+def _built(
+    package: _Package, start: str, tools: Tools, left_out: Counter[str], budgets: Budgets
+) -> list[tuple[Key, Float]]:
+    """Each mesh that is built, once for each time, in file order, and its matrix to the build.
+
+    ``left_out`` counts the objects and components that are no parts of the model, by what they are.
+    """
     found: list[tuple[Key, Float]] = []
     pending = [
         (package.key(item.part, item.object_id, start), item.matrix, 0) for item in reversed(package.model(start).items)
@@ -116,10 +135,16 @@ def _built(package: _Package, start: str, budgets: Budgets) -> list[tuple[Key, F
         if depth > budgets.xml_depth:
             raise malformed(f"The components of the 3MF are nested more than {budgets.xml_depth} deep, or in a circle.")
         thing = package.find(key)
+        if thing.kind in OBJECT_TYPES:
+            left_out[OBJECT_TYPES[thing.kind]] += 1
+            continue
         if len(thing.triangles):
             found.append((key, matrix))
         for part in reversed(thing.components):
-            pending.append((package.key(part.part, part.object_id, key[0]), matrix @ part.matrix, depth + 1))
+            if key[0] == start and (key[1], part.object_id) in tools.parts:
+                left_out[tools.parts[key[1], part.object_id]] += 1
+            else:
+                pending.append((package.key(part.part, part.object_id, key[0]), matrix @ part.matrix, depth + 1))
     if not all(np.isfinite(matrix).all() for _, matrix in found):
         raise malformed("The transforms of the 3MF overflow.")
     return found
@@ -149,6 +174,20 @@ def _mesh(thing: Object, package: _Package, part: str, warnings: list[MeshmarkEr
     for what, triangles in lost.items():
         warnings.append(dropped(f"{triangles:,} triangles of {thing.name[:60]!r} have {what}, which are dropped."))
     return PolygonMesh(positions, corners, np.full(count, 3), look.group, look.attributes(), tuple(look.materials))
+
+
+def _without(mesh: PolygonMesh, ranges: list[tuple[int, int, str]]) -> PolygonMesh:
+    """The triangles outside of these ranges of them, first and last included."""
+    keep = np.ones(len(mesh.sizes), bool)
+    for first, last, _ in ranges:
+        keep[first : last + 1] = False
+    if keep.all():
+        return mesh
+    corners = np.repeat(keep, 3)
+    attributes = {name: replace(item, index=item.index[corners]) for name, item in mesh.attributes.items()}
+    return replace(
+        mesh, corners=mesh.corners[corners], sizes=mesh.sizes[keep], group=mesh.group[keep], attributes=attributes
+    )
 
 
 def _image(package: _Package, path: str, warnings: list[MeshmarkError]) -> bytes | None:

@@ -33,6 +33,7 @@ class Object:
 
     Attributes:
         name: as in the file, else by its id.
+        kind: "model", "surface", or one of :data:`core.asset.threemf_slicer.OBJECT_TYPES`.
         group, row: the property of triangles that name none; an empty group where there is none.
         vertices: x, y, z of each.
         triangles: three vertex numbers of each.
@@ -42,6 +43,7 @@ class Object:
     """
 
     name: str
+    kind: str
     group: str
     row: int
     vertices: "array[float]" = field(default_factory=lambda: array("d"))
@@ -85,7 +87,7 @@ class Model:
         self.items: list[Use] = []
         self._what, self._budgets = what, budgets
         self._vertices = self._triangles = self._uses = 0
-        self._object = Object("", "", 0)  # the one being read; elements outside of any go nowhere
+        self._object = Object("", "", "", 0)  # the one being read; elements outside of any go nowhere
         self._group = Group("", "")
         handlers: dict[str, Callable[[dict[str, str]], None]] = {
             "vertex": self._vertex,
@@ -120,7 +122,7 @@ class Model:
 
     def _triangle(self, attributes: dict[str, str]) -> None:
         thing = self._object
-        if len(attributes) > 3 or thing.group:
+        if thing.group or "pid" in attributes:  # slicers add attributes of their own
             pid = attributes.get("pid", thing.group)
             first = int(attributes.get("p1", thing.row))
             second, third = int(attributes.get("p2", first)), int(attributes.get("p3", first))
@@ -134,7 +136,8 @@ class Model:
     def _start_object(self, attributes: dict[str, str]) -> None:
         number = attributes["id"]
         name = attributes.get("name") or f"object {number[:20]}"
-        self._object = Object(name, attributes.get("pid", ""), int(attributes.get("pindex", 0)))
+        kind = attributes.get("type", "model")
+        self._object = Object(name, kind, attributes.get("pid", ""), int(attributes.get("pindex", 0)))
         if number in self.objects:
             raise malformed(f"{self._what} has two objects of the id {number[:20]!r}.")
         self.objects[number] = self._object

@@ -124,6 +124,107 @@ def test_colours_that_cannot_be_carried_are_said() -> None:
     assert "1 triangles" in document.warnings[0].message
 
 
+def _prusa(*volumes: tuple[int, int, str], key: str = "volume_type") -> str:
+    inner = "".join(
+        f'<volume firstid="{first}" lastid="{last}"><metadata type="volume" key="name" value="a"/>'
+        f'<metadata type="volume" key="{key}" value="{kind}"/></volume>'
+        for first, last, kind in volumes
+    )
+    return f'<?xml version="1.0" encoding="UTF-8"?><config><object id="1" instances_count="1">{inner}</object></config>'
+
+
+PRUSA = "Metadata/Slic3r_PE_model.config"
+BAMBU = "Metadata/model_settings.config"
+
+
+@pytest.mark.parametrize(
+    ("kind", "word"),
+    [
+        ("NegativeVolume", "1 negative volumes"),
+        ("ParameterModifier", "1 modifiers"),
+        ("SupportEnforcer", "1 support enforcers"),
+        ("SupportBlocker", "1 support blockers"),
+    ],
+)
+def test_volumes_that_are_tools_of_prusa_slicer_are_left_out_and_said(kind: str, word: str) -> None:
+    group = '<m:colorgroup id="5"><m:color color="#FF0000"/></m:colorgroup>'
+    body = f'<object id="1" pid="5" pindex="0">{threemf_cube()}</object>'
+    config = _prusa((0, 7, "ModelPart"), (8, 11, kind))
+    document = _convert(zipped({"3D/3dmodel.model": threemf_model(group + body, ITEM), PRUSA: config}))
+    whole = flatten(_convert(zipped({"3D/3dmodel.model": threemf_model(group + body, ITEM)}))).surface
+    left = flatten(document).surface
+    assert len(left.faces) == 8
+    np.testing.assert_allclose(
+        left.to_world(left.positions[left.faces]), whole.to_world(whole.positions[whole.faces[:8]]), atol=1e-9
+    )
+    assert "COLOR_0" in document.json["meshes"][0]["primitives"][0]["attributes"]
+    assert [word in warning.message for warning in document.warnings] == [True]
+
+
+def test_modifiers_of_older_projects_are_left_out() -> None:
+    model = threemf_model(CUBE, ITEM)
+    for value, faces in (("1", 11), ("0", 12)):
+        data = zipped({"3D/3dmodel.model": model, PRUSA: _prusa((11, 11, value), key="modifier")})
+        assert len(flatten(_convert(data)).surface.faces) == faces
+
+
+@pytest.mark.parametrize("kind", ["negative_part", "modifier_part", "support_enforcer", "support_blocker"])
+def test_parts_that_are_tools_of_bambu_studio_and_orca_are_left_out_and_said(kind: str) -> None:
+    components = "".join(
+        f'<component p:path="/3D/Objects/a.model" objectid="{number}" transform="1 0 0 0 1 0 0 0 1 {5 * number} 0 0"/>'
+        for number in (1, 2)
+    )
+    root = threemf_model(f'<object id="9"><components>{components}</components></object>', '<item objectid="9"/>')
+    bodies = "".join(f'<object id="{number}" name="{number}">{threemf_cube()}</object>' for number in (1, 2))
+    parts = f'<part id="1" subtype="normal_part"/><part id="2" subtype="{kind}"/>'
+    document = _convert(
+        zipped(
+            {
+                "3D/3dmodel.model": root,
+                "3D/Objects/a.model": threemf_model(bodies, ""),
+                BAMBU: f'<config><object id="9">{parts}</object><object id="1">{parts}</object></config>',
+            }
+        )
+    )
+    assert [mesh["name"] for mesh in document.json["meshes"]] == ["1"]
+    assert ["tools for printing" in warning.message for warning in document.warnings] == [True]
+
+
+@pytest.mark.parametrize("kind", ["support", "solidsupport", "other"])
+def test_objects_that_are_no_model_are_left_out_and_said(kind: str) -> None:
+    other = f'<object id="7" name="other" type="{kind}">{threemf_cube()}</object>'
+    pair = '<object id="8"><components><component objectid="7"/><component objectid="1"/></components></object>'
+    document = _convert(_package(threemf_model(CUBE + other + pair, '<item objectid="8"/><item objectid="7"/>')))
+    assert [mesh["name"] for mesh in document.json["meshes"]] == ["cube"]
+    assert ["2 " in warning.message for warning in document.warnings] == [True]
+    error = _failure(threemf_model(other, '<item objectid="7"/>'))
+    assert error.code is ErrorCode.NO_FACES
+    assert "tools for printing" in error.message
+
+
+@pytest.mark.parametrize("kind", ["model", "surface", "anything"])
+def test_objects_of_all_other_types_are_read(kind: str) -> None:
+    document = _convert(_package(threemf_model(CUBE.replace('id="1"', f'id="1" type="{kind}"'), ITEM)))
+    assert len(flatten(document).surface.faces) == 12
+    assert document.warnings == []
+
+
+@pytest.mark.parametrize("config", ["<config", "<config><object/><volume firstid='a'/><part subtype=''/></config>"])
+def test_settings_of_a_slicer_that_are_damaged_cost_no_model(config: str) -> None:
+    document = _convert(zipped({"3D/3dmodel.model": threemf_model(CUBE, ITEM), PRUSA: config}))
+    assert len(flatten(document).surface.faces) == 12
+    assert len(document.warnings) == (config == "<config")
+
+
+@pytest.mark.parametrize(
+    "painted", ['paint_color="8"', 's:custom_supports="4" xmlns:s="urn:s"', 'p1="0"', 'x="1" y="2"']
+)
+def test_attributes_that_slicers_paint_on_triangles_are_no_colours(painted: str) -> None:
+    document = _colors("", painted)
+    assert document.warnings == []
+    assert list(document.json["meshes"][0]["primitives"][0]["attributes"]) == ["POSITION"]
+
+
 @pytest.mark.parametrize(
     ("model", "code"),
     [
