@@ -5,8 +5,9 @@ largest bounding-box side is 30 and centred at the origin, paper supplement "Imp
 name says otherwise.
 """
 
-from core import process
+import os
 
-process.before_onnxruntime()
+# onnxruntime reports what it is used for to its makers unless told not to before it is loaded (its docs/Privacy.md).
+os.environ["ORT_DISABLE_TELEMETRY"] = "1"
 
 __version__ = "0.1.0"

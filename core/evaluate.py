@@ -15,7 +15,6 @@ from core.asset.formats import to_document
 from core.asset.gate import admit
 from core.asset.gltf import Document
 from core.asset.surface import MODEL_SIZE, Surface
-from core.device import spatial_index
 from core.errors import ErrorCode, MeshmarkError
 from core.metrics.measure import Pair, Pictures, Subject, measure
 from core.parameters import Evaluate
@@ -23,6 +22,7 @@ from core.placement.boxes import Boxes
 from core.rendering.pictures import PICTURE_SIZE, pictures
 from core.rendering.renderer import Renderer
 from core.report import SCHEMA, asset_facts, file_facts
+from core.spatial import SpatialIndex
 
 Float = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -125,10 +125,9 @@ def evaluate(
     boxes, relief = to_boxes(watermarks, surface)
     text = text or next((mark.text for mark in watermarks if mark.text), "")
     views = _views(before, after) if level is Evaluate.FULL else (None, None)
-    indices = [spatial_index(each.positions, each.faces, np.arange(len(each.faces))) for each in (surface, written)]
     pair = Pair(
-        Subject(surface, indices[0], views[0], seed),
-        Subject(written, indices[1], views[1]),
+        Subject(surface, SpatialIndex(surface.positions, surface.faces), views[0], seed),
+        Subject(written, SpatialIndex(written.positions, written.faces), views[1]),
         boxes,
         relief,
         text,
@@ -140,7 +139,7 @@ def evaluate(
         "asset": file_facts(original, admit(original, budgets)) | asset_facts(surface),
         "model": file_facts(watermarked, admit(watermarked, budgets)) | asset_facts(written),
         "seed": seed,
-        "engine": {"version": __version__, "device": indices[0].device},
+        "engine": {"version": __version__, "device": "cpu"},
         "units": {"model_size": MODEL_SIZE, "scale": surface.scale, "offset": surface.offset.tolist()},
         "watermarks": [mark.model_dump() for mark in watermarks],
         "metrics": measured.report(),

@@ -6,10 +6,10 @@ again calls :func:`preload` first.
 """
 
 import json
-import logging
 import resource
 import sys
 import time
+import traceback
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -43,8 +43,6 @@ if TYPE_CHECKING:
     from core.placement.objective import Objective, Placement
     from core.placement.site import Site
     from core.report import Warnings
-
-log = logging.getLogger(__name__)
 
 Progress = Callable[[str, float], None]
 Publish = Callable[[str, bytes], None]
@@ -267,7 +265,7 @@ def _render(job: Job) -> None:
     except MeshmarkError as error:
         job.views = error
     except Exception as error:  # drivers fail in ways of their own
-        log.exception("the pictures of this asset could not be drawn")
+        traceback.print_exc()
         job.views = MeshmarkError(
             ErrorCode.RENDERING_UNAVAILABLE,
             f"The pictures of this asset could not be drawn ({type(error).__name__}).",

@@ -20,7 +20,7 @@ MAGIC = (b"PK\x03\x04", b"PK\x05\x06")
 
 # What operating systems add to a folder before they pack it.
 _IGNORED = re.compile(r"(^|/)(__MACOSX/|\.DS_Store$|Thumbs\.db$|desktop\.ini$|\._)", re.IGNORECASE)
-_NESTED = re.compile(r"\.(zip|7z|rar|gz|tgz|bz2|xz|zst|tar|3mf|usdz|zae)$", re.IGNORECASE)
+_NESTED = re.compile(r"\.(zip|7z|rar|gz|tgz|bz2|xz|zst|tar|usdz|zae)$", re.IGNORECASE)
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _OTHER_METHODS = {1: "shrinking", 6: "imploding", 9: "Deflate64", 12: "bzip2", 14: "LZMA", 93: "Zstandard", 95: "XZ"}
 _SMALL = 2**20  # an entry of up to a megabyte may be as repetitive as it likes

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from core.asset.archive import Archive
 from core.asset.assemble import assemble
-from core.asset.assembly import Assembly
+from core.asset.assembly import Assembly, dropped
 from core.asset.budgets import DEFAULT_BUDGETS, Budgets
 from core.asset.dae import read_dae, read_dae_zip
 from core.asset.glb_check import carried_unread
@@ -13,8 +13,8 @@ from core.asset.obj import read_obj_alone
 from core.asset.obj_zip import read_obj_zip
 from core.asset.off import read_off
 from core.asset.pack import pack_archive, pack_json
-from core.asset.ply import read_ply
-from core.asset.sniff import Format
+from core.asset.ply import read_ply, read_ply_zip
+from core.asset.sniff import Format, model_in, models_beside
 from core.asset.stl import read_stl
 from core.asset.threemf import read_3mf
 
@@ -35,23 +35,42 @@ def to_document(data: bytes, file_format: Format, budgets: Budgets = DEFAULT_BUD
         MeshmarkError: ``malformed_file``, ``truncated_file``, ``no_faces``, ``index_out_of_range``,
             ``non_finite_positions``, ``external_reference``, ``unsupported_feature`` or ``budget_exceeded``.
     """
+    if file_format.inner is not file_format:
+        return _from_archive(Archive(data, budgets), file_format, budgets)
     match file_format:
         case Format.GLB:
             return _as_it_is(Document.from_glb(data))
         case Format.GLTF:
             return _as_it_is(pack_json(data, budgets))
-        case Format.GLTF_ZIP:
-            return _as_it_is(pack_archive(Archive(data, budgets), budgets))
-        case Format.OBJ_ZIP:
-            return assemble(read_obj_zip(Archive(data, budgets), budgets))
         case Format.THREEMF:
             return assemble(read_3mf(Archive(data, budgets), budgets))
         case Format.DAE:
             return assemble(read_dae(data, budgets))
-        case Format.DAE_ZIP:
-            return assemble(read_dae_zip(Archive(data, budgets), budgets))
         case _:
             return assemble(_read(data, file_format, budgets))
+
+
+def _from_archive(archive: Archive, file_format: Format, budgets: Budgets) -> Document:
+    """The one model of an archive with what belongs to it; that there are others is said."""
+    match file_format:
+        case Format.GLTF_ZIP:
+            document = _as_it_is(pack_archive(archive, budgets))
+        case Format.OBJ_ZIP:
+            document = assemble(read_obj_zip(archive, budgets))
+        case Format.DAE_ZIP:
+            document = assemble(read_dae_zip(archive, budgets))
+        case Format.PLY_ZIP:
+            document = assemble(read_ply_zip(archive, budgets))
+        case _:
+            document = to_document(archive.read(model_in(archive, file_format)), file_format.inner, budgets)
+    if not (others := models_beside(archive, file_format)):
+        return document
+    read, more = model_in(archive, file_format)[:60], f" and {len(others) - 1:,} more" if len(others) > 1 else ""
+    beside = dropped(
+        f"The archive holds several models; {read!r} is read, {others[0][:60]!r}{more} not.",
+        "Send each model in an archive of its own.",
+    )
+    return replace(document, warnings=[*document.warnings, beside])
 
 
 def _as_it_is(document: Document) -> Document:

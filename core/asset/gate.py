@@ -9,7 +9,7 @@ from core.asset.dae_scan import Scan
 from core.asset.glb_check import check_document, check_glb
 from core.asset.pack import pack_archive, pack_json
 from core.asset.refusals import malformed, no_faces, truncated
-from core.asset.sniff import Format, sniff
+from core.asset.sniff import Format, model_in, sniff
 from core.asset.xml import check_xml
 from core.errors import ErrorCode, MeshmarkError
 
@@ -36,32 +36,45 @@ def admit(data: bytes, budgets: Budgets = DEFAULT_BUDGETS) -> Format:
         raise MeshmarkError(ErrorCode.EMPTY_FILE, "The file is empty: it has 0 bytes.", "Upload the file again.")
     within(len(data), budgets.bytes, "bytes")
     file_format = sniff(data, budgets)
+    if file_format is Format.GLTF_ZIP:
+        check_document(pack_archive(Archive(data, budgets), budgets), budgets)
+    elif file_format.inner is not file_format:
+        _check_archive(Archive(data, budgets), file_format, budgets)
+    else:
+        _check(data, file_format, budgets)
+    return file_format
+
+
+def _check_archive(archive: Archive, file_format: Format, budgets: Budgets) -> None:
+    name = model_in(archive, file_format)
+    content = archive.read(name)
+    if file_format not in (Format.OBJ_ZIP, Format.DAE_ZIP):  # binary ones, which are not taken by their name
+        within(len(content), budgets.bytes, "bytes of the model in the archive")
+        if not content or (found := sniff(content, budgets)) is not file_format.inner:
+            what = f"a file of the kind {found}" if content else "empty"
+            raise malformed(f"{name[:60]!r} in the ZIP archive is not what its name says: it is {what}.")
+    _check(content, file_format.inner, budgets)
+
+
+def _check(data: bytes, file_format: Format, budgets: Budgets) -> None:
+    """Check a model that is in no archive, or out of it."""
     match file_format:
         case Format.GLB:
             check_glb(data, budgets)
         case Format.GLTF:
             check_document(pack_json(data, budgets), budgets)
-        case Format.GLTF_ZIP:
-            check_document(pack_archive(Archive(data, budgets), budgets), budgets)
         case Format.OBJ:
             _check_obj(data, budgets)
-        case Format.OBJ_ZIP:
-            archive = Archive(data, budgets)
-            _check_obj(archive.read(archive.only(".obj")), budgets)
         case Format.THREEMF:
             _check_3mf(Archive(data, budgets), budgets)
         case Format.DAE:
             _check_dae(data, budgets)
-        case Format.DAE_ZIP:
-            archive = Archive(data, budgets)
-            _check_dae(archive.read(archive.only(".dae")), budgets)
         case Format.STL:
             _check_stl(data, budgets)
         case Format.PLY:
             _check_ply(data, budgets)
         case Format.OFF:
             _check_off(data, budgets)
-    return file_format
 
 
 def _check_obj(data: bytes, budgets: Budgets) -> None:
@@ -158,10 +171,7 @@ def _check_off(data: bytes, budgets: Budgets) -> None:
         raise no_faces(f"The OFF has {header.vertices:,} vertices but no face.")
     within(header.vertices, budgets.vertices, "vertices")
     within(header.faces, budgets.faces, "faces")
-    least = 12 * header.vertices + 8 * header.faces
-    if not header.binary:
-        least = len("0 0 0\n") * header.vertices + len("0\n") * header.faces - 1
-    if least > len(data) - header.end:
+    if header.least_bytes > len(data) - header.end:
         raise truncated(
             f"The OFF declares {header.vertices:,} vertices and {header.faces:,} faces, "
             f"but {len(data) - header.end:,} bytes follow its header."

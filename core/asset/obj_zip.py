@@ -10,10 +10,8 @@ from core.asset.mtl import read_mtl
 from core.asset.names import decode
 from core.asset.obj import material_libraries, read_obj
 from core.asset.polygons import Material
-from core.asset.textures import check_pixels, usable_image
+from core.asset.textures import IMAGE_ENDINGS, check_pixels, usable_image
 from core.errors import MeshmarkError
-
-_IMAGE_ENDINGS = (".png", ".jpg", ".jpeg", ".webp")
 
 
 def read_obj_zip(archive: Archive, budgets: Budgets) -> Assembly:
@@ -38,7 +36,7 @@ def read_obj_zip(archive: Archive, budgets: Budgets) -> Assembly:
     assembly = read_obj(data, budgets, materials if libraries else None)
     mesh = assembly.bodies[0]
     if not libraries:
-        images = [entry for entry in archive.names if entry.lower().endswith(_IMAGE_ENDINGS)]
+        images = [entry for entry in archive.names if entry.lower().endswith(IMAGE_ENDINGS)]
         if len(images) == 1:
             image = usable_image(images[0], archive.read(images[0]), warnings)
             mesh = replace(mesh, materials=tuple(replace(material, texture=image) for material in mesh.materials))

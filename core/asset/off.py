@@ -7,7 +7,7 @@ import numpy as np
 
 from core.asset.assembly import Assembly, single
 from core.asset.budgets import Budgets
-from core.asset.polygons import Attribute, Float, Int, PolygonMesh, check_sizes
+from core.asset.polygons import Attribute, Float, Int, PolygonMesh, check_sizes, color_fractions
 from core.asset.refusals import malformed, truncated
 from core.asset.text import parse_numbers, tokens_per_line
 from core.errors import ErrorCode, MeshmarkError
@@ -24,13 +24,23 @@ Polygons = tuple[Int, Int, Float | None]  # sizes, corners, and colours where so
 
 @dataclass(frozen=True)
 class Header:
-    """Which vertex columns an OFF declares, its counts, and where its body starts: behind them."""
+    """Which vertex columns an OFF declares, its counts, and where its body starts: behind them.
+
+    ``order`` is the byte order of a binary file, as numpy writes it, and empty for a text.
+    """
 
     prefix: str
     vertices: int
     faces: int
     end: int
-    binary: bool = False
+    order: str = ""
+
+    @property
+    def least_bytes(self) -> int:
+        """What the body takes at least, with faces of no corners."""
+        if self.order:
+            return 4 * (3 * self.vertices + self.faces)
+        return len("0 0 0\n") * self.vertices + len("0\n") * self.faces - 1
 
 
 def parse_header(data: bytes) -> Header:
@@ -51,13 +61,25 @@ def parse_header(data: bytes) -> Header:
         )
     if match["binary"]:
         start = data.find(b"\n", match.end("binary")) + 1
-        counts = data[start : start + 12]
-        if start == 0 or len(counts) < 12:
+        if start == 0 or len(data) < start + 12:
             raise truncated("The binary OFF ends before its counts.")
-        return Header(prefix, int.from_bytes(counts[:4]), int.from_bytes(counts[4:8]), start + 12, binary=True)
+        return _binary_header(prefix, data, start)
     if match[3] is None:
         raise malformed("The OFF header does not declare how many vertices and faces follow.")
     return Header(prefix, int(match[3]), int(match[4]), match.end())
+
+
+def _binary_header(prefix: str, data: bytes, start: int) -> Header:
+    """The counts at ``start`` in the byte order in which the file can hold them.
+
+    Geomview writes big-endian words on every machine, the PMP library those of the machine.
+    """
+    headers = []
+    for order in ">", "<":
+        vertices, faces, _ = np.frombuffer(data, f"{order}u4", 3, start).tolist()
+        headers.append(Header(prefix, vertices, faces, start + 12, order))
+    fitting = [header for header in headers if header.least_bytes <= len(data) - header.end]
+    return fitting[0] if fitting else min(headers, key=lambda header: header.least_bytes)
 
 
 def read_off(data: bytes, budgets: Budgets) -> Assembly:
@@ -70,7 +92,7 @@ def read_off(data: bytes, budgets: Budgets) -> Assembly:
         MeshmarkError: ``malformed_file``, ``truncated_file`` or ``budget_exceeded``.
     """
     header = parse_header(data)
-    if header.binary:
+    if header.order:
         table, columns, polygons = _read_binary(header, data, budgets)
     else:
         table, columns, polygons = _read_text(header, data, budgets)
@@ -111,48 +133,73 @@ def _read_free(header: Header, values: Float, budgets: Budgets) -> tuple[Float, 
     columns, width = _vertex_columns(header, 2**31)
     faces = values[header.vertices * width :]
     table = values[: header.vertices * width].reshape(-1, width) if len(faces) else values[:0].reshape(0, width)
-    start, at = np.empty(header.faces, np.int64), 0
-    numbers = faces.data
-    for face in range(header.faces):
-        if at >= len(numbers) or not 0 <= numbers[at] < 2**31:
-            raise _cut_off(header, len(values))
-        start[face] = at
-        at += 1 + int(numbers[at])
-    if at > len(numbers):
+    if (found := _walk(faces.data, header.faces, colored=False)) is None:
         raise _cut_off(header, len(values))
-    if at < len(numbers):
-        raise malformed(f"The OFF has {len(numbers) - at:,} numbers behind its last face; their lines do not tell why.")
-    return table, columns, _polygons(faces, start, np.diff(start, append=at), budgets)
+    if found.end < len(faces):
+        behind = len(faces) - found.end
+        raise malformed(f"The OFF has {behind:,} numbers behind its last face; their lines do not tell why.")
+    return table, columns, _polygons(faces, found.start, np.diff(found.start, append=found.end), budgets)
 
 
 def _read_binary(header: Header, data: bytes, budgets: Budgets) -> tuple[Float, dict[str, slice], Polygons]:
-    """Big-endian words: the vertices as floats, then each polygon with its size, its corners, and its colour."""
+    """Words of four bytes: the vertices as floats, then each polygon with its size, its corners, and its colour.
+
+    Geomview puts the number of components before the colour, 0 where there is none; the PMP library has no colours
+    and no such number. Which of both it is shows in where the file ends.
+    """
     columns, width = _vertex_columns(header, 2**31)
-    words = np.frombuffer(data, ">i4", (len(data) - header.end) // 4, header.end).astype(np.int32)
+    words = np.frombuffer(data, f"{header.order}i4", (len(data) - header.end) // 4, header.end).astype(np.int32)
     table = words[: header.vertices * width].view(np.float32)
-    faces = words[header.vertices * width :].data
-    start, colors, at = np.empty(header.faces, np.int64), np.empty(header.faces, np.int64), 0
-    for face in range(header.faces):
-        start[face] = at
-        for _ in range(2):  # the corners, then the components of the colour
-            if at >= len(faces) or faces[at] < 0:
-                raise _cut_off(header, len(words))
-            colors[face] = faces[at]
-            at += 1 + faces[at]
-    if at > len(faces) or np.any(colors > 4):
+    faces = words[header.vertices * width :]
+    walk, plain = (_walk(faces.data, header.faces, colored) for colored in (True, False))
+    if (walk is None or walk.end < len(faces)) and plain is not None and plain.end == len(faces):
+        walk = plain
+    if walk is None or len(table) < header.vertices * width:
         raise _cut_off(header, len(words))
-    # as in a text: without the number of components, colours as numbers
-    values = np.asarray(faces, np.float64)
-    count = np.diff(start, append=at)
-    color = np.zeros(len(values), np.bool_)
-    behind = (start + count)[:, None] - 1 - np.arange(4)
-    color[behind[np.arange(4) < colors[:, None]]] = True
-    values[color] = words[header.vertices * width :].view(np.float32)[color]
-    keep = np.ones(len(values), np.bool_)
-    keep[start + count - 1 - colors] = False
-    keep[at:] = False
-    polygons = _polygons(values[keep], start - np.arange(header.faces), count - 1, budgets)
+    count = np.diff(walk.start, append=walk.end)
+    values, keep = faces.astype(np.float64), np.ones(len(faces), np.bool_)
+    keep[walk.end :] = False
+    behind = np.zeros(header.faces, np.int64)
+    if walk.components is not None:  # as in a text: without the number of components, colours as numbers
+        color = np.zeros(len(faces), np.bool_)
+        place = (walk.start + count)[:, None] - 1 - np.arange(4)
+        color[place[np.arange(4) < walk.components[:, None]]] = True
+        values[color] = faces.view(np.float32)[color]
+        keep[walk.start + count - 1 - walk.components] = False
+        behind += 1
+    start = walk.start - (np.cumsum(behind) - behind)
+    polygons = _polygons(values[keep], start, count - behind, budgets)
     return table.reshape(-1, width).astype(np.float64), columns, polygons
+
+
+@dataclass(frozen=True, eq=False)
+class _Walk:
+    """Where each face starts (P,), how many components its colour has (P,) where faces say so, and where all end."""
+
+    start: Int
+    components: Int | None
+    end: int
+
+
+def _walk(numbers: memoryview, faces: int, colored: bool) -> _Walk | None:
+    """The faces one after another, each of which tells where the next one starts; ``None`` where they cannot be."""
+    start, components, at = [], [], 0
+    try:
+        for _ in range(faces):
+            start.append(at)
+            if not 0 <= (size := numbers[at]) < 2**31:
+                return None
+            at += 1 + int(size)
+            if colored:
+                if not 0 <= (count := numbers[at]) <= 4:
+                    return None
+                components.append(count)
+                at += 1 + count
+    except IndexError:
+        return None
+    if at > len(numbers):
+        return None
+    return _Walk(np.asarray(start, np.int64), np.asarray(components, np.int64) if colored else None, at)
 
 
 def _cut_off(header: Header, found: int) -> MeshmarkError:
@@ -204,9 +251,9 @@ def _polygons(values: Float, start: Int, counts: Int, budgets: Budgets) -> Polyg
 
 
 def _rgba(colors: Float) -> Float:
-    """(K, 4) in 0-1 from (K, 3) or (K, 4) in 0-1 or 0-255; a missing alpha is opaque."""
+    """(K, 4) in 0-1 from (K, 3) or (K, 4) of any range; a missing alpha is opaque."""
     rgba = np.full((len(colors), 4), np.nan)
     rgba[:, : colors.shape[1]] = colors
-    rgba /= 255.0 if np.nanmax(rgba[:, :3], initial=0.0) > 1 else 1.0
+    rgba = color_fractions(rgba)
     rgba[np.isnan(rgba[:, 3]), 3] = 1.0
     return rgba

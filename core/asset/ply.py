@@ -1,19 +1,24 @@
 """PLY (Stanford), ASCII and binary of either byte order."""
 
+import re
 import struct
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from core.asset.assembly import Assembly, single
+from core.asset.archive import Archive
+from core.asset.assembly import Assembly, dropped, single
 from core.asset.budgets import Budgets
-from core.asset.polygons import Attribute, Float, Int, PolygonMesh, check_sizes, weld
+from core.asset.grouping import group_rows
+from core.asset.names import decode
+from core.asset.polygons import Attribute, Float, Int, Material, PolygonMesh, check_sizes, color_fractions, weld
 from core.asset.refusals import malformed, truncated
 from core.asset.text import parse_numbers
+from core.asset.textures import IMAGE_ENDINGS, check_pixels, usable_image
 from core.errors import MeshmarkError
 
 FACE_LISTS = ("vertex_indices", "vertex_index")
@@ -33,6 +38,13 @@ _TYPES = {
 }
 _COLOR_NAMES = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
 _UV_NAMES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
+_TEXTURE = re.compile(
+    rb"\s*comment\s+TextureFile\s+(.*\S)", re.IGNORECASE
+)  # of MeshLab, and all that read and write alike
+
+Load = Callable[[bytes], bytes | None]
+Columns = dict[str, NDArray[Any]]
+Lists = dict[str, tuple[Int, NDArray[Any]]]  # their lengths, and the values one after another
 
 
 @dataclass(frozen=True)
@@ -61,11 +73,12 @@ class Element:
 @dataclass(frozen=True)
 class Header:
     """What a PLY declares, and where its body starts. ASCII numbers are parsed as doubles: ``kind`` still says what
-    they were, since colours are scaled by their type."""
+    they were, since colours are scaled by their type. ``textures`` are names of files, in whatever code page."""
 
     format: str
     elements: tuple[Element, ...]
     end: int
+    textures: tuple[bytes, ...] = ()
 
     def element(self, name: str) -> Element | None:
         """The element of this name, if any."""
@@ -79,7 +92,7 @@ class Header:
 
 
 def parse_header(data: bytes) -> Header:
-    """Read a PLY header.
+    """Read a PLY header; lines that start with a word of no meaning there, as old exporters write them, are skipped.
 
     Raises:
         MeshmarkError: ``malformed_file``, or ``truncated_file`` where the header never ends.
@@ -89,12 +102,12 @@ def parse_header(data: bytes) -> Header:
     if marker < 0:
         raise truncated("The PLY header never ends.")
     end += 2 if data[end : end + 2] == b"\r\n" else 1
-    file_format, elements = "", []
-    for line in data[:marker].decode("ascii", "replace").splitlines()[1:]:
-        words = line.split()
-        match words:
-            case [] | ["comment" | "obj_info", *_]:
-                pass
+    file_format, elements, textures = "", [], []
+    for raw in data[:marker].splitlines()[1:]:
+        if (texture := _TEXTURE.fullmatch(raw)) is not None:
+            textures.append(texture[1])
+        line = raw.decode("ascii", "replace")
+        match line.split():
             case ["format", name, _] if name in _BYTE_ORDERS:
                 file_format = name
             case ["element", name, count] if count.isdecimal() and len(count) < 19:
@@ -103,17 +116,48 @@ def parse_header(data: bytes) -> Header:
                 elements[-1][2].append(Property(name, _TYPES[kind], _TYPES[count_kind]))
             case ["property", kind, name] if elements and kind in _TYPES:
                 elements[-1][2].append(Property(name, _TYPES[kind]))
-            case _:
+            case ["format" | "element" | "property", *_]:
                 raise malformed(f"The PLY header has a line that is not understood: {line.strip()[:60]!r}.")
     if not file_format:
         raise malformed("The PLY header does not say whether the file is text or binary.")
-    return Header(file_format, tuple(Element(name, count, tuple(columns)) for name, count, columns in elements), end)
+    tables = tuple(Element(name, count, tuple(columns)) for name, count, columns in elements)
+    return Header(file_format, tables, end, tuple(textures))
 
 
-def read_ply(data: bytes, budgets: Budgets) -> Assembly:
+def read_ply_zip(archive: Archive, budgets: Budgets) -> Assembly:
+    """The one PLY of an archive with the textures that its comments name; see :func:`read_ply`.
+
+    Raises:
+        MeshmarkError: as :func:`read_ply`; ``unsupported_feature`` where there are several.
+    """
+    name = archive.only(".ply")
+
+    def load(path: bytes) -> bytes | None:
+        found = archive.locate(path, name, escaped=False)
+        return None if found is None else archive.read(found)
+
+    data = archive.read(name)
+    assembly = read_ply(data, budgets, load)
+    images = [entry for entry in archive.names if entry.lower().endswith(IMAGE_ENDINGS)]
+    if images and not parse_header(data).textures and "TEXCOORD_0" in assembly.bodies[0].attributes:
+        assembly.warnings.append(
+            dropped(
+                f"The PLY has texture coordinates but names no texture; {images[0][:60]!r} beside it is not used.",
+                f"Add the line 'comment TextureFile {images[0][:60]}' to its header.",
+            )
+        )
+    return assembly
+
+
+def read_ply(data: bytes, budgets: Budgets, load: Load = lambda _path: None) -> Assembly:
     """Read the vertices and faces (or triangle strips) of a PLY that passed the gate; every other element is skipped.
 
-    Vertex colours win over face colours. Texture files named in comments are never opened.
+    Vertex colours win over face colours.
+
+    Args:
+        data: the file.
+        budgets: bounds corners, triangles and the pixels of textures.
+        load: the bytes of a texture by the name in a comment; ``None`` where it is not in the upload.
 
     Raises:
         MeshmarkError: ``malformed_file``, ``truncated_file`` or ``budget_exceeded``.
@@ -130,19 +174,43 @@ def read_ply(data: bytes, budgets: Budgets) -> Assembly:
         if {"vertex", surface.name} <= tables.keys():
             break
         tables[element.name], offset = _read_element(element, body, offset, _BYTE_ORDERS[header.format])
-    vertex, face = tables["vertex"], tables[surface.name]
-    sizes, corners = next(face[name] for name in FACE_LISTS if name in face)
+    (vertex, _), (face, lists) = (_numbers_and_lists(tables[name]) for name in ("vertex", surface.name))
+    sizes, corners = next(lists[name] for name in FACE_LISTS if name in lists)
     if corners.dtype.kind == "f" and not np.all(np.isfinite(corners) & (corners == np.floor(corners))):
         raise malformed("A face of the PLY has a vertex number that is not an integer.")
     corners = np.clip(corners, -1, 2**53).astype(np.int64)
     if surface.name == STRIPS:
-        corners, face = _strip_corners(sizes, corners), {}
+        corners, face, lists = _strip_corners(sizes, corners), {}, {}
         sizes = np.full(len(corners) // 3, 3)
     check_sizes(sizes, budgets)
     positions = _matrix(vertex, "xyz")
     mesh = PolygonMesh(positions, corners, sizes, np.zeros(len(sizes), np.int64))
-    mesh.attributes.update(_attributes(header, vertex, face, mesh))
-    return single(mesh, [])
+    mesh.attributes.update(_attributes(header, vertex, face, lists, mesh))
+    warnings: list[MeshmarkError] = []
+    if header.textures:
+        mesh = _textured(mesh, header, face, load, warnings)
+        check_pixels(mesh.materials, budgets)
+    return single(mesh, warnings)
+
+
+def _textured(
+    mesh: PolygonMesh, header: Header, face: Columns, load: Load, warnings: list[MeshmarkError]
+) -> PolygonMesh:
+    """The mesh with its textures, of which the faces have a number where there are several."""
+    if "TEXCOORD_0" not in mesh.attributes:
+        name = decode(header.textures[0])[:60]
+        warnings.append(dropped(f"The PLY has no texture coordinates, so its texture {name!r} is dropped."))
+        return mesh
+    number = np.asarray(face.get("texnumber", np.zeros(len(mesh.sizes))), np.float64)
+    count = len(header.textures)
+    used = np.where((number >= 0) & (number < count), number, count).astype(np.int64)  # none where out of range
+    images = {number: header.textures[number] for number in np.unique(used).tolist() if number < count}
+    materials = [Material()] * (count + 1)
+    for at, path in images.items():
+        materials[at] = Material(texture=usable_image(decode(path), load(path), warnings))
+    if unused := [decode(path)[:60] for at, path in enumerate(header.textures) if at not in images]:
+        warnings.append(dropped(f"No face of the PLY is in its texture {unused[0]!r}, which is dropped."))
+    return replace(mesh, group=used, materials=tuple(materials))
 
 
 def _strip_corners(sizes: Int, corners: Int) -> Int:
@@ -161,13 +229,19 @@ def _strip_corners(sizes: Int, corners: Int) -> Int:
     return np.asarray(triangles[(a != b) & (b != c) & (c != a)].ravel())
 
 
+def _numbers_and_lists(table: dict[str, Any]) -> tuple[Columns, Lists]:
+    """The columns of a table that are numbers, and those that are lists."""
+    lists = {name: column for name, column in table.items() if isinstance(column, tuple)}
+    return {name: column for name, column in table.items() if name not in lists}, lists
+
+
 def _as_doubles(element: Element) -> Element:
     columns = (Property(column.name, "d", "d" if column.count_kind else "") for column in element.properties)
     return Element(element.name, element.count, tuple(columns))
 
 
 def _attributes(
-    header: Header, vertex: dict[str, Any], face: dict[str, Any], mesh: PolygonMesh
+    header: Header, vertex: Columns, face: Columns, lists: Lists, mesh: PolygonMesh
 ) -> dict[str, Attribute]:
     """Normals, texture coordinates and colours of the vertices, else of the corners or faces."""
     attributes = {}
@@ -176,9 +250,9 @@ def _attributes(
     names = next((names for names in _UV_NAMES if set(names) <= vertex.keys()), None)
     if names:
         attributes["TEXCOORD_0"] = Attribute(_flip(_matrix(vertex, names)), mesh.corners)
-    elif "texcoord" in face and np.array_equal(face["texcoord"][0], 2 * mesh.sizes):
-        uv = _matrix({"uv": face["texcoord"][1]}, ["uv"]).reshape(-1, 2)
-        attributes["TEXCOORD_0"] = Attribute(_flip(uv), weld(uv))
+    elif "texcoord" in lists:
+        lengths, values = lists["texcoord"]
+        attributes["TEXCOORD_0"] = _corner_uv(lengths, values, mesh.sizes)
     if (colors := _colors(header, "vertex", vertex)) is not None:
         attributes["COLOR_0"] = Attribute(colors, mesh.corners)
     elif (colors := _colors(header, "face", face)) is not None:
@@ -186,7 +260,7 @@ def _attributes(
     return attributes
 
 
-def _matrix(table: dict[str, Any], names: Iterable[str]) -> Float:
+def _matrix(table: Columns, names: Iterable[str]) -> Float:
     """(N, n) columns of a table as numbers."""
     with np.errstate(invalid="ignore"):  # a signalling NaN is as good as any other
         return np.column_stack([table[name].astype(np.float64) for name in names])
@@ -196,8 +270,18 @@ def _flip(uv: Float) -> Float:
     return np.column_stack([uv[:, 0], 1 - uv[:, 1]])
 
 
-def _colors(header: Header, name: str, table: dict[str, Any]) -> Float | None:
-    """(N, 4) colours in 0-1; integers are fractions of the largest number of their type."""
+def _corner_uv(lengths: Int, values: NDArray[Any], sizes: Int) -> Attribute:
+    """Texture coordinates out of a list for each face, which has one pair for each corner, or none for any."""
+    has = lengths == 2 * sizes
+    uv = _matrix({"uv": values[np.repeat(has, lengths)]}, ["uv"]).reshape(-1, 2)
+    index = np.full(int(sizes.sum()), -1)
+    if len(uv):
+        index[np.repeat(has, sizes)] = weld(uv)
+    return Attribute(_flip(uv), index)
+
+
+def _colors(header: Header, name: str, table: Columns) -> Float | None:
+    """(N, 4) colours in 0-1: bytes are fractions of 255, numbers of other types of what they plainly go up to."""
     names = next((names for names in _COLOR_NAMES if set(names) <= table.keys()), None)
     element = header.element(name)
     if names is None or element is None:
@@ -206,9 +290,10 @@ def _colors(header: Header, name: str, table: dict[str, Any]) -> Float | None:
     rgba = np.ones((len(table[names[0]]), 4))
     for column, channel in enumerate((*names, names[0].replace("red", "alpha"))):
         if channel in table:
-            scale = {"B": 255.0, "H": 65535.0, "f": 1.0, "d": 1.0}.get(kinds[channel], 255.0)
-            rgba[:, column] = table[channel] / scale
-    return rgba
+            rgba[:, column] = _matrix(table, [channel])[:, 0]
+            if kinds[channel] in "bB":  # a signed byte is the same eight bits
+                rgba[:, column] = rgba[:, column] % 256 / 255
+    return color_fractions(rgba)
 
 
 def _read_element(element: Element, body: memoryview, offset: int, order: str) -> tuple[dict[str, Any], int]:
@@ -222,52 +307,70 @@ def _read_element(element: Element, body: memoryview, offset: int, order: str) -
             for column in element.properties
         }, offset
     # Most files have lists of one length throughout: then the element is one table.
-    lengths, _ = _walk_row(element, body, offset, order)
-    row_bytes = _row_dtype(element, lengths, order).itemsize
+    lengths, _ = _walk(element, 1, body, offset, order)
+    shape = tuple(lengths[0].tolist())
+    row_bytes = _row_dtype(element, shape, order).itemsize
     if offset + row_bytes * element.count <= len(body):
-        rows = _table(element, lengths, body, offset, order)
-        if all(np.all(rows[f"{column} length"] == length) for column, length in enumerate(lengths)):
+        rows = _table(element, shape, body, offset, order)
+        if all(np.all(rows[f"{column} length"] == length) for column, length in enumerate(shape)):
             everything = np.arange(element.count)
-            return _columns(element, np.tile(lengths, (element.count, 1)), [(everything, rows)]), offset + rows.nbytes
+            return _columns(element, np.tile(shape, (element.count, 1)), [(everything, rows)]), offset + rows.nbytes
     return _read_uneven(element, body, offset, order)
 
 
 def _read_uneven(element: Element, body: memoryview, offset: int, order: str) -> tuple[dict[str, Any], int]:
     """The same for lists of several lengths: walk the rows, then gather those of equal lengths together."""
-    lengths, starts = [], [offset]
-    for _ in range(element.count):
-        row_lengths, offset = _walk_row(element, body, offset, order)
-        lengths.append(row_lengths)
-        starts.append(offset)
-    start, length = np.asarray(starts[:-1]), np.asarray(lengths, np.int64)
-    kinds, kind = np.unique(length, axis=0, return_inverse=True)
+    length, end = _walk(element, element.count, body, offset, order)
+    start = np.concatenate([[offset], end[:-1]])
+    kind = group_rows(length.astype(np.uint32))
+    first = np.unique(kind, return_index=True)[1]
     by_kind = np.argsort(kind, kind="stable")
-    bounds = np.concatenate([[0], np.cumsum(np.bincount(kind.ravel()))])
+    bounds = np.concatenate([[0], np.cumsum(np.bincount(kind))])
     buffer, groups = np.frombuffer(body, np.uint8), []
-    for shape, (low, high) in zip(kinds.tolist(), pairwise(bounds.tolist()), strict=True):
-        rows = by_kind.ravel()[low:high]
+    for shape, (low, high) in zip(length[first].tolist(), pairwise(bounds.tolist()), strict=True):
+        rows = by_kind[low:high]
         dtype = _row_dtype(element, tuple(shape), order)
         groups.append((rows, buffer[start[rows][:, None] + np.arange(dtype.itemsize)].view(dtype)[:, 0]))
-    return _columns(element, length, groups), offset
+    return _columns(element, length, groups), int(end[-1])
 
 
-def _walk_row(element: Element, body: memoryview, offset: int, order: str) -> tuple[tuple[int, ...], int]:
-    """The list lengths of the row at ``offset``, and the offset of the next row."""
-    lengths = []
+def _walk(element: Element, count: int, body: memoryview, offset: int, order: str) -> tuple[Int, Int]:
+    """The list lengths (count, L) of the rows from ``offset`` on, and where each ends.
+
+    A row starts where the one before ends, so that this is one step after another: they are kept small.
+    """
+    steps, fixed = [], 0  # of each list: the bytes from the end of the one before to its length, and how to read it
     for column in element.properties:
         if column.count_kind:
-            if offset + struct.calcsize(order + column.count_kind) > len(body):
-                raise _truncated(element)
-            length = struct.unpack_from(order + column.count_kind, body, offset)[0]
-            if not 0 <= length < 2**31 or length != int(length):
-                raise malformed(f"A {element.name} of the PLY has a list of {length} numbers.")
-            lengths.append(int(length))
-            offset += struct.calcsize(order + column.count_kind) + int(length) * struct.calcsize(order + column.kind)
+            reader = struct.Struct(order + column.count_kind)
+            steps.append((fixed, reader.unpack_from, reader.size, struct.calcsize(order + column.kind)))
+            fixed = 0
         else:
-            offset += struct.calcsize(order + column.kind)
-    if offset > len(body):
+            fixed += struct.calcsize(order + column.kind)
+    lengths, ends, at = [], [], offset
+    try:
+        for _ in range(count):
+            for before, unpack, width, item in steps:
+                at += before
+                (length,) = unpack(body, at)
+                if not 0 <= length < 2**31:
+                    raise _no_length(element, length)
+                lengths.append(length)
+                at += width + int(length) * item
+            at += fixed
+            ends.append(at)
+    except struct.error:
+        raise _truncated(element) from None
+    if at > len(body):
         raise _truncated(element)
-    return tuple(lengths), offset
+    table = np.asarray(lengths, np.float64).reshape(count, len(steps))
+    if np.any(broken := table != np.floor(table)):
+        raise _no_length(element, float(table[broken][0]))
+    return table.astype(np.int64), np.asarray(ends)
+
+
+def _no_length(element: Element, length: float) -> MeshmarkError:
+    return malformed(f"A {element.name} of the PLY has a list of {length} numbers.")
 
 
 def _row_dtype(element: Element, lengths: tuple[int, ...], order: str) -> np.dtype[Any]:

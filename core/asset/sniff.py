@@ -14,15 +14,29 @@ class Format(StrEnum):
 
     GLB = "glb"
     GLTF = "gltf"
-    GLTF_ZIP = "gltf+zip"
-    OBJ_ZIP = "obj+zip"
-    THREEMF = "3mf"
-    DAE = "dae"
-    DAE_ZIP = "dae+zip"
     OBJ = "obj"
     STL = "stl"
     PLY = "ply"
     OFF = "off"
+    THREEMF = "3mf"
+    DAE = "dae"
+    GLTF_ZIP = "gltf+zip"
+    OBJ_ZIP = "obj+zip"
+    DAE_ZIP = "dae+zip"
+    GLB_ZIP = "glb+zip"
+    PLY_ZIP = "ply+zip"
+    THREEMF_ZIP = "3mf+zip"
+    OFF_ZIP = "off+zip"
+    STL_ZIP = "stl+zip"
+
+    @property
+    def inner(self) -> "Format":
+        """The format of the model itself, out of its archive."""
+        return Format(self.removesuffix("+zip"))
+
+
+# The first kind of which an archive holds a model is read: those that bring textures along before those that do not.
+_IN_ARCHIVE = tuple(each for each in Format if each.inner is not each)
 
 
 _HEAD = 4096
@@ -110,26 +124,31 @@ def _is_printable(data: bytes) -> bool:
     return re.search(rb"[\x00-\x08\x0e-\x1f\x7f]", data) is None
 
 
+def model_in(archive: Archive, file_format: Format) -> str:
+    """The name of the one model of this format (``...+zip``) in an archive.
+
+    Raises:
+        MeshmarkError: ``unsupported_feature`` where there are several.
+    """
+    return archive.only(f".{file_format.inner}")
+
+
+def models_beside(archive: Archive, file_format: Format) -> list[str]:
+    """The names of the models of other formats in an archive, which are not read."""
+    endings = tuple(f".{each.inner}" for each in _IN_ARCHIVE if each is not file_format)
+    return [name for name in archive.names if name.lower().endswith(endings)]
+
+
 def _archive_format(archive: Archive) -> Format:
     """What a ZIP holds, by the names in its directory; nothing is unpacked."""
     names = [name.lower() for name in archive.names]
-    for suffixes, file_format in (
-        ((".model",), Format.THREEMF),
-        ((".gltf",), Format.GLTF_ZIP),
-        ((".obj",), Format.OBJ_ZIP),
-        ((".dae",), Format.DAE_ZIP),
-    ):
-        if any(name.endswith(suffixes) for name in names):
+    if any(name.endswith(".model") for name in names):
+        return Format.THREEMF
+    for file_format in _IN_ARCHIVE:
+        if any(name.endswith(f".{file_format.inner}") for name in names):
             return file_format
     if any(name.endswith((".usdc", ".usda", ".usd")) for name in names):
         raise _unsupported("a USDZ package")
-    if single := [name for name in names if name.endswith((".glb", ".stl", ".ply", ".off"))]:
-        raise MeshmarkError(
-            ErrorCode.UNSUPPORTED_FORMAT,
-            f"The file is a ZIP archive of {len(names):,} files with {single[0][:60]!r} in it, "
-            "a kind of model that needs no archive.",
-            "Unpack it and send the GLB, STL, PLY or OFF itself.",
-        )
     raise _unsupported("a ZIP archive without a model that is read")
 
 

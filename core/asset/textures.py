@@ -8,6 +8,8 @@ from core.asset.images import image_size, mime_type
 from core.asset.polygons import Material
 from core.errors import MeshmarkError
 
+IMAGE_ENDINGS = (".png", ".jpg", ".jpeg", ".webp")
+
 
 def usable_image(path: str, image: bytes | None, warnings: list[MeshmarkError]) -> bytes | None:
     """An encoded image if a glTF can hold it; otherwise a warning and ``None``."""

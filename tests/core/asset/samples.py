@@ -202,6 +202,11 @@ SAMPLES = {
     "3mf": THREEMF,
     "dae": DAE,
     "dae+zip": zipped({"cube.dae": DAE}),
+    "glb+zip": zipped({"a/cube.glb": GLB, "a/LICENSE.txt": "CC0", "a/preview.png": png(9, 9, 9)}),
+    "ply+zip": zipped({"cube.ply": PLY_ASCII, "readme.md": "a cube"}),
+    "3mf+zip": zipped({"cube.3mf": THREEMF, "license": "CC0"}),
+    "off+zip": zipped({"cube.off": OFF, "preview.jpg": "x"}),
+    "stl+zip": zipped({"files/Cube.STL": STL_BINARY, "LICENSE.txt": "CC0", "images/cube.png": png(9, 9, 9)}),
 }
 
 

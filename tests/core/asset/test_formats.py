@@ -29,6 +29,7 @@ from tests.core.asset.samples import (
     ply_binary,
     triangle_count,
     triangle_points,
+    zipped,
 )
 from tests.validator import error_counts
 
@@ -54,6 +55,14 @@ def _attribute(document: Document, name: str, primitive: int = 0) -> list[Any]:
 
 def test_a_glb_is_taken_as_it_is() -> None:
     assert to_document(GLB, Format.GLB).to_glb() == GLB
+
+
+def test_a_model_of_another_kind_beside_the_one_that_is_read_is_said() -> None:
+    document = _convert(zipped({"a.stl": STL_BINARY, "b.ply": PLY_ASCII, "c.off": OFF, "LICENSE": "CC0"}))
+    assert [warning.message for warning in document.warnings] == [
+        "The archive holds several models; 'b.ply' is read, 'a.stl' and 1 more not."
+    ]
+    assert document.json["materials"][0]["pbrMetallicRoughness"]["baseColorFactor"] == [1, 1, 1, 1]
 
 
 @pytest.mark.parametrize("name", [name for name in SAMPLES if not name.startswith("gl")])

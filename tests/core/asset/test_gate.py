@@ -16,7 +16,18 @@ from core.asset.gate import admit
 from core.asset.sniff import Format
 from core.errors import ErrorCode, MeshmarkError
 from tests.core.asset.meshes import MESHES
-from tests.core.asset.samples import GLB, OBJ, OFF, PLY_ASCII, PLY_STRIPS, SAMPLES, STL_ASCII, STL_BINARY, ply_binary
+from tests.core.asset.samples import (
+    GLB,
+    OBJ,
+    OFF,
+    PLY_ASCII,
+    PLY_STRIPS,
+    SAMPLES,
+    STL_ASCII,
+    STL_BINARY,
+    ply_binary,
+    zipped,
+)
 from tests.cost import cost
 
 
@@ -83,7 +94,6 @@ def test_unknown_content_is_refused_saying_what_it_looks_like(data: bytes, seen:
     [
         (_archive("scene.usdc"), "USDZ"),
         (_archive("readme.txt"), "without a model"),
-        (_archive("cow.stl", "readme.txt"), "needs no archive"),
         (b"Kaydara FBX Binary  \x00\x1a\x00" + bytes(40), "FBX"),
         (b"PXR-USDC" + bytes(40), "USD"),
         *((kind + b"\1\0\0\0" + bytes(40), kind.decode()) for kind in (b"b3dm", b"i3dm", b"pnts", b"cmpt")),
@@ -95,6 +105,36 @@ def test_other_3d_formats_are_refused_by_name_with_a_way_out(data: bytes, seen: 
     assert error.code is ErrorCode.UNSUPPORTED_FORMAT
     assert seen in error.message
     assert "GLB" in error.remedy
+
+
+@pytest.mark.parametrize("ending", ["glb", "ply", "3mf", "off", "stl", "obj", "dae", "gltf"])
+def test_two_models_of_a_kind_in_one_archive_are_refused_by_name(ending: str) -> None:
+    error = _refusal(_archive(f"cow.{ending}", f"pig.{ending.upper()}", "readme.txt"))
+    assert error.code is ErrorCode.UNSUPPORTED_FEATURE
+    assert f"'cow.{ending}', 'pig.{ending.upper()}'" in error.message
+
+
+@pytest.mark.parametrize("ending", ["glb", "ply", "3mf", "off", "stl"])
+def test_a_model_in_an_archive_that_is_another_thing_is_refused_as_that(ending: str) -> None:
+    assert "plain text" in _refusal(_archive(f"cow.{ending}")).message
+    other, kind = (OBJ, "obj") if ending != "obj" else (OFF, "off")
+    error = _refusal(zipped({f"cow.{ending}": other}))
+    assert error.code is ErrorCode.MALFORMED_FILE
+    assert f"kind {kind}" in error.message
+    assert "empty" in _refusal(zipped({f"cow.{ending}": b""})).message
+
+
+def test_an_archive_in_an_archive_is_refused_also_as_a_3mf() -> None:
+    inner = zipped({"a.obj": OBJ})
+    assert "another archive" in _refusal(zipped({"a.obj": OBJ, "b.zip": inner})).message
+    assert "obj+zip" in _refusal(zipped({"b.3mf": inner})).message
+    assert "3mf+zip" in _refusal(zipped({"b.3mf": SAMPLES["3mf+zip"]})).message
+
+
+def test_what_a_3mf_in_an_archive_unpacks_to_is_bounded_twice() -> None:
+    bomb = zipped({"3D/3dmodel.model": bytes(50 * 2**20)})
+    assert len(zipped({"a.3mf": bomb})) < 100_000
+    assert _refusal(zipped({"a.3mf": bomb})).code is ErrorCode.BUDGET_EXCEEDED
 
 
 @pytest.mark.parametrize("data", [OBJ.replace(b"\nf ", b"\nl "), b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"])

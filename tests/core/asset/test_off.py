@@ -1,9 +1,14 @@
+import contextlib
 import struct
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from core.asset.budgets import Budgets
+from core.asset.formats import to_document
+from core.asset.gate import admit
 from core.asset.off import parse_header, read_off
 from core.asset.polygons import PolygonMesh
 from core.errors import ErrorCode, MeshmarkError
@@ -136,8 +141,90 @@ def test_binary_vertices_have_the_columns_of_the_prefix() -> None:
     assert mesh.attributes["COLOR_0"].values.tolist() == [[1, 0, 0.5, 1]] * 3
 
 
-@pytest.mark.parametrize("faces", [struct.pack(">5i", 3, 0, 1, 2, 9), struct.pack(">4i", 3, 0, 1, 2), b"\xff" * 20])
+@pytest.mark.parametrize("faces", [struct.pack(">5i", 3, 0, 1, 2, 9), struct.pack(">3i", 3, 0, 1), b"\xff" * 20])
 def test_binary_faces_that_end_early_are_refused(faces: bytes) -> None:
     with pytest.raises(MeshmarkError) as caught:
         _binary(b"OFF", [[0.0, 0, 0]] * 3, faces, 1)
     assert caught.value.code is ErrorCode.TRUNCATED_FILE
+
+
+_FACES = st.lists(st.lists(st.integers(0, 3), min_size=1, max_size=6), min_size=1, max_size=8)
+_COLORS = st.lists(st.sampled_from([[], [1.0, 0.5, 0.0], [0.0, 0.25, 1.0, 0.5]]), min_size=8, max_size=8)
+SQUARE = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]
+
+
+def _words(order: str, faces: list[list[int]], colors: list[list[float]] | None) -> bytes:
+    """A binary OFF of the square's corners; without ``colors`` faces have no number of components either."""
+    data = (
+        b"OFF BINARY\n"
+        + struct.pack(f"{order}3I", 4, len(faces), 0)
+        + struct.pack(f"{order}12f", *(value for point in SQUARE for value in point))
+    )
+    for number, face in enumerate(faces):
+        data += struct.pack(f"{order}{1 + len(face)}I", len(face), *face)
+        if colors is not None:
+            color = colors[number]
+            data += struct.pack(f"{order}I{len(color)}f", len(color), *color)
+    return data
+
+
+@given(order=st.sampled_from("<>"), faces=_FACES, colors=st.one_of(st.none(), _COLORS))
+def test_binary_files_of_either_byte_order_with_and_without_colours_are_told_apart(
+    order: str, faces: list[list[int]], colors: list[list[float]] | None
+) -> None:
+    data = _words(order, faces, colors)
+    admit(data)
+    mesh = read_off(data, Budgets()).bodies[0]
+    assert mesh.positions.tolist() == SQUARE
+    assert mesh.sizes.tolist() == [len(face) for face in faces]
+    assert mesh.corners.tolist() == [corner for face in faces for corner in face]
+    painted = [bool(color) for color in (colors or [])[: len(faces)]]
+    if any(painted):
+        index = mesh.attributes["COLOR_0"].index
+        assert (index >= 0).tolist() == np.repeat(painted, mesh.sizes).tolist()
+    else:
+        assert not mesh.attributes
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_a_binary_file_that_is_cut_off_is_called_so_with_its_own_counts(order: str) -> None:
+    data = _words(order, [[0, 1, 2], [0, 2, 3]], None)
+    for cut in (data[:-4], data[:-40]):
+        with pytest.raises(MeshmarkError, match="4 vertices and 2 faces") as caught:
+            to_document(cut, admit(cut))
+        assert caught.value.code is ErrorCode.TRUNCATED_FILE
+
+
+def test_a_binary_header_that_fits_in_no_byte_order_is_read_in_the_likelier_one() -> None:
+    header = parse_header(b"OFF BINARY\n" + struct.pack("<3I", 5000, 9000, 0) + bytes(100))
+    assert (header.vertices, header.faces) == (5000, 9000)
+
+
+@pytest.mark.parametrize(
+    ("rows", "colors"),
+    [
+        (["0.9 0.5 0 1", "1.00391 0.5 0 1"], [[0.9, 0.5, 0, 1], [1, 0.5, 0, 1]]),
+        (["255 102 0 255", "0 0 0 51"], [[1, 0.4, 0, 1], [0, 0, 0, 0.2]]),
+        (["255 102 0 1", "0 0 0 1"], [[1, 0.4, 0, 1], [0, 0, 0, 1]]),
+        (["200.5 0 0 1", "1 1 1 1"], [[200.5 / 255, 0, 0, 1], [1 / 255, 1 / 255, 1 / 255, 1]]),
+    ],
+)
+def test_colours_of_any_range_are_fractions_of_what_they_plainly_go_up_to(rows: list[str], colors: object) -> None:
+    vertices = "".join(f"{number} 0 {number * number} {rows[number % 2]}\n" for number in range(4))
+    mesh = _read(f"COFF\n4 1 0\n{vertices}4 0 1 2 3\n")
+    np.testing.assert_allclose(mesh.attributes["COLOR_0"].values[:2], np.array(colors))
+    faces = "".join(f"3 0 1 {2 + number} {row}\n" for number, row in enumerate(rows))
+    mesh = _read(f"OFF\n4 2 0\n{BODY}{faces}")
+    np.testing.assert_allclose(mesh.attributes["COLOR_0"].values, np.array(colors))
+
+
+@given(st.lists(st.one_of(st.integers(-2, 9), st.floats(width=32)), max_size=30), st.integers(0, 4), st.integers(0, 4))
+def test_any_numbers_behind_a_header_are_read_or_refused(numbers: list[float], vertices: int, faces: int) -> None:
+    text = f"OFF {vertices} {faces} 0\n{' '.join(map(str, numbers))}".encode()
+    words = b"".join(struct.pack("<i" if isinstance(number, int) else "<f", number) for number in numbers)
+    for data in (text, b"OFF BINARY\n" + struct.pack("<3I", vertices, faces, 0) + words):
+        with contextlib.suppress(MeshmarkError):
+            admit(data)
+            mesh = read_off(data, Budgets()).bodies[0]
+            assert len(mesh.positions) == vertices
+            assert len(mesh.sizes) == faces
