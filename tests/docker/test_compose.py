@@ -173,7 +173,7 @@ def test_its_processes_with_its_settings_watermark_an_asset(machine: Machine, tm
         api.client.headers["Authorization"] = f"Bearer {key[0]}"
         response = api.submit(CUBE, '{"text": "HI", "count": 1, "evaluate": "none"}')
         assert response.status_code == 202, response.text
-        job = api.wait_for(response.headers["Location"], "succeeded", 90)
+        job = api.wait_for(response.headers["Location"], "succeeded")
         assert api.client.get(job["links"]["model"]).content.startswith(b"glTF")
         assert api.client.get("/readyz").status_code == 200
         probe = [sys.executable, *SERVICES["worker"]["healthcheck"]["test"][2:]]

@@ -1,6 +1,7 @@
 """Real processes for the tests of the service: API, worker, Redis, each on a free port and in a folder of its own."""
 
 import contextlib
+import itertools
 import os
 import random
 import shutil
@@ -17,7 +18,7 @@ import httpx2
 import pytest
 
 from tests.worker.engines import asset
-from tests.worker.waiting import wait_until
+from tests.worker.waiting import PATIENCE, wait_until
 
 EMBEDDED = (
     "import os, sys\n"
@@ -31,11 +32,25 @@ WORKER_COMMAND = [sys.executable, "-m", "celery", "-A", "tests.worker.apps", "wo
 
 
 def free_port() -> int:
-    """One below those that the kernel lends to connections: a server that is started again finds it free again."""
+    """One below those that the kernel lends to connections: a server that is started again finds it free again.
+
+    Each process of the suite has a share of its own, and gives no port twice before it has given all: what it gave
+    may not be listened on yet.
+    """
     while True:
+        port = next(_ports)
         with contextlib.suppress(OSError), socket.socket() as probe:
-            probe.bind(("127.0.0.1", random.randint(10_000, 32_767)))
-            return int(probe.getsockname()[1])
+            probe.bind(("127.0.0.1", port))
+            return port
+
+
+def _share() -> Iterator[int]:
+    number = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+    ports = range(10_000, 32_768)[number :: int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))]
+    return itertools.cycle(random.sample(ports, len(ports)))
+
+
+_ports = _share()
 
 
 @contextmanager
@@ -53,7 +68,7 @@ def running(
         if process.poll() is None:
             process.send_signal(signal.SIGTERM)
         try:
-            process.wait(15)
+            process.wait(PATIENCE)
         finally:
             process.kill()
 
@@ -81,7 +96,7 @@ class Service:
 
     def __init__(self, folder: Path, **settings: str) -> None:
         port = free_port()
-        values = {"port": str(port), "data_dir": os.fspath(folder / "data"), "lease_seconds": "1.5"}
+        values = {"port": str(port), "data_dir": os.fspath(folder / "data"), "lease_seconds": "5"}
         values |= {"shutdown_seconds": "0", **settings}
         self.environment = {f"MESHMARK_{name.upper()}": value for name, value in values.items()}
         self.url = f"http://127.0.0.1:{port}"
@@ -91,7 +106,7 @@ class Service:
         """Start the processes and wait until the API answers."""
         with ExitStack() as stack:
             processes = [stack.enter_context(running(command, self.environment)) for command in commands]
-            self.client = stack.enter_context(httpx2.Client(base_url=self.url, timeout=20))
+            self.client = stack.enter_context(httpx2.Client(base_url=self.url, timeout=PATIENCE))
             wait_until(self.is_up)
             yield processes
 
@@ -116,9 +131,9 @@ class Service:
         assert response.status_code == 200, response.text
         return dict(response.json())
 
-    def wait_for(self, url: str, state: str, seconds: float = 30) -> dict[str, Any]:
+    def wait_for(self, url: str, state: str) -> dict[str, Any]:
         ended = {"succeeded", "failed", "canceled", "expired"}
-        wait_until(lambda: self.job(url)["state"] in ended | {state}, seconds)
+        wait_until(lambda: self.job(url)["state"] in ended | {state})
         job = self.job(url)
         assert job["state"] == state, job
         return job

@@ -4,10 +4,12 @@ import httpx2
 from prometheus_client import Metric
 from prometheus_client.parser import text_string_to_metric_families
 
+from tests.worker.waiting import PATIENCE
+
 
 def scrape(port: int) -> list[Metric]:
     """The figures of the process that serves them at this port."""
-    response = httpx2.get(f"http://127.0.0.1:{port}/metrics", timeout=20)
+    response = httpx2.get(f"http://127.0.0.1:{port}/metrics", timeout=PATIENCE)
     assert response.status_code == 200
     return list(text_string_to_metric_families(response.text))
 

@@ -15,7 +15,7 @@ import psycopg
 import pytest
 
 from tests.service.harness import free_port
-from tests.worker.waiting import wait_until
+from tests.worker.waiting import PATIENCE, wait_until
 
 # What a crash of the machine would cost is no concern here, and speed is.
 FAST = ["fsync=off", "synchronous_commit=off", "full_page_writes=off"]
@@ -51,7 +51,7 @@ class Postgres:
     def stop(self) -> None:
         """Close every connection and end the server."""
         self._process.send_signal(signal.SIGINT)  # a "fast" shutdown, in PostgreSQL's words
-        self._process.wait(20)
+        self._process.wait(PATIENCE)
 
     def new_database(self) -> str:
         """The URL of a new, empty database."""

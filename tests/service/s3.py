@@ -62,7 +62,7 @@ def s3_server() -> Iterator[S3]:
             with socket.socket() as probe:
                 return probe.connect_ex(("127.0.0.1", port)) == 0
 
-        wait_until(listens, 60)
+        wait_until(listens)
         yield S3(f"http://127.0.0.1:{port}")
 
 

@@ -20,8 +20,23 @@ class SilentServer:
             while True:
                 self._lines.append(self._server.accept()[0])
 
+    def left(self) -> int:
+        """How many clients have given up waiting."""
+        return sum(map(_has_left, self._lines))
+
     def close(self) -> None:
         self._server.shutdown(socket.SHUT_RDWR)
         self._thread.join()
         for line in (self._server, *self._lines):
             line.close()
+
+
+def _has_left(line: socket.socket) -> bool:
+    try:
+        while line.recv(65_536, socket.MSG_DONTWAIT):
+            pass
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True
+    return True

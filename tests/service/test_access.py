@@ -16,6 +16,7 @@ from service.jobs.tenants import Scope, create_key, revoke_key
 from tests.service.conftest import Client, client_with
 from tests.service.harness import API_COMMAND, Service
 from tests.worker.engines import asset
+from tests.worker.waiting import PATIENCE
 
 DOCUMENT = yaml.safe_load(openapi())
 OPERATIONS = [
@@ -210,7 +211,7 @@ def test_a_service_without_keys_serves_the_default_tenant_alone(database_url: st
 def test_who_has_no_key_is_answered_before_the_asset_is_sent(tmp_path: Path) -> None:
     service = Service(tmp_path, auth="keys")
     with service.running(API_COMMAND), socket.create_connection(("127.0.0.1", int(service.url.split(":")[2]))) as line:
-        line.settimeout(10)
+        line.settimeout(PATIENCE)
         head = "POST /v1/watermarks HTTP/1.1\r\nHost: here\r\nContent-Length: 100000000\r\n"
         line.sendall(f"{head}Content-Type: multipart/form-data; boundary=x\r\n\r\n--x\r\n".encode())
         answer = b""

@@ -10,6 +10,7 @@ from pydantic import ValidationError
 from core.asset.budgets import DEFAULT_BUDGETS
 from service.config import Settings, load_settings
 from service.outbound.policy import Policy
+from tests.worker.waiting import PATIENCE
 
 
 def test_settings_come_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -89,7 +90,7 @@ def test_an_empty_variable_is_as_good_as_none(monkeypatch: pytest.MonkeyPatch) -
 def start(command: str, **variables: str) -> "subprocess.CompletedProcess[str]":
     environment = os.environ | {f"MESHMARK_{name.upper()}": value for name, value in variables.items()}
     return subprocess.run(
-        [sys.executable, "-m", *command.split()], env=environment, capture_output=True, text=True, timeout=60
+        [sys.executable, "-m", *command.split()], env=environment, capture_output=True, text=True, timeout=PATIENCE
     )
 
 

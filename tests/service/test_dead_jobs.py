@@ -9,6 +9,7 @@ from service.jobs.ledger import WORKER_LOST
 from service.jobs.models import Queue
 from service.jobs.queue import depth
 from tests.service.conftest import Client, client_with
+from tests.worker.waiting import PATIENCE
 
 
 def command(folder: Path, *arguments: str, code: int = 0) -> str:
@@ -18,7 +19,7 @@ def command(folder: Path, *arguments: str, code: int = 0) -> str:
         env=os.environ | {"MESHMARK_DATA_DIR": os.fspath(folder)},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=PATIENCE,
     )
     assert ended.returncode == code, ended.stderr
     return ended.stdout if code == 0 else ended.stderr

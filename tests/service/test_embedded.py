@@ -11,7 +11,7 @@ import psutil
 import pytest
 
 from tests.service.harness import API_COMMAND, EMBEDDED_COMMAND, Service
-from tests.worker.waiting import gone, wait_until
+from tests.worker.waiting import PATIENCE, gone, wait_until
 
 SPOT = (Path(__file__).parents[1] / "data" / "spot.glb").read_bytes()
 CUBE = b"""
@@ -105,7 +105,7 @@ def test_stopping_ends_api_worker_and_engine_and_the_job_goes_on_at_the_next_sta
         wait_until(lambda: service.job(url)["stage"] == "placing")
         family = psutil.Process(process.pid).children(recursive=True)
         process.send_signal(signal.SIGTERM)
-        assert process.wait(10) == 0
+        assert process.wait(PATIENCE) == 0
     assert len(family) == 3  # the worker, the template, and the engine's process
     assert all(map(gone, family))
     go.touch()
@@ -129,13 +129,13 @@ def test_one_command_starts_the_real_engine_and_a_solid_comes_back_watermarked(t
     with service.running([sys.executable, "-m", "service"]) as [process]:
         response = service.submit(CUBE, params='{"text": "HI", "count": 6, "evaluate": "none"}')
         assert response.status_code == 202, response.text
-        job = service.wait_for(response.headers["Location"], "succeeded", seconds=60)
+        job = service.wait_for(response.headers["Location"], "succeeded")
         assert service.client.get(job["links"]["model"]).content[:4] == b"glTF"
         report = service.client.get(job["links"]["report"]).json()
         assert report["schema"] == "meshmark.report/1"
         assert {mark["text"] for mark in report["watermarks"]} == {"HI"}
         process.send_signal(signal.SIGINT)
-        assert process.wait(10) == 0
+        assert process.wait(PATIENCE) == 0
 
 
 def test_a_worker_killed_in_the_middle_of_the_real_engine_loses_no_job(tmp_path: Path) -> None:
@@ -147,7 +147,7 @@ def test_a_worker_killed_in_the_middle_of_the_real_engine_loses_no_job(tmp_path:
         [template] = worker.children()
         [engine] = template.children()
         worker.kill()
-        job = service.wait_for(url, "succeeded", seconds=60)
+        job = service.wait_for(url, "succeeded")
         assert gone(template)
         assert gone(engine)
         assert (job["attempts"], job["error"]) == (2, None)

@@ -7,13 +7,14 @@ import pytest
 
 from service.config import Settings
 from tests.service.conftest import client_with
+from tests.worker.waiting import PATIENCE
 
 
 def keys(folder: Path, *arguments: str, code: int = 0) -> str:
     """What the command prints."""
     environment = os.environ | {"MESHMARK_DATA_DIR": os.fspath(folder), "MESHMARK_AUTH": "keys"}
     command = [sys.executable, "-m", "service", "keys", *arguments]
-    ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
+    ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=PATIENCE)
     assert ended.returncode == code, ended.stderr
     return ended.stdout if code == 0 else ended.stderr
 

@@ -24,7 +24,7 @@ from tests.service.harness import (
 from tests.service.metrics import label_values, scrape, value
 from tests.service.postgres import Postgres
 from tests.worker.engines import asset
-from tests.worker.waiting import wait_until
+from tests.worker.waiting import PATIENCE, wait_until
 
 
 class Fleet:
@@ -134,6 +134,6 @@ def test_a_port_that_is_taken_stops_the_process_with_a_line_that_says_so(command
     }
     environment = os.environ | {f"MESHMARK_{name}": text for name, text in settings.items()}
     with metrics_server("127.0.0.1", port):
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=PATIENCE)
     assert done.returncode != 0
     assert "the port of the metrics cannot be opened" in done.stderr

@@ -19,7 +19,7 @@ from tests.service.conftest import Client, client_with
 from tests.service.outbound.servers import LOOPBACK, Script, Server, read_request, replying, response, serving
 from tests.service.s3 import S3, bucket_settings
 from tests.worker.engines import asset
-from tests.worker.waiting import wait_until
+from tests.worker.waiting import PATIENCE, wait_until
 from worker.sweeper import sweep
 from worker.template import Template
 
@@ -226,11 +226,11 @@ def test_a_cancelled_job_ends_its_download(tmp_path: Path) -> None:
         url = post(client, address(server)).headers["Location"]
         thread = threading.Thread(target=client.run, args=(url,))
         thread.start()
-        assert dribbling.wait(5)
+        assert dribbling.wait(PATIENCE)
         wait_until(lambda: client.http.get(url).json()["stage"] == "fetching")
         client.http.delete(url)
-        assert stopped.wait(5)
-        thread.join(5)
+        assert stopped.wait(PATIENCE)
+        thread.join(PATIENCE)
         assert client.http.get(url).json()["state"] == "canceled"
         assert list(client.worker.scratch.iterdir()) == []
         assert list(client.artifacts.listing()) == []

@@ -12,6 +12,7 @@ from service.jobs.stores import open_store
 from service.stores import require_own_store, run_adopt_store
 from tests.service.postgres import postgres_server
 from tests.service.s3 import S3, Flaky, bucket_settings
+from tests.worker.waiting import PATIENCE
 
 
 @pytest.mark.parametrize("command", [["service", "api"], ["service"], ["worker"]])
@@ -19,7 +20,7 @@ def test_nothing_starts_on_a_store_of_another_ledger(command: list[str], tmp_pat
     require_own_store(Settings(data_dir=tmp_path))
     variables = {"MESHMARK_DATA_DIR": os.fspath(tmp_path), "MESHMARK_DATABASE_URL": f"sqlite:///{tmp_path / 'new'}"}
     ended = subprocess.run(
-        [sys.executable, "-m", *command], env=os.environ | variables, capture_output=True, text=True, timeout=60
+        [sys.executable, "-m", *command], env=os.environ | variables, capture_output=True, text=True, timeout=PATIENCE
     )
     assert ended.returncode == 2, ended.stderr
     assert "belongs to the database" in ended.stderr
@@ -55,7 +56,7 @@ def test_commands_say_so_too(command: list[str], tmp_path: Path) -> None:
         env=os.environ | variables,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=PATIENCE,
     )
     assert ended.returncode == 2
     assert ended.stderr.startswith("The database does not answer: ")

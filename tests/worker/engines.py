@@ -18,6 +18,7 @@ from typing import Any
 from core.asset.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
 from core.parameters import Parameters
+from tests.worker.waiting import PATIENCE
 
 WORKER = os.getppid()  # in the template that imports this, and in its children
 
@@ -147,7 +148,7 @@ def _outcome(attempt: Callable[[dict[str, Any]], object], order: dict[str, Any])
 
 
 def connect(order: dict[str, Any]) -> None:
-    socket.create_connection(("127.0.0.1", order["port"]), timeout=2)
+    socket.create_connection(("127.0.0.1", order["port"]), timeout=PATIENCE)
 
 
 def listen(_order: dict[str, Any]) -> None:

@@ -18,7 +18,7 @@ WORKER = [sys.executable, "-m", "tests.worker.apps"]
 def test_a_worker_that_sleeps_through_its_lease_changes_nothing_when_it_wakes(tmp_path: Path) -> None:
     go = tmp_path / "go"
     with redis_server(tmp_path) as broker:
-        service = Service(tmp_path, broker_url=broker, lease_seconds="1")
+        service = Service(tmp_path, broker_url=broker, lease_seconds="5")
         with service.running(API_COMMAND, WORKER) as (_, first):
             url = service.start_job(wait_for=os.fspath(go), sign=True)
             wait_until(lambda: service.job(url)["stage"] == "placing")

@@ -1,10 +1,13 @@
-import time
+from datetime import datetime, timedelta
 from pathlib import Path
 
-from service.jobs.ledger import WORKER_LOST, Ledger
+from sqlalchemy import update
+from structlog.testing import capture_logs
+
+from service.jobs.ledger import WORKER_LOST, Ledger, now
 from service.jobs.models import Job
 from tests.service.postgres import Postgres, postgres_server
-from tests.worker.waiting import wait_until
+from tests.worker.waiting import PATIENCE, wait_until
 from worker.heartbeat import Heartbeat
 
 
@@ -20,14 +23,30 @@ def stage(ledger: Ledger, job: Job) -> str | None:
     return now.stage
 
 
+def expiry(ledger: Ledger, job: Job) -> datetime:
+    """The moment until which the worker holds its job."""
+    found = ledger.get(job.id)
+    assert found is not None
+    assert found.lease_expires_at is not None
+    return found.lease_expires_at
+
+
+def expired(ledger: Ledger, job: Job) -> None:
+    """As if the lease had just run out."""
+    with ledger.sessions.begin() as session:
+        session.execute(update(Job).where(Job.id == job.id).values(lease_expires_at=now() - timedelta(seconds=1)))
+
+
 def test_a_lease_is_kept_for_as_long_as_the_work_goes_on(tmp_path: Path) -> None:
     ledger = Ledger(f"sqlite:///{tmp_path / 'ledger.sqlite3'}")
-    job = claimed(ledger, 0.5)
-    with Heartbeat(ledger, job.lease, 0.5) as heartbeat:
-        time.sleep(1)
-        assert ledger.recover(1, WORKER_LOST) == ([], [])
+    job = claimed(ledger, 60)
+    with Heartbeat(ledger, job.lease, 60) as heartbeat:
+        for _ in range(2):
+            expired(ledger, job)
+            wait_until(lambda: expiry(ledger, job) > now())
+            assert ledger.recover(1, WORKER_LOST) == ([], [])
         assert not heartbeat.lost.is_set()
-    time.sleep(0.6)
+    expired(ledger, job)
     assert ledger.recover(1, WORKER_LOST) == ([], [job.id])
     ledger.close()
 
@@ -38,24 +57,28 @@ def test_a_new_stage_shows_at_once_and_a_cancellation_is_noticed(tmp_path: Path)
     with Heartbeat(ledger, job.lease, 60) as heartbeat:
         wait_until(lambda: stage(ledger, job) == "reading")
         heartbeat.at("placing", 0.5)
-        wait_until(lambda: stage(ledger, job) == "placing", 0.5)
+        wait_until(lambda: stage(ledger, job) == "placing")
         ledger.cancel(job.id)
-        assert heartbeat.lost.wait(5)
+        assert heartbeat.lost.wait(PATIENCE)
     ledger.close()
 
 
 def test_a_database_that_is_restarted_costs_no_lease_and_one_that_stays_away_does() -> None:
     with postgres_server() as server:
         ledger = Ledger(server.new_database())
-        job = claimed(ledger, 4)
-        with Heartbeat(ledger, job.lease, 4) as heartbeat:
+        job = claimed(ledger, PATIENCE)
+        with Heartbeat(ledger, job.lease, PATIENCE) as heartbeat, capture_logs() as logs:
             server.stop()
-            time.sleep(0.5)
+            wait_until(lambda: "the job ledger does not answer" in [entry["event"] for entry in logs])
             server.start()
-            assert not heartbeat.lost.wait(2)
+            back = now()
+            wait_until(lambda: expiry(ledger, job) > back + timedelta(seconds=PATIENCE))
+            assert not heartbeat.lost.is_set()
             assert ledger.recover(1, WORKER_LOST) == ([], [])
+        with Heartbeat(ledger, job.lease, 1) as heartbeat:
+            wait_until(lambda: expiry(ledger, job) < back + timedelta(seconds=PATIENCE))
             server.stop()
-            assert heartbeat.lost.wait(10)
+            assert heartbeat.lost.wait(PATIENCE)
         ledger.close()
 
 
@@ -65,5 +88,5 @@ def test_a_heart_that_stops_for_whatever_reason_is_noticed(postgres: Postgres) -
     job = claimed(ledger, 60)
     with Heartbeat(ledger, job.lease, 60) as heartbeat:
         heartbeat.at("x" * 100, 0.5)
-        assert heartbeat.lost.wait(5)
+        assert heartbeat.lost.wait(PATIENCE)
     ledger.close()

@@ -94,7 +94,7 @@ def test_a_bucket_that_does_not_answer_delays_no_other_one(watched: Watched, tmp
             for source in ("silent", "shop"):
                 run_as_if_dropped(client, source)
             start_writer(client.worker)
-            wait_until(lambda: watched.read("watermarked/a.obj.watermarked.glb"), 8)
+            wait_until(lambda: watched.read("watermarked/a.obj.watermarked.glb"))
             client.worker.stop()
         wait_until(lambda: not any("hook-outputs" in thread.name for thread in threading.enumerate()))
 
@@ -209,7 +209,7 @@ def test_with_real_processes_a_dropped_file_comes_back_by_itself(watched: Watche
             if "tests.worker.apps" in child.cmdline():
                 child.kill()
         go.touch()
-        wait_until(lambda: watched.read("watermarked/a.obj.watermarked.glb"), 30)
+        wait_until(lambda: watched.read("watermarked/a.obj.watermarked.glb"))
         assert watched.read("watermarked/a.obj.watermarked.glb") == b"glTF of HI"
         assert watched.read("watermarked/a.obj.report.json")
         assert service.job(url)["attempts"] == 2

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from service.config import Settings
+from tests.worker.waiting import PATIENCE
 from worker.factory import create_worker
 from worker.webhooks import CONCURRENCY, create_sender
 
@@ -30,7 +31,7 @@ def test_a_worker_that_cannot_get_ready_ends_and_says_why(module: str, in_the_wa
         env=os.environ | {"MESHMARK_DATA_DIR": os.fspath(tmp_path)},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=PATIENCE,
     )
     assert ended.returncode == 2
     assert "the worker cannot start" in ended.stderr

@@ -8,13 +8,13 @@ from datetime import timedelta
 from pathlib import Path
 
 import pytest
-from sqlalchemy import select
+from sqlalchemy import select, update
 
 from service.config import Settings
 from service.jobs import idempotency, queue
 from service.jobs.artifacts import GRACE
-from service.jobs.ledger import Content
-from service.jobs.models import ArtifactKind, IdempotencyKey, JobState, Queue
+from service.jobs.ledger import Content, now
+from service.jobs.models import ArtifactKind, IdempotencyKey, Job, JobState, Queue
 from service.jobs.ownership import claim
 from tests.service.postgres import Postgres
 from tests.service.s3 import Bucket, bucket_settings
@@ -26,7 +26,7 @@ from worker.tasks import Worker, scratch_name
 
 @pytest.fixture
 def worker(tmp_path: Path) -> Iterator[Worker]:
-    settings = Settings(data_dir=tmp_path / "data", lease_seconds=0.05)
+    settings = Settings(data_dir=tmp_path / "data", lease_seconds=60)
     worker = Worker(settings, queue.create_queue(settings), "tests.worker.engines:directed")
     yield worker
     worker.close()
@@ -40,6 +40,12 @@ def state(worker: Worker, job_id: str) -> str:
     job = worker.ledger.get(job_id)
     assert job is not None
     return job.error_code or job.state
+
+
+def wait_an_hour(worker: Worker) -> None:
+    """As if all jobs had been announced an hour earlier."""
+    with worker.ledger.sessions.begin() as session:
+        session.execute(update(Job).values(enqueued_at=now() - timedelta(hours=1)))
 
 
 def test_the_job_of_a_vanished_worker_is_announced_again_and_in_the_end_fails(worker: Worker) -> None:
@@ -66,7 +72,7 @@ def test_a_job_whose_message_was_lost_is_announced_again(worker: Worker) -> None
     job_id = create(worker)
     sweep(worker)
     assert queue.depth(worker.celery, Queue.SMALL) == 0
-    time.sleep(0.06)
+    wait_an_hour(worker)
     sweep(worker)
     assert queue.depth(worker.celery, Queue.SMALL) == 1
     assert state(worker, job_id) == JobState.QUEUED
@@ -75,8 +81,8 @@ def test_a_job_whose_message_was_lost_is_announced_again(worker: Worker) -> None
 def test_a_long_queue_is_not_made_longer(worker: Worker) -> None:
     jobs = [create(worker) for _ in range(3)]
     queue.send(worker.celery, jobs[0], Queue.SMALL)
-    time.sleep(0.06)
     for _ in range(3):
+        wait_an_hour(worker)
         sweep(worker)
     assert queue.depth(worker.celery, Queue.SMALL) == 1
 
@@ -122,7 +128,7 @@ def test_a_store_that_does_not_answer_keeps_no_lost_job_waiting(postgres: Postgr
         wait_until(lambda: state(worker, done.id) == JobState.EXPIRED)
         lost = create(worker)
         assert worker.ledger.claim(lost, 0.001)
-        wait_until(lambda: state(worker, lost) == JobState.QUEUED, 5)
+        wait_until(lambda: state(worker, lost) == JobState.QUEUED)
         worker.stop()
     wait_until(lambda: not any("sweeper" in thread.name for thread in threading.enumerate()))
     worker.ledger.close()

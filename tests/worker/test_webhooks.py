@@ -23,7 +23,7 @@ from service.webhooks.deliveries import LEASE, list_deliveries
 from service.webhooks.endpoints import create_endpoint
 from tests.service.harness import API_COMMAND, Service, free_port, redis_server, running
 from tests.service.webhooks.receiver import Receiver
-from tests.worker.waiting import gone, wait_until
+from tests.worker.waiting import PATIENCE, gone, wait_until
 from worker.webhooks import Sender, sweep
 
 SENDER = [sys.executable, "-m", "worker.webhooks"]
@@ -165,7 +165,7 @@ def test_a_receiver_that_does_not_answer_holds_up_no_other(service: Hooked) -> N
     with silent.running(), quick.running():
         for _ in range(4):
             service.end_a_job()
-        wait_until(lambda: len(quick.believed) == 4, seconds=10)
+        wait_until(lambda: len(quick.believed) == 4)
         assert len(silent.ids) >= 1
         assert service.states(waiting) == {"pending"}
         wait_until(lambda: service.states(served) == {"delivered"})
@@ -286,7 +286,7 @@ def test_one_command_watermarks_and_sends_webhooks_and_ends_both(tmp_path: Path)
         family = psutil.Process(process.pid).children(recursive=True)
         assert len(family) == 3  # the worker, its template, and the sender
         process.send_signal(signal.SIGTERM)
-        assert process.wait(10) == 0
+        assert process.wait(PATIENCE) == 0
         assert all(map(gone, family))
 
 

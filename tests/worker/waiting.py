@@ -5,9 +5,11 @@ from collections.abc import Callable
 
 import psutil
 
+PATIENCE = 300.0  # seconds; for what comes in a moment, on however slow a machine
 
-def wait_until(condition: Callable[[], object], seconds: float = 20) -> None:
-    deadline = time.monotonic() + seconds
+
+def wait_until(condition: Callable[[], object]) -> None:
+    deadline = time.monotonic() + PATIENCE
     while not condition():
         assert time.monotonic() < deadline, "it did not happen in time"
         time.sleep(0.05)

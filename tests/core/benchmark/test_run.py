@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections import Counter
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from core.benchmark.rows import Row, read
 from core.benchmark.run import run
 from core.errors import ErrorCode, MeshmarkError
 from tests.core.benchmark.fakes import expected, open_fake, options
+from tests.worker.waiting import PATIENCE, wait_until
 
 ROOT = Path(__file__).parents[3]
 
@@ -155,16 +155,13 @@ def test_a_run_that_is_ended_in_the_middle_goes_on_where_it_stopped(tmp_path: Pa
         [sys.executable, str(script)], cwd=ROOT, env=environment, start_new_session=True, stderr=subprocess.DEVNULL
     )
     rows = asked.out / "rows.jsonl"
-    deadline = time.monotonic() + 60
-    while not rows.exists() or rows.read_bytes().count(b"\n") < 5:
-        assert time.monotonic() < deadline
-        assert process.poll() is None
-        time.sleep(0.01)
+    wait_until(lambda: rows.exists() and rows.read_bytes().count(b"\n") >= 5)
+    assert process.poll() is None, "it has not ended by itself"
     if number == signal.SIGINT:
         os.killpg(process.pid, number)  # a terminal sends Ctrl-C to every process of the group
     else:
         process.kill()
-    process.wait(timeout=30)
+    process.wait(timeout=PATIENCE)
     kept = set(lines_whole(rows))
     assert 5 <= len(kept) < 36
 

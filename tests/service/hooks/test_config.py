@@ -6,6 +6,7 @@ import pytest
 
 from service.config import Settings
 from service.hooks.config import load_hooks
+from tests.worker.waiting import PATIENCE
 
 EXAMPLE = Path(__file__).parents[3] / "docker" / "hooks.example.toml"
 TOKEN = "0123456789abcdef"
@@ -102,7 +103,7 @@ def test_a_service_with_a_file_that_cannot_work_does_not_start(tmp_path: Path, c
         env={"MESHMARK_HOOKS_FILE": str(path), "MESHMARK_DATA_DIR": str(tmp_path)},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=PATIENCE,
     )
     assert ended.returncode == 2
     assert ended.stderr.startswith("MESHMARK_HOOKS_FILE: ")

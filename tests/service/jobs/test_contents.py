@@ -16,6 +16,7 @@ from service.jobs.models import ArtifactKind, Job
 from service.jobs.ownership import claim
 from service.jobs.stores import open_store
 from tests.service.s3 import S3, Flaky, bucket_settings
+from tests.worker.waiting import PATIENCE
 
 INPUT, MODEL = ArtifactKind.INPUT, ArtifactKind.MODEL
 
@@ -89,8 +90,10 @@ def test_however_uploads_and_deletions_of_one_content_race_no_job_loses_its_file
 
     with ThreadPoolExecutor(5) as pool:
         sweeper = pool.submit(sweep)
-        kept = [item for items in pool.map(use, range(4)) for item in items]
-        over.set()
+        try:
+            kept = [item for items in pool.map(use, range(4)) for item in items]
+        finally:
+            over.set()
         sweeper.result()
     assert sorted(names(store)) == sorted({sha256 for _, sha256 in kept})
 
@@ -109,7 +112,7 @@ def test_a_race_between_storing_and_a_slow_removal_waits_for_the_removal(ledger:
 
     with ThreadPoolExecutor(1) as pool:
         removal = pool.submit(ledger.discard, staged.sha256, slowly)
-        assert deleting.wait(5)
+        assert deleting.wait(PATIENCE)
         submit(ledger, store, b"1")
         events.append("recorded")
         removal.result()

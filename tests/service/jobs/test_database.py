@@ -12,6 +12,7 @@ from service.config import Settings
 from service.jobs import database
 from service.jobs.ledger import Ledger
 from tests.service.conftest import Client, client_with
+from tests.worker.waiting import PATIENCE
 
 
 @pytest.fixture
@@ -31,7 +32,7 @@ def test_connections_that_many_need_at_once_are_opened_once_and_kept(database_ur
     def ask(_: int) -> None:
         with ledger.sessions() as session:
             session.execute(text("SELECT 1"))
-            all_there.wait(20)
+            all_there.wait(PATIENCE)
 
     with ThreadPoolExecutor(at_once) as pool:
         for _ in range(3):

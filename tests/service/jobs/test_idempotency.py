@@ -1,7 +1,7 @@
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from datetime import timedelta
+from datetime import datetime, timedelta
 
 import pytest
 from sqlalchemy import select
@@ -11,6 +11,7 @@ from service.jobs import idempotency
 from service.jobs.idempotency import Reservation, fingerprint, forget, holding, reserve, settle
 from service.jobs.ledger import Ledger, Submission
 from service.jobs.models import IdempotencyKey
+from tests.worker.waiting import wait_until
 
 ONE, OTHER = fingerprint({"file": "1"}), fingerprint({"file": "2"})
 
@@ -95,14 +96,20 @@ def test_a_request_that_was_overtaken_records_nothing(ledger: Ledger, monkeypatc
     assert reserve(ledger.sessions, "acme", "a", ONE) == job_id
 
 
+def expiry(ledger: Ledger) -> datetime:
+    """The moment until which the only key is held."""
+    with ledger.sessions() as session:
+        return session.scalars(select(IdempotencyKey.expires_at)).one()
+
+
 def test_a_request_that_takes_longer_than_a_reservation_holds_keeps_its_key(
     ledger: Ledger, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(idempotency, "HELD", timedelta(seconds=0.4))
     monkeypatch.setattr(idempotency, "RENEWED", 0.05)
     reservation = reserved(ledger)
+    until = expiry(ledger)
     with holding(ledger.sessions, reservation):
-        time.sleep(0.8)
+        wait_until(lambda: expiry(ledger) > until + timedelta(seconds=0.2))
         assert refusal(ledger) == ErrorCode.IDEMPOTENCY_KEY_IN_USE
         record(ledger, reservation)
 

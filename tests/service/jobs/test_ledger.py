@@ -6,11 +6,12 @@ from datetime import timedelta
 from typing import Any
 
 import pytest
+from sqlalchemy import update
 from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
 from core.errors import ErrorCode, MeshmarkError
-from service.jobs.ledger import WORKER_LOST, Content, Ledger, MissingContentError, Submission
+from service.jobs.ledger import WORKER_LOST, Content, Ledger, MissingContentError, Submission, now
 from service.jobs.models import ArtifactKind, Job, JobState, Lease
 from tests.service.postgres import postgres_server
 
@@ -252,9 +253,10 @@ def test_of_a_race_to_cancel_and_to_succeed_one_wins(ledger: Ledger) -> None:
 
 def test_of_many_sweepers_each_announces_what_no_other_does(ledger: Ledger) -> None:
     jobs = {create(ledger).id for _ in range(20)}
-    time.sleep(0.5)
+    with ledger.sessions.begin() as session:  # as if they had been announced an hour ago
+        session.execute(update(Job).values(enqueued_at=now() - timedelta(hours=1)))
     with ThreadPoolExecutor(8) as pool:
-        named = [job_id for swept in pool.map(lambda _: ledger.waiting(0.5), range(8)) for job_id in swept]
+        named = [job_id for swept in pool.map(lambda _: ledger.waiting(60 * 30), range(8)) for job_id in swept]
     assert sorted(named) == sorted(jobs)
 
 

@@ -11,10 +11,12 @@ from threading import Thread
 from service.outbound.client import OutboundClient
 from service.outbound.policy import Policy, Timeouts
 from service.outbound.resolve import Resolver
+from tests.worker.waiting import PATIENCE
 
 NAME = "files.example"  # resolves nowhere but in these tests
 LOOPBACK = ip_network("127.0.0.0/8")
-BRIEF = Timeouts(connect=1.0, silence=0.5, total=1.0)
+BRIEF = Timeouts(connect=1.0, silence=0.5, total=1.0)  # for servers that do not answer
+LONG = Timeouts(connect=PATIENCE, silence=PATIENCE, total=PATIENCE)
 
 Script = Callable[[socket.socket], None]
 
@@ -53,7 +55,7 @@ class Server:
             except OSError:
                 return
             self.connections += 1
-            connection.settimeout(10)
+            connection.settimeout(PATIENCE)
             self._threads.append(Thread(target=self._serve, args=(connection,)))
             self._threads[-1].start()
 
@@ -126,7 +128,7 @@ def client_of(
     *servers: Server,
     tls: ssl.SSLContext | None = None,
     resolver: Resolver | None = None,
-    timeouts: Timeouts = BRIEF,
+    timeouts: Timeouts = LONG,
     allow: str = str(LOOPBACK),
 ) -> OutboundClient:
     """A client that may reach these servers' ports on loopback, over https and http."""

@@ -1,6 +1,5 @@
 import gzip
 import io
-import time
 from socket import socket
 
 import pytest
@@ -64,9 +63,7 @@ def test_an_endless_file_is_left_at_the_limit() -> None:
             connection.sendall(b"1000\r\n" + bytes(4096) + b"\r\n")
             sent += 4096
 
-    started = time.monotonic()
     assert failure(pour).code == ErrorCode.DOWNLOAD_TOO_LARGE
-    assert time.monotonic() - started < 1
     assert sent < 2**25  # what fits into the buffers of the system, not what an engine could pour in a minute
 
 

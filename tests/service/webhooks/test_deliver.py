@@ -3,7 +3,6 @@
 import json
 import socket
 import threading
-import time
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
@@ -18,7 +17,8 @@ from service.webhooks.deliver import TIMEOUTS, Outcome, Result, deliver
 from service.webhooks.payload import Message
 from service.webhooks.signing import new_secret
 from tests.service.outbound.certificates import certified, trusting
-from tests.service.outbound.servers import NAME, Script, at, client_of, read_request, replying, response, serving
+from tests.service.outbound.servers import BRIEF, NAME, Script, at, client_of, read_request, replying, response, serving
+from tests.worker.waiting import PATIENCE
 
 SECRET = new_secret()
 NOW = datetime(2026, 1, 31, 12, 0, tzinfo=UTC)  # receivers that verify want the true time, which the tests give them
@@ -65,7 +65,7 @@ def test_a_receiver_verifies_what_it_gets() -> None:
     outcome = sent(receiver, now=datetime.now(UTC))
     assert (outcome.result, outcome.status, outcome.error) == (Result.DELIVERED, 200, None)
     assert (outcome.snippet, outcome.retry_at) == ("thank you", None)
-    assert 0 < outcome.seconds < 1
+    assert outcome.seconds > 0
     assert receiver.believed == [json.loads(MESSAGE.body)]
     [head] = receiver.heads
     assert head["content-type"] == "application/json"
@@ -161,13 +161,13 @@ def test_a_receiver_that_does_not_answer_is_tried_again() -> None:
     gone = threading.Event()
 
     def silent(_connection: socket.socket) -> None:
-        gone.wait(5)
+        gone.wait(PATIENCE)
 
-    started = time.monotonic()
     with serving(silent, certified(NAME)) as server:
-        outcome = deliver(client_of(server, tls=trusting()), server.url(), [SECRET], MESSAGE, 1, NOW, 0.0)
+        outcome = deliver(
+            client_of(server, tls=trusting(), timeouts=BRIEF), server.url(), [SECRET], MESSAGE, 1, NOW, 0.0
+        )
         gone.set()
-    assert time.monotonic() - started < 2
     assert (outcome.result, outcome.status) == (Result.RETRY, None)
     assert outcome.error
     assert "in time" in outcome.error
