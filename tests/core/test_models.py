@@ -15,6 +15,7 @@ import pytest
 from core import models
 from core.errors import ErrorCode, MeshmarkError
 from core.models import MODELS, Model, State, cache_folder, fetch, find, listing
+from tests.worker.waiting import PATIENCE
 
 CONTENT = bytes(range(256)) * 4000
 NAME = "stand-in"
@@ -43,7 +44,7 @@ class Handler(BaseHTTPRequestHandler):
         site = self.site
         site.asked.append(self.headers["Range"] or "")
         if site.hang is not None:
-            site.hang.wait(10)
+            site.hang.wait(PATIENCE)
             return
         if site.redirect is not None and self.path != "/there":
             self.send_response(302)
@@ -67,7 +68,7 @@ class Handler(BaseHTTPRequestHandler):
             self.send_header("Content-Length", str(len(site.content) - start))
         self.end_headers()
         if site.hold is not None:
-            site.hold.wait(10)
+            site.hold.wait(PATIENCE)
         body = site.content[start:]
         with suppress(ConnectionError):  # whoever asked may have seen enough
             self.wfile.write(body[: site.break_after.pop(0)] if site.break_after else body)
@@ -103,7 +104,7 @@ def stand_in(monkeypatch: pytest.MonkeyPatch) -> Model:
     return model
 
 
-def refusal(folder: Path, url: str | None, timeout: float = 5) -> MeshmarkError:
+def refusal(folder: Path, url: str | None, timeout: float = PATIENCE) -> MeshmarkError:
     """What fetching says, having left no file under the model's name."""
     with pytest.raises(MeshmarkError) as caught:
         fetch(NAME, folder, url, timeout=timeout)
@@ -332,7 +333,7 @@ def test_of_two_fetching_at_once_one_works_and_both_get_the_file(serve: Callable
     assert site.hold is not None
     site.hold.set()
     for thread in threads:
-        thread.join(10)
+        thread.join(PATIENCE)
     assert [path.read_bytes() for path in paths] == [CONTENT] * 3
     assert len(site.asked) == 1
 

@@ -149,7 +149,7 @@ def brute_force(positions: Float, faces: Int, points: Float) -> Float:
 
 
 @on_each_device
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(mesh=meshes, scale=st.sampled_from([1e-3, 1.0, 1e4]), shift=st.sampled_from([0.0, 1e6]))
 def test_slivers_points_and_huge_coordinates_have_their_closest_points(
     device: str, mesh: tuple[Float, Int], scale: float, shift: float
@@ -163,7 +163,7 @@ def test_slivers_points_and_huge_coordinates_have_their_closest_points(
 
 
 @on_each_device
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(mesh=meshes)
 def test_rays_find_every_triangle_they_go_through_and_no_other(device: str, mesh: tuple[Float, Int]) -> None:
     positions, faces = mesh
