@@ -44,19 +44,28 @@ def outward(positions: Float, triangles: Int) -> Outward:
     one-sided parts stay as they are.
     """
     found = _outward(positions, triangles)
-    return found if found.closed.all() else _outward(positions, weld(positions)[triangles])
+    if found.closed.all():
+        return found
+    label = weld(positions)
+    return found if np.array_equal(label, np.arange(len(label))) else _outward(positions, label[triangles])
 
 
 def neighbours(corners: Int) -> tuple[Int, Int, Bool]:
     """Pairs of faces (P,), (P,) that share an edge of exactly two faces, and whether they agree on its sides."""
+    first, second = _pairs(corners)
+    start = corners.ravel()
+    return first // 3, second // 3, start[first] != start[second]
+
+
+def _pairs(corners: Int) -> tuple[Int, Int]:
+    """The corners (P,), (P,), numbered face by face, at which the two faces of each such edge begin it."""
     start, end = corners.ravel(), np.roll(corners, -1, axis=1).ravel()
     key = np.minimum(start, end) * (corners.max(initial=0) + 1) + np.maximum(start, end)
     order = np.argsort(key)
     key = key[order]
     same = key[1:] == key[:-1]
     lone = same & ~np.append(same[1:], False) & ~np.insert(same[:-1], 0, False)
-    first, second = order[:-1][lone], order[1:][lone]
-    return first // 3, second // 3, start[first] != start[second]
+    return order[:-1][lone], order[1:][lone]
 
 
 def consistent(count: int, one: Int, two: Int, agree: Bool) -> tuple[Int, Bool]:
@@ -106,16 +115,17 @@ class _Shells:
 
     def __init__(self, positions: Float, corners: Int) -> None:
         self._positions, self._corners = positions, corners
-        one, two, agree = neighbours(corners)
+        first, second = _pairs(corners)
+        one, two = first // 3, second // 3
+        agree = corners.ravel()[first] != corners.ravel()[second]
         self.part, against = consistent(len(corners), one, two, agree)
         size = np.bincount(self.part)
         against ^= (np.bincount(self.part, against) > size / 2)[self.part]  # the fewest faces are turned
         self._against = against
         self._as_in_file = np.bincount(self.part[one], ~agree, len(size)) == 0
-        settled = agree ^ against[one] ^ against[two]
         self.closed = np.ones(len(size), bool)
-        if 2 * len(one) < 3 * len(corners) or not settled.all():
-            self.closed = self._without_boundary()
+        self.closed[self.part[one[~(agree ^ against[one] ^ against[two])]]] = False  # one-sided
+        self.closed[self._at_boundary(np.delete(np.arange(corners.size), np.concatenate([first, second])))] = False
         a, b, c = (positions[corners[:, number]] for number in range(3))
         origin = a[np.unique(self.part, return_index=True)[1]][self.part]
         side = np.where(against, -1.0, 1.0)
@@ -134,16 +144,18 @@ class _Shells:
             turn = turn if same else sign * self._wanted() < 0
         return self._against ^ turn[self.part]
 
-    def _without_boundary(self) -> Bool:
-        """(P,) the parts whose faces pass each edge as often one way as the other, once they are made to agree."""
-        start, end = self._corners.ravel(), np.roll(self._corners, -1, axis=1).ravel()
+    def _at_boundary(self, corners: Int) -> Int:
+        """The parts whose faces do not pass each edge as often one way as the other, once they are made to agree.
+
+        Only the edges that begin at these corners are looked at: all but those of exactly two faces.
+        """
+        face = corners // 3
+        start, end = self._corners.ravel()[corners], np.roll(self._corners, -1, axis=1).ravel()[corners]
         key = np.minimum(start, end) * (self._corners.max() + 1) + np.maximum(start, end)
         edge, number = np.unique(key, return_inverse=True)
-        used, place = np.unique(np.repeat(self.part, 3) * len(edge) + number, return_inverse=True)
-        way = np.where((start < end) ^ np.repeat(self._against, 3), 1, -1)
-        closed = np.ones(int(self.part.max()) + 1, bool)
-        closed[used[np.bincount(place, way) != 0] // len(edge)] = False
-        return closed
+        used, place = np.unique(self.part[face] * len(edge) + number, return_inverse=True)
+        way = np.where((start < end) ^ self._against[face], 1, -1)
+        return np.asarray(used[np.bincount(place, way) != 0] // max(len(edge), 1))
 
     def _wanted(self) -> Float:
         """(P,) 1 for parts that look out, -1 for cavities."""
