@@ -21,6 +21,7 @@ class ErrorCode(StrEnum):
     INDEX_OUT_OF_RANGE = "index_out_of_range"
     BUDGET_EXCEEDED = "budget_exceeded"
     EXTERNAL_REFERENCE = "external_reference"
+    TEXTURE_NOT_DECODED = "texture_not_decoded"  # a warning
     # What was asked for.
     INVALID_PARAMETERS = "invalid_parameters"
     EMPTY_TEXT = "empty_text"

@@ -24,6 +24,7 @@ from core.asset.formats import to_document
 from core.asset.gate import admit
 from core.asset.glb_check import is_beside
 from core.asset.gltf import Document
+from core.asset.pixels import undecoded_textures
 from core.asset.sniff import Format
 from core.asset.write import write
 from core.embossing.mesh import WorkingMesh
@@ -119,7 +120,8 @@ def _read(job: Job) -> None:
         job.warnings.append(
             {
                 "code": ErrorCode.EXTERNAL_REFERENCE.value,
-                "message": f"The asset's textures lie in other files ({', '.join(beside[:3])}); they were not opened.",
+                "message": f"The asset's textures lie in other files ({', '.join(beside[:3])}); they were not opened. "
+                "Where marks stand, and what pictures and figures show, is reckoned without them.",
                 "remedy": "Keep these files beside the result, or embed them before the upload.",
             }
         )
@@ -148,6 +150,10 @@ def _place(job: Job) -> None:
     job.saliency = saliency(ground.surface, parameters.seed)
     samples = job.saliency.points, job.saliency.face
     texture, skin = detail(job.scene, ground.surface, *samples), joints(job.scene, ground.surface, *samples)
+    job.warnings += [
+        {"code": lost.code.value, "message": lost.message, "remedy": lost.remedy}
+        for lost in undecoded_textures(job.scene.document)
+    ]
 
     def on(usable: NDArray[np.bool_]) -> "Placement":
         job.usable = asked.within(usable)

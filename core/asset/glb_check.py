@@ -1,7 +1,6 @@
 """The gate of a GLB: every declaration that will be read is of the right type, consistent and within budget."""
 
 import re
-from typing import Any
 from urllib.parse import unquote, urlsplit
 
 import numpy as np
@@ -256,23 +255,9 @@ def _check_images(document: Document, budgets: Budgets) -> None:
 
 
 def carried_unread(document: Document) -> list[MeshmarkError]:
-    """A warning for each part of a sound document that is carried through although nothing here can read it."""
+    """A warning for each part of a sound document that is carried through although nothing here can read it; of images
+    :func:`core.asset.pixels.undecoded_textures` speaks."""
     warnings = []
-    unread = [
-        number
-        for number, texture in enumerate(entries(document.json, "textures"))
-        if (sources := _sources(texture)) and not any(_is_shown(document, source) for source in sources)
-    ]
-    if unread:
-        listed = ", ".join(f"textures[{number}]" for number in unread[:3])
-        warnings.append(
-            MeshmarkError(
-                ErrorCode.UNSUPPORTED_FEATURE,
-                f"{len(unread):,} textures of the asset ({listed}) have no PNG, JPEG, WebP or KTX2 image. Their bytes "
-                "are carried as they are; what wears them is looked at and pictured in its plain colour.",
-                "Export the asset with PNG or JPEG textures, if the pictures and figures matter.",
-            )
-        )
     if document.chunks:
         listed = ", ".join(repr(kind.decode("latin-1").rstrip("\0 ")) for kind, _ in document.chunks[:3])
         warnings.append(
@@ -283,18 +268,6 @@ def carried_unread(document: Document) -> list[MeshmarkError]:
             )
         )
     return warnings
-
-
-def _sources(texture: Json) -> list[Any]:
-    """The images that a texture can show: its own and those that its extensions name."""
-    owners = (texture, *mapping(texture, "extensions", "texture").values())
-    return [owner["source"] for owner in owners if isinstance(owner, dict) and "source" in owner]
-
-
-def _is_shown(document: Document, index: Any) -> bool:
-    """Whether an image is of a kind that is known; those in other files are spoken of by themselves."""
-    content = document.image(index)
-    return is_beside(document.entry("images", index)) or (content is not None and image_size(content) is not None)
 
 
 def is_beside(image: Json) -> bool:

@@ -55,12 +55,14 @@ class Document:
         binary: the payload of the BIN chunk, empty where there is none.
         warnings: what of the file could not be carried into this document, or is carried unread.
         chunks: the type and payload of each further chunk, in file order; they are carried as they are.
+        undecoded: the textures whose pixels were asked for in vain.
     """
 
     json: dict[str, Any]
     binary: bytes
     warnings: list[MeshmarkError] = field(default_factory=list)
     chunks: tuple[tuple[bytes, bytes], ...] = ()
+    undecoded: set[int] = field(default_factory=set, init=False, repr=False, compare=False)
     _views: dict[int, bytes] = field(default_factory=dict, init=False, repr=False, compare=False)
     _decoded: dict[str, bytes] = field(default_factory=dict, init=False, repr=False, compare=False)
 

@@ -14,6 +14,7 @@ from core.asset.gltf import Document
 from core.errors import ErrorCode, MeshmarkError
 from core.parameters import Evaluate, Mode, Parameters, Preset
 from core.pipeline import STAGES, Result, watermark
+from tests.core.asset.ktx2_samples import UASTC
 from tests.core.rendering.glb import CORNERS, CUBE_FACES, GlbWriter, plain
 from tests.validator import error_counts
 
@@ -161,6 +162,19 @@ def test_letters_that_no_light_would_show_get_a_colour_by_themselves() -> None:
         assert "KHR_materials_unlit" in material["extensions"]
         assert max(material["pbrMetallicRoughness"]["baseColorFactor"][:3]) < 0.1
     assert not error_counts(result.model)
+
+
+@pytest.mark.parametrize(("image", "codes"), [(UASTC, []), (UASTC[:99], ["texture_not_decoded"])])
+def test_a_texture_that_cannot_be_decoded_is_warned_of(image: bytes, codes: list[str]) -> None:
+    writer = GlbWriter()
+    writer.json |= {name: ["KHR_texture_basisu"] for name in ("extensionsUsed", "extensionsRequired")}
+    source = writer.add("images", {"bufferView": writer.view(image), "mimeType": "image/ktx2"})
+    texture = writer.add("textures", {"extensions": {"KHR_texture_basisu": {"source": source}}})
+    material = {"pbrMetallicRoughness": {"baseColorTexture": {"index": texture}}}
+    uv = {"TEXCOORD_0": np.abs(CORNERS[:, :2]) / 2}
+    glb = writer.mesh(CORNERS, CUBE_FACES, uv, material).bytes()
+    result = watermark(glb, UNMEASURED.model_copy(update={"count": 1}), preview=False)
+    assert [warning["code"] for warning in result.report["warnings"]] == codes
 
 
 def test_sunken_letters_take_material_away_and_raised_ones_add_it(spot: Result) -> None:

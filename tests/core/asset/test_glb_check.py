@@ -13,6 +13,7 @@ from core.asset.formats import to_document
 from core.asset.gate import admit
 from core.asset.glb_check import check_document, check_glb
 from core.asset.gltf import Document
+from core.asset.pixels import read_texture, undecoded_textures
 from core.asset.sniff import Format
 from core.errors import ErrorCode, MeshmarkError
 from tests.core.asset.builder import CUBE, CUBE_FACES, Builder, simple
@@ -296,12 +297,13 @@ def test_an_image_of_another_kind_with_a_fallback_is_carried_without_a_word(exte
 
 
 @pytest.mark.parametrize("image", [bytes(16), AVIF, b"garbage"])
-def test_an_image_that_cannot_be_read_is_carried_with_a_warning(image: bytes) -> None:
+def test_an_image_that_cannot_be_read_is_carried_and_warned_of_where_it_is_shown(image: bytes) -> None:
     data = _textured(image, {"source": 1})
     document = to_document(data, admit(data))
-    assert [warning.code for warning in document.warnings] == [ErrorCode.UNSUPPORTED_FEATURE]
-    assert "textures[0]" in document.warnings[0].message
     assert document.to_glb() == data
+    assert read_texture(document, 0, limit=64) is None
+    (warning,) = undecoded_textures(document)
+    assert "textures[0]" in warning.message
 
 
 def test_an_image_of_another_kind_that_is_required_is_refused_by_name() -> None:
@@ -312,13 +314,14 @@ def test_an_image_of_another_kind_that_is_required_is_refused_by_name() -> None:
 
 
 @pytest.mark.parametrize("uri", ["data:image/png;base64,", "data:image/png;base64,!!!", "data:image/png"])
-def test_an_embedded_image_that_is_empty_or_damaged_is_carried_with_a_warning(uri: str) -> None:
+def test_an_embedded_image_that_is_empty_or_damaged_is_carried_and_not_shown(uri: str) -> None:
     buffer = "data:;base64," + base64.b64encode(CUBE_BIN).decode()
     data = gltf(buffer, images=[{"uri": uri}], textures=[{"source": 0}])
     for same in (data, Document(json.loads(data), b"").to_glb()):
         document = to_document(same, admit(same))
         assert document.json["images"] == [{"uri": uri}]
-        assert len(document.warnings) == 1
+        assert read_texture(document, 0, limit=64) is None
+        assert len(undecoded_textures(document)) == 1
 
 
 def test_further_chunks_are_carried_with_a_warning_that_names_them() -> None:

@@ -3,14 +3,16 @@ import json
 import struct
 import zlib
 from io import BytesIO
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from core.asset.gltf import Document
-from core.asset.pixels import read_texture
+from core.asset.pixels import read_texture, undecoded_textures
 from core.errors import ErrorCode, MeshmarkError
+from tests.core.asset.ktx2_samples import ETC1S, UASTC
 from tests.core.rendering.glb import GlbWriter, png
 
 PIXELS = np.zeros((40, 60, 3), dtype=np.uint8)
@@ -91,3 +93,61 @@ def test_a_texture_that_does_not_exist_is_refused() -> None:
     with pytest.raises(MeshmarkError) as caught:
         read_texture(document(encoded("PNG")), 3, limit=64)
     assert caught.value.code == ErrorCode.MALFORMED_FILE
+
+
+KTX2_UNKNOWN = UASTC[:12] + struct.pack("<I", 37) + UASTC[16:]  # texels of a GPU's own format
+AVIF = b"\0\0\0\x1cftypavif" + bytes(40)
+
+
+def textured(texture: dict[str, Any], *images: bytes | str) -> Document:
+    """A document with one texture; images are bytes, or the names of files."""
+    writer = GlbWriter()
+    for image in images:
+        writer.add("images", {"uri": image} if isinstance(image, str) else {"bufferView": writer.view(image)})
+    writer.add("textures", texture)
+    return Document.from_glb(writer.bytes())
+
+
+@pytest.mark.parametrize("image", [ETC1S, UASTC], ids=["ETC1S", "UASTC"])
+def test_a_ktx2_image_is_decoded_and_reduced(image: bytes) -> None:
+    texture = read_texture(textured({"extensions": {"KHR_texture_basisu": {"source": 0}}}, image), 0, limit=5)
+    assert texture is not None
+    assert max(texture.pixels.shape[:2]) <= 5
+    np.testing.assert_allclose(texture.pixels[0, 0].astype(int), [255, 0, 0, 255], atol=20)
+
+
+@pytest.mark.parametrize("extension", ["EXT_texture_webp", "KHR_texture_basisu", "EXT_texture_avif"])
+def test_where_the_image_of_an_extension_cannot_be_decoded_the_fallback_is_shown(extension: str) -> None:
+    document = textured({"source": 0, "extensions": {extension: {"source": 1}}}, encoded("PNG"), AVIF)
+    assert read_texture(document, 0, limit=64) is not None
+    assert not undecoded_textures(document)
+
+
+def test_where_the_fallback_cannot_be_decoded_the_image_of_an_extension_is_shown() -> None:
+    document = textured({"source": 0, "extensions": {"KHR_texture_basisu": {"source": 1}}}, b"damaged", UASTC)
+    assert read_texture(document, 0, limit=64) is not None
+
+
+@pytest.mark.parametrize("image", [KTX2_UNKNOWN, AVIF, encoded("PNG")[:60]], ids=["texels", "AVIF", "damaged"])
+def test_a_texture_that_cannot_be_decoded_is_named_once_it_was_asked_for(image: bytes) -> None:
+    document = textured({"name": "bark", "source": 0}, image)
+    assert not undecoded_textures(document)
+    assert read_texture(document, 0, limit=64) is None
+    (warning,) = undecoded_textures(document)
+    assert warning.code == ErrorCode.TEXTURE_NOT_DECODED
+    assert "textures[0] ('bark')" in warning.message
+
+
+def test_a_texture_in_another_file_has_a_warning_of_its_own() -> None:
+    document = textured({"source": 0}, "wood.png")
+    assert read_texture(document, 0, limit=64) is None
+    assert not undecoded_textures(document)
+
+
+def test_of_many_textures_that_cannot_be_decoded_the_first_are_named() -> None:
+    document = textured({"source": 0}, b"damaged")
+    document.json["textures"] *= 9
+    for number in range(9):
+        read_texture(document, number, limit=64)
+    (warning,) = undecoded_textures(document)
+    assert "textures[4] and 4 more" in warning.message
