@@ -45,13 +45,18 @@ def device() -> Device:
     return Device.CPU
 
 
-def spatial_index(positions: NDArray[np.float64], faces: NDArray[np.int64], ids: NDArray[np.int64]) -> SpatialIndex:
-    """The index over ``faces[ids]`` that answers on :func:`device`."""
+def spatial_index(
+    positions: NDArray[np.float64],
+    faces: NDArray[np.int64],
+    ids: NDArray[np.int64],
+    hides: NDArray[np.uint8] | None = None,
+) -> SpatialIndex:
+    """The index over ``faces[ids]`` that answers on :func:`device`; arguments as for :class:`SpatialIndex`."""
     if device() is Device.CPU:
-        return SpatialIndex(positions, faces, ids)
+        return SpatialIndex(positions, faces, ids, hides)
     from core.warp_index import WarpIndex
 
-    return WarpIndex(positions, faces, ids, Device.CUDA)
+    return WarpIndex(positions, faces, ids, Device.CUDA, hides)
 
 
 def _obstacle() -> str | None:

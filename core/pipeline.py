@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from core.placement.objective import Objective, Placement
     from core.placement.site import Site
     from core.report import Warnings
+    from core.spatial import SpatialIndex
 
 Progress = Callable[[str, float], None]
 Publish = Callable[[str, bytes], None]
@@ -155,11 +156,11 @@ def _place(job: Job) -> None:
         for lost in undecoded_textures(job.scene.document)
     ]
 
-    def on(usable: NDArray[np.bool_]) -> "Placement":
+    def on(usable: NDArray[np.bool_], index: "SpatialIndex") -> "Placement":
         job.usable = asked.within(usable)
         job.site = open_site(
             ground.surface,
-            ground.index,
+            index,
             job.saliency,
             texture,
             skin,
@@ -174,11 +175,11 @@ def _place(job: Job) -> None:
         return place(job.site, job.rng, job.report_progress)
 
     try:
-        job.placement = on(ground.solid)
+        job.placement = on(ground.solid, ground.index)
     except MeshmarkError as error:
         if error.code is not ErrorCode.NO_PLACEMENT or (ground.possible == ground.solid).all():
             raise
-        job.placement = on(ground.possible)
+        job.placement = on(ground.possible, ground.glazed)
         job.warnings.append(
             {
                 "code": "see_through_surface",

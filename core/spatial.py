@@ -1,6 +1,9 @@
 """Closest points and rays on one fixed triangle mesh: built once per job, asked by every stage."""
 
+from copy import copy
+from enum import IntEnum
 from functools import cached_property
+from typing import Self
 
 import igl
 import numpy as np
@@ -15,6 +18,26 @@ Bool = NDArray[np.bool_]
 
 LONG = 1 / 15  # edge over extent
 PIECES = 50_000  # made of long triangles, unless there are more faces
+# A ray that passes a face starts anew this share of the mesh's extent behind it (3e-5 size-30 units); after so many
+# faces the next one is in the way, whatever it hides.
+PASSED, PASSES = 1e-6, 64
+
+
+class Eye(IntEnum):
+    """From which end of a ray somebody looks along it."""
+
+    ORIGIN = 1
+    FAR = -1
+
+
+class Hides(IntEnum):
+    """What a face hides of what is behind it, from an eye."""
+
+    ALWAYS = 0
+    FROM_FRONT = 1
+    """Its back is not drawn."""
+    NEVER = 2
+    """It is seen through."""
 
 
 class SpatialIndex:
@@ -25,6 +48,7 @@ class SpatialIndex:
         faces: (F, 3) int64.
         ids: the rows of ``faces`` that count, ascending, at least one; all of them if None. Answers are rows of
             ``faces`` in either case.
+        hides: (F,) uint8, a :class:`Hides` of each face; all hide always if None.
 
     Attributes:
         device: where it answers, as torch names it; what asks often does best to calculate there as well.
@@ -32,10 +56,23 @@ class SpatialIndex:
 
     device = "cpu"
 
-    def __init__(self, positions: Float, faces: Int, ids: Int | None = None) -> None:
+    def __init__(
+        self, positions: Float, faces: Int, ids: Int | None = None, hides: NDArray[np.uint8] | None = None
+    ) -> None:
         self.positions = np.ascontiguousarray(positions, dtype=np.float64)
         self._ids = ids if ids is not None and len(ids) < len(faces) else None
         self.faces = np.ascontiguousarray(faces if self._ids is None else faces[self._ids], dtype=np.int64)
+        self._hides = self._mask(hides)
+
+    def hiding(self, hides: NDArray[np.uint8] | None) -> Self:
+        """The same index for faces that hide something else; what is built once is shared."""
+        other = copy(self)
+        other._hides = self._mask(hides)
+        return other
+
+    def _mask(self, hides: NDArray[np.uint8] | None) -> NDArray[np.uint8] | None:
+        mine = hides if hides is None or self._ids is None else hides[self._ids]
+        return mine if mine is not None and mine.any() else None
 
     @cached_property
     def _parts(self) -> tuple[Float, Int, Int]:
@@ -76,6 +113,11 @@ class SpatialIndex:
         TriangleMesh(scene, self.positions.astype(np.float32), self.faces.astype(np.int32))
         return scene
 
+    @cached_property
+    def _extent(self) -> float:
+        used = self.positions[self.faces.ravel()]
+        return float((used.max(axis=0) - used.min(axis=0)).max()) or 1.0
+
     def closest(self, points: Float) -> tuple[Float, Int, Float]:
         """Nearest surface point of each of (N, 3) ``points``: distance (N,), face (N,), point (N, 3)."""
         if len(points) == 0:
@@ -86,19 +128,49 @@ class SpatialIndex:
         )
         return np.sqrt(squared), self._row(row[face]), nearest
 
-    def first_hit(self, origins: Float, directions: Float) -> tuple[Float, Int]:
+    def first_hit(self, origins: Float, directions: Float, eye: Eye | None = None) -> tuple[Float, Int]:
         """First hit of each ray: distance in multiples of the direction's length (N,), inf where there is none,
-        and face (N,), -1 where there is none. ``origins`` and ``directions`` are (N, 3)."""
+        and face (N,), -1 where there is none.
+
+        Args:
+            origins: (N, 3).
+            directions: (N, 3).
+            eye: rays pass through what hides nothing from this eye; through no face if None.
+        """
         if len(origins) == 0:
             return np.empty(0), np.empty(0, dtype=np.int64)
+        distance, face = self._cast(origins, directions)
+        if eye is not None and self._hides is not None:
+            self._pass(self._hides, origins, directions, eye, distance, face)
+        return distance, np.where(face >= 0, self._row(face), -1)
+
+    def _pass(
+        self, hides: NDArray[np.uint8], origins: Float, directions: Float, eye: Eye, distance: Float, face: Int
+    ) -> None:
+        """Take hits, ``distance`` (N,) and ``face`` (N,), of what hides nothing on to what lies behind, in place."""
+        which = np.flatnonzero(face >= 0)
+        for _ in range(PASSES):
+            which = which[hides[face[which]] != Hides.ALWAYS]
+            a, b, c = (self.positions[self.faces[face[which], corner]] for corner in range(3))
+            back = np.einsum("ni,ni->n", np.cross(b - a, c - a), directions[which]) * eye > 0
+            which = which[back | (hides[face[which]] == Hides.NEVER)]
+            if not len(which):
+                return
+            length = np.maximum(np.linalg.norm(directions[which], axis=1), np.finfo(float).tiny)
+            start = distance[which] + PASSED * self._extent / length
+            beyond, face[which] = self._cast(origins[which] + start[:, None] * directions[which], directions[which])
+            distance[which] = start + beyond
+            which = which[face[which] >= 0]
+
+    def _cast(self, origins: Float, directions: Float) -> tuple[Float, Int]:
+        """First hit of each ray, its face as a row of ``self.faces``."""
         result = self._scene.run(
             np.ascontiguousarray(origins, dtype=np.float32),
             np.ascontiguousarray(directions, dtype=np.float32),
             output=True,
         )
         face = np.asarray(result["primID"], dtype=np.int64)
-        distance = np.where(face >= 0, np.asarray(result["tfar"], dtype=np.float64), np.inf)
-        return distance, np.where(face >= 0, self._row(face), -1)
+        return np.where(face >= 0, np.asarray(result["tfar"], dtype=np.float64), np.inf), face
 
     def _row(self, face: Int) -> Int:
         return face if self._ids is None else self._ids[face]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from core import warp_kernels
 from core.errors import ErrorCode, MeshmarkError
-from core.spatial import SpatialIndex
+from core.spatial import Eye, SpatialIndex
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -28,13 +28,18 @@ SLACK = np.float32(2e-6)
 class WarpIndex(SpatialIndex):
     """A :class:`SpatialIndex` that answers on ``device``, as warp and torch name it: ``cpu``, ``cuda``."""
 
-    def __init__(self, positions: Float, faces: Int, ids: Int | None = None, device: str = "cuda") -> None:
-        super().__init__(positions, faces, ids)
+    def __init__(
+        self,
+        positions: Float,
+        faces: Int,
+        ids: Int | None = None,
+        device: str = "cuda",
+        hides: NDArray[np.uint8] | None = None,
+    ) -> None:
+        super().__init__(positions, faces, ids, hides)
         self.device = device
         used = self.positions[self.faces]
-        low, high = used.min(axis=(0, 1)), used.max(axis=(0, 1))
-        self._middle = (low + high) / 2
-        self._extent = float((high - low).max()) or 1.0
+        self._middle = (used.min(axis=(0, 1)) + used.max(axis=(0, 1))) / 2
 
     @cached_property
     def _on_device(self) -> tuple[wp.Mesh, wp.Bvh, Any]:
@@ -69,19 +74,24 @@ class WarpIndex(SpatialIndex):
         found = nearest.numpy() * self._extent + self._middle
         return np.linalg.norm(found - points, axis=1), self._row(faces.numpy().astype(np.int64)), found
 
-    def first_hit(self, origins: Float, directions: Float) -> tuple[Float, Int]:
+    def first_hit(self, origins: Float, directions: Float, eye: Eye | None = None) -> tuple[Float, Int]:
         """As :meth:`SpatialIndex.first_hit`."""
         if len(origins) == 0:
-            return super().first_hit(origins, directions)
+            return super().first_hit(origins, directions, eye)
         _, tree, corners = self._on_device
         length = np.linalg.norm(directions, axis=1)
         length[length == 0] = 1.0  # such a ray goes nowhere and meets nothing
         distance, faces = self._room(origins, wp.float64), self._room(origins, wp.int32)
         start, unit = self._inwards(origins), directions / length[:, None]
-        given = [tree.id, corners, self._sent(start, wp.vec3d), self._sent(unit, wp.vec3d), SLACK]
+        rays = self._sent(start, wp.vec3d), self._sent(unit, wp.vec3d)
+        given = [tree.id, corners, *rays, SLACK, self._sent_hides(), 0 if eye is None else int(eye)]
         wp.launch(warp_kernels.first_hit, len(origins), given, [distance, faces], device=self.device)
         face = faces.numpy().astype(np.int64)
         return distance.numpy() * (self._extent / length), np.where(face >= 0, self._row(face), -1)
+
+    def _sent_hides(self) -> Any:
+        hides = np.zeros(len(self.faces), dtype=np.uint8) if self._hides is None else self._hides
+        return self._sent(hides, wp.uint8)
 
     def _inwards(self, points: Float) -> Float:
         """Into the frame in which the mesh lies about the origin with unit extent."""

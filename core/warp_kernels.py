@@ -83,10 +83,16 @@ def first_hit(
     origins: wp.array[wp.vec3d],
     directions: wp.array[wp.vec3d],
     slack: wp.float32,
+    hides: wp.array[wp.uint8],
+    eye: wp.int32,
     distances: wp.array[wp.float64],
     faces: wp.array[wp.int32],
 ) -> None:
-    """Moeller and Trumbore, Fast, Minimum Storage Ray/Triangle Intersection, 1997; ``directions`` have length 1."""
+    """Moeller and Trumbore, Fast, Minimum Storage Ray/Triangle Intersection, 1997; ``directions`` have length 1.
+
+    The volume is negative where the ray meets the back of a triangle. From an ``eye`` at the ray's origin (1) or at its
+    far end (-1) a triangle may hide nothing (2), or nothing from behind (1); without one (0) all are met.
+    """
     i = wp.tid()
     origin = origins[i]
     direction = directions[i]
@@ -103,7 +109,10 @@ def first_hit(
         ac = corners[other, 2] - a
         across = wp.cross(direction, ac)
         volume = wp.dot(ab, across)
-        if volume != wp.float64(0.0):
+        passed = eye != 0 and hides[other] == wp.uint8(2)
+        if hides[other] == wp.uint8(1) and volume * wp.float64(eye) < wp.float64(0.0):
+            passed = True
+        if volume != wp.float64(0.0) and not passed:
             offset = origin - a
             v = wp.dot(offset, across) / volume
             around = wp.cross(offset, ab)

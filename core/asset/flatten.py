@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,14 +14,17 @@ from core.asset.hierarchy import scene_nodes, world_matrices
 from core.asset.instances import instance_matrices
 from core.asset.skin import blend, influence_sets, joint_matrices, read_influences
 from core.asset.surface import MODEL_SIZE, Surface
+from core.asset.viewer import Look, Viewed, has_area, viewed
 from core.errors import ErrorCode, MeshmarkError
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
+Bool = NDArray[np.bool_]
 
 TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN = 4, 5, 6
 # |det| over the product of the column lengths, below which a matrix cannot be inverted in any useful sense
 SINGULAR = 1e-6
+BEYOND = 1e6  # size-30 units: vertices of what is not drawn are kept this near, so that nothing overflows
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +65,11 @@ class Scene:
     surface: Surface
     primitives: tuple[DrawnPrimitive, ...]
 
+    @cached_property
+    def viewed(self) -> Viewed:
+        """What a viewer draws of the faces of ``surface``."""
+        return viewed(self.document, self.surface, self.primitives)
+
 
 @dataclass(frozen=True, eq=False)
 class _Shape:
@@ -95,7 +104,7 @@ def flatten(document: Document) -> Scene:
 
     Node transforms, instances, skins, default morph weights, strips, fans and quantised positions are applied.
     Points, lines and instances that a skin or an animation of morph weights moves are left out: they stay in the file
-    as they are.
+    as they are. The frame is that of what a viewer draws: the faces that are hidden or have no area do not count.
 
     Raises:
         MeshmarkError: ``no_faces``, ``non_finite_positions``, ``index_out_of_range``, ``malformed_file``,
@@ -123,7 +132,7 @@ def flatten(document: Document) -> Scene:
             owner += 1
     if not primitives:
         raise _no_faces("The asset has no triangles in its default scene.")
-    return Scene(document, _surface(blocks, primitives), tuple(primitives))
+    return Scene(document, _surface(document, blocks, primitives), tuple(primitives))
 
 
 def _placements(document: Document, node: int, worlds: Float) -> list[tuple[int | None, Float]]:
@@ -276,22 +285,23 @@ def _draw(vertices: _Vertices, mesh: int, index: int, triangles: Int) -> DrawnPr
     )
 
 
-def _surface(blocks: list[_Vertices], primitives: list[DrawnPrimitive]) -> Surface:
+def _surface(document: Document, blocks: list[_Vertices], primitives: list[DrawnPrimitive]) -> Surface:
     world = np.concatenate([block.world for block in blocks])
     faces = np.concatenate(
         [drawn.first_vertex + drawn.triangles[:, [0, 2, 1] if drawn.mirrored else [0, 1, 2]] for drawn in primitives]
     )
-    used = np.zeros(len(world), dtype=bool)
-    used[faces] = True
-    low, high = world[used].min(axis=0), world[used].max(axis=0)
+    low, high = _bounds(document, world, faces, primitives)
     side = float((high - low).max())
     if not 0.0 < side < np.inf or not np.isfinite(MODEL_SIZE / side):
         raise _no_faces("The asset has no extent: all its triangles lie in one point, or its size overflows.")
     offset = low + (high - low) / 2
     scale = MODEL_SIZE / side
     counts = [len(drawn.triangles) for drawn in primitives]
+    with np.errstate(over="ignore"):  # outside the frame is only what nobody sees
+        positions = (world - offset) * scale
+    positions = np.clip(positions, -BEYOND, BEYOND, out=positions)
     return Surface(
-        positions=(world - offset) * scale,
+        positions=positions,
         faces=faces,
         weld=_weld(blocks),
         face_primitive=np.repeat(np.arange(len(primitives)), counts),
@@ -299,6 +309,40 @@ def _surface(blocks: list[_Vertices], primitives: list[DrawnPrimitive]) -> Surfa
         scale=scale,
         offset=offset,
     )
+
+
+def _bounds(document: Document, world: Float, faces: Int, primitives: list[DrawnPrimitive]) -> tuple[Float, Float]:
+    """The lowest and highest corner (3,) of the faces that are drawn and have an area; where there are none, of those
+    that have an area, else of all."""
+    used = np.zeros(len(world), dtype=bool)
+    used[faces] = True
+    low, high = world[used].min(axis=0), world[used].max(axis=0)
+    # Nearly always faces that count reach all six sides, and nobody has to look at the others.
+    outermost = ((world == low) | (world == high)).any(axis=1)
+    rim = world[faces[_counting(document, world, faces, primitives, outermost[faces].any(axis=1))]].reshape(-1, 3)
+    if len(rim) and (rim.min(axis=0) == low).all() and (rim.max(axis=0) == high).all():
+        return low, high
+    counting = _counting(document, world, faces, primitives, np.ones(len(faces), dtype=bool))
+    if not len(counting):
+        counting = np.flatnonzero(has_area(world[faces]))
+    if not len(counting):
+        return low, high
+    corners = world[faces[counting]].reshape(-1, 3)
+    return corners.min(axis=0), corners.max(axis=0)
+
+
+def _counting(document: Document, world: Float, faces: Int, primitives: list[DrawnPrimitive], asked: Bool) -> Int:
+    """Those of the faces ``asked`` (F,) for that are drawn and have an area."""
+    look, first = Look(document), 0
+    found = []
+    for drawn in primitives:
+        which = np.flatnonzero(asked[first : first + len(drawn.triangles)])
+        if len(which):
+            which = which[look.drawn(drawn, drawn.triangles[which])[0]]
+            found.append(first + which)
+        first += len(drawn.triangles)
+    drawn_faces = np.concatenate([np.empty(0, dtype=np.int64), *found])
+    return drawn_faces[has_area(world[faces[drawn_faces]])]
 
 
 def _weld(blocks: list[_Vertices]) -> Int:

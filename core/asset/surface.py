@@ -52,6 +52,11 @@ class Surface:
         length = np.linalg.norm(self._cross, axis=1, keepdims=True)
         return np.asarray(np.divide(self._cross, length, out=np.zeros_like(self._cross), where=length > 0))
 
+    @property
+    def reach(self) -> float:
+        """How far from the origin the frame goes along each axis, rounding included."""
+        return MODEL_SIZE / 2 * (1 + 1e-6)
+
     def to_world(self, points: Float) -> Float:
         """(N, 3) size-30 points as world points."""
         return np.asarray(points / self.scale + self.offset)

@@ -19,7 +19,7 @@ from core.embossing.refusal import Refusal
 from core.embossing.split import split
 from core.embossing.stamp import Stamp, stand
 from core.placement.boxes import Boxes
-from core.spatial import SpatialIndex
+from core.spatial import Eye, SpatialIndex
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -58,14 +58,15 @@ def emboss(mesh: WorkingMesh, box: Boxes, letters: Stamp, relief: float, index: 
         relief: size-30 units; negative sinks the letters.
         index: of the original surface.
     """
-    if box.size[0, 0] * letters.finest < FINEST * mesh.resolution:
-        return Refusal.TOO_FINE
     refusal = Refusal.NOT_WHOLE
     for shift in SHIFTS:
         moved = Boxes(box.center + box.size[0, 1] * np.array(shift) @ box.axes[0, :2], box.axes, box.size)
         found = _injective(mesh, moved, index)
         if isinstance(found, Refusal):
             return found
+        under = np.concatenate([np.empty(0, dtype=np.int64), *(patch.faces for patch in found)])
+        if box.size[0, 0] * letters.finest < FINEST * mesh.resolution(under):
+            return Refusal.TOO_FINE
         sources = [mesh.source(patch.faces) for patch in found]
         standing = stand(letters, found, sources, moved, index, raised=relief > 0)
         if isinstance(standing, Refusal):
@@ -99,7 +100,7 @@ def _injective(mesh: WorkingMesh, box: Boxes, index: SpatialIndex) -> list[Patch
     normal, thickness = box.axes[0, 2], box.size[0, 2]
     centers = mesh.points[mesh.corners(faces)].mean(axis=1)
     start = 1e-3 * thickness
-    distance, _ = index.first_hit(centers + start * normal, np.broadcast_to(normal, centers.shape))
+    distance, _ = index.first_hit(centers + start * normal, np.broadcast_to(normal, centers.shape), Eye.FAR)
     found = patches(mesh, box, hidden=faces[distance <= thickness])
     assert found is not None  # fewer faces than before
     return Refusal.NOT_WHOLE if any(_covers_itself(patch) for patch in found) else found
@@ -183,7 +184,7 @@ def _apply(
     if not is_closed(removed_corners, boundary, corners):
         return Refusal.NOT_CLOSED
     added_points = np.concatenate([new, tops])
-    if _too_fine(_positions(mesh, added_points, corners), corners, removed_corners, mesh.resolution):
+    if _too_fine(_positions(mesh, added_points, corners), corners, removed_corners, mesh.resolution(removed)):
         return Refusal.TOO_FINE
 
     mesh.add_points(added_points, np.concatenate([new, standing]))

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from core.spatial import SpatialIndex
+from core.spatial import Eye, SpatialIndex
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -51,7 +51,7 @@ def obstructed(feet: Float, tops: Float, relief: float, index: SpatialIndex) -> 
     reach = 1.5 * abs(relief)
     if relief > 0:
         # Looking back from above, the first surface must be the one the letter stands on.
-        distance, _ = index.first_hit(feet + reach * direction, -direction)
+        distance, _ = index.first_hit(feet + reach * direction, -direction, Eye.ORIGIN)
         return bool(np.any(distance < 0.95 * reach))
     start = 0.05 * abs(relief)
     distance, _ = index.first_hit(feet + start * direction, direction)

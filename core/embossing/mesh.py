@@ -21,13 +21,15 @@ class FaceGrid:
 
     Args:
         low, high: (F, 3) bounding boxes of the faces, size-30 frame.
+        counts: (F,) bool, the faces that are ever found; all if None.
     """
 
-    def __init__(self, low: Float, high: Float) -> None:
+    def __init__(self, low: Float, high: Float, counts: Bool | None = None) -> None:
         self._low, self._high = low, high
         is_large = (high - low).max(axis=1) > CELL
-        self._large = np.flatnonzero(is_large)
-        small = np.flatnonzero(~is_large)
+        counts = np.ones(len(low), dtype=bool) if counts is None else counts
+        self._large = np.flatnonzero(is_large & counts)
+        small = np.flatnonzero(~is_large & counts)
         center = (low[small] + high[small]) / 2
         self._origin = center.min(axis=0) if len(small) else np.zeros(3)
         cell = np.floor((center - self._origin) / CELL).astype(np.int64)
@@ -85,12 +87,12 @@ class WorkingMesh:
         editable: (F,) bool, faces that may carry a watermark.
         sheets: faces that are not distinct stay in the file as they are and no query finds them, but for duplicates,
             which go with the face they duplicate. A single layer if None.
-        resolution: the spacing of the file's coordinates, size-30 units; closer points may become one in the file. If
-            None, that of float32 at the largest world coordinate.
+        resolution: (V,) the spacing of the file's coordinates at each vertex of ``surface``, size-30 units; closer
+            points may become one in the file. If None, that of float32 at the largest world coordinate.
     """
 
     def __init__(
-        self, surface: Surface, editable: Bool, sheets: Sheets | None = None, resolution: float | None = None
+        self, surface: Surface, editable: Bool, sheets: Sheets | None = None, resolution: Float | None = None
     ) -> None:
         self.surface = surface
         self.original_faces = len(surface.faces)
@@ -103,7 +105,7 @@ class WorkingMesh:
         self._alive = np.ones(self.original_faces, dtype=bool)
         self._editable = editable
         self._sheets = sheets if sheets is not None else single_layer(self.original_faces)
-        self._grid = FaceGrid(*_bounds(original, corners))
+        self._grid = FaceGrid(*_bounds(original, corners), self._sheets.distinct)
         self._new_corners = np.empty((0, 3), dtype=np.int64)
         self._new_source = np.empty(0, dtype=np.int64)
         self._new_kind = np.empty(0, dtype=np.int8)
@@ -113,8 +115,9 @@ class WorkingMesh:
         self._new_low = self._new_high = np.empty((0, 3))
         if resolution is None:
             largest = np.abs(surface.to_world(surface.positions)).max()
-            resolution = float(np.spacing(np.float32(largest))) * surface.scale
-        self.resolution = resolution
+            spacing = float(np.spacing(np.float32(largest))) * surface.scale
+            resolution = np.full(len(surface.positions), spacing)
+        self._resolution = resolution
 
     @property
     def points(self) -> Float:
@@ -154,6 +157,10 @@ class WorkingMesh:
     def covered(self, ids: Int) -> Bool:
         """(N,) whether another layer stays exactly on these faces when they are cut."""
         return np.asarray(self._sheets.covered[self.source(ids)])
+
+    def resolution(self, ids: Int) -> float:
+        """The spacing of the file's coordinates where it is widest on the faces ``ids`` (N,), size-30 units."""
+        return float(self._resolution[self.surface.faces[self.source(ids)]].max(initial=0.0))
 
     def _read(self, ids: Int, old: NDArray[Any], new: NDArray[Any]) -> NDArray[Any]:
         is_old = ids < self.original_faces

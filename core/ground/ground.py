@@ -8,31 +8,37 @@ from numpy.typing import NDArray
 from core.asset.edit import SurfaceEdit
 from core.asset.flatten import Scene
 from core.asset.surface import Surface
+from core.asset.viewer import Viewed
 from core.device import spatial_index
 from core.errors import ErrorCode, MeshmarkError
-from core.ground.editable import editable
-from core.ground.orientation import reversed_faces
+from core.ground.orientation import Orientation, orient
 from core.ground.sheets import Sheets, find_sheets
-from core.spatial import SpatialIndex
+from core.spatial import Hides, SpatialIndex
 
+Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
+
+HIDING = 0.25  # share of a face that is opaque, from which on it is ground, and hides what is behind it
 
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """An asset's surface, as seen from outside.
+    """An asset's surface, as it is seen from outside.
 
     Attributes:
-        surface: the scene's, with the faces in ``turned`` wound the other way round, so that all normals look out.
+        surface: the scene's, with the faces in ``turned`` wound the other way round, so that all normals look out that
+            may: the normals of faces that are drawn from one side only are the file's.
         turned: (F,) faces that the file winds inside out.
         part: (F,) number of the part that each distinct face belongs to: what hangs together through edges of exactly
             two faces. -1 for others.
-        sheets: its layers; hidden faces are not distinct.
+        sheets: its layers; faces that are not drawn are not distinct.
         solid: (F,) distinct faces to place watermarks on.
         possible: (F,) distinct faces to fall back to: ``solid`` and the see-through ones.
-        index: over the distinct faces; it answers with face numbers of ``surface``.
-        resolution: the spacing of the file's 32-bit coordinates where it is widest, size-30 units.
+        index: over the distinct faces; it answers with face numbers of ``surface``. Eyes look through what is drawn
+            from one side only, and through what is see-through.
+        glazed: the same, but eyes do not look through what is see-through.
+        resolution: (V,) the spacing of the file's 32-bit coordinates at each vertex of ``surface``, size-30 units.
     """
 
     surface: Surface
@@ -42,7 +48,8 @@ class Ground:
     solid: Bool
     possible: Bool
     index: SpatialIndex
-    resolution: float
+    glazed: SpatialIndex
+    resolution: Float
 
     def as_in_file(self, edit: SurfaceEdit) -> SurfaceEdit:
         """An edit of ``surface`` as one of the scene's own: every triangle wound like the face it was cut from."""
@@ -64,43 +71,91 @@ def survey(scene: Scene) -> Ground:
     Raises:
         MeshmarkError: ``no_faces`` when every face is collapsed; ``device_unavailable``.
     """
-    surface, mask = scene.surface, editable(scene)
-    sheets = find_sheets(surface, mask.shown.astype(np.int64) + mask.possible + mask.solid)
-    distinct = sheets.distinct & mask.shown
+    surface, seen = scene.surface, scene.viewed
+    invertible = np.array([drawn.invertible for drawn in scene.primitives])[surface.face_primitive]
+    possible = invertible & seen.drawn
+    solid = possible & (seen.opacity >= HIDING)
+    rank = seen.drawn.astype(np.int64) + possible + solid
+    layer = _layer(surface, seen, rank, turn_backed=True)
+    inner = layer.facing.turned & seen.one_sided
+    if inner.any():
+        # Of two coincident faces, each drawn from its front only, the one that looks out is the ground.
+        layer = _layer(surface, seen, 2 * rank - inner, turn_backed=False)
+    sheets, facing, hides, clear = layer.sheets, layer.facing, layer.hides.copy(), seen.opacity < HIDING
+    # A closed body shows its fronts and hides its backs: eyes need not be asked about them.
+    hides[facing.closed] = Hides.ALWAYS
+    if facing.turned.any():
+        faces = np.where(facing.turned[:, None], surface.faces[:, [0, 2, 1]], surface.faces)
+        surface = replace(surface, faces=faces)
+    free = sheets.distinct & ~sheets.pinned
+    return Ground(
+        surface,
+        facing.turned,
+        facing.part,
+        sheets,
+        solid & free,
+        possible & free,
+        layer.index.hiding(_through(hides, clear)),
+        layer.index.hiding(hides),
+        _resolution(scene),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Layer:
+    """The faces that make up the ground, and how they are turned; arrays and ``index`` as in :class:`Ground`."""
+
+    sheets: Sheets
+    facing: Orientation
+    hides: NDArray[np.uint8]
+    index: SpatialIndex
+
+
+def _layer(surface: Surface, seen: Viewed, rank: Int, *, turn_backed: bool) -> _Layer:
+    """The ground of the coincident faces with the highest ``rank`` (F,); whether faces that are drawn from their front
+    only may be turned where something coincident shows their back."""
+    sheets = find_sheets(surface, rank)
+    distinct = sheets.distinct & seen.drawn
     if not distinct.any():
         raise MeshmarkError(
             ErrorCode.NO_FACES,
             f"All {len(surface.faces)} faces of this file are collapsed: two of their corners are one point.",
             "Export the model with its surface, not only points, lines or collapsed triangles.",
         )
-    index = spatial_index(surface.positions, surface.faces, np.flatnonzero(distinct))
-    turned, part = reversed_faces(surface, distinct, index)
-    if turned.any():
-        surface = replace(surface, faces=np.where(turned[:, None], surface.faces[:, [0, 2, 1]], surface.faces))
-    free = distinct & ~sheets.pinned
-    return Ground(
-        surface,
-        turned,
-        part,
-        replace(sheets, distinct=distinct),
-        mask.solid & free,
-        mask.possible & free,
-        index,
-        _resolution(scene),
-    )
+    one_sided, clear = seen.one_sided & ~_backed(surface, seen, sheets), seen.opacity < HIDING
+    hides = np.where(one_sided, Hides.FROM_FRONT, Hides.ALWAYS).astype(np.uint8)
+    glazed = spatial_index(surface.positions, surface.faces, np.flatnonzero(distinct), hides)
+    fixed = one_sided if turn_backed else seen.one_sided
+    facing = orient(surface, distinct, fixed, clear, glazed.hiding(_through(hides, clear)), glazed)
+    return _Layer(replace(sheets, distinct=distinct), facing, hides, glazed)
 
 
-def _resolution(scene: Scene) -> float:
-    """The spacing of float32 at the largest local coordinate of any primitive, as long as it is in the world."""
-    surface, widest = scene.surface, 0.0
+def _through(hides: NDArray[np.uint8], clear: Bool) -> NDArray[np.uint8]:
+    """(F,) what faces hide when eyes look through those that are ``clear`` (F,)."""
+    return np.where(clear, Hides.NEVER, hides).astype(np.uint8)
+
+
+def _backed(surface: Surface, seen: Viewed, sheets: Sheets) -> Bool:
+    """(F,) distinct faces that something coincident shows the back of: a face that looks the other way, or one that is
+    drawn from both sides."""
+    of, copy = sheets.copies.T
+    opposite = np.einsum("ni,ni->n", surface.normals[of], surface.normals[copy]) < 0
+    backed = np.zeros(len(surface.faces), dtype=bool)
+    backed[of[seen.drawn[copy] & (opposite | ~seen.one_sided[copy])]] = True
+    return backed
+
+
+def _resolution(scene: Scene) -> Float:
+    """(V,) the spacing of float32 at the local coordinates of each vertex, as long as it is in the world."""
+    surface = scene.surface
+    spacing = np.zeros(len(surface.positions))
     for drawn in scene.primitives:
-        used = surface.positions[drawn.first_vertex : drawn.first_vertex + int(drawn.triangles.max()) + 1]
-        low, high = surface.to_world(np.stack([used.min(axis=0), used.max(axis=0)]))
-        corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
-        stretch = 1.0
+        rows = slice(drawn.first_vertex, drawn.first_vertex + int(drawn.triangles.max()) + 1)
+        local, stretch = surface.to_world(surface.positions[rows]), 1.0
         if len(drawn.matrices) == 1 and drawn.invertible:
             matrix, shift = drawn.matrices[0, :, :3], drawn.matrices[0, :, 3]
-            corners = np.linalg.solve(matrix, (corners - shift).T).T
+            local = np.linalg.solve(matrix, (local - shift).T).T
             stretch = float(np.linalg.norm(matrix, axis=0).max())
-        widest = max(widest, float(np.spacing(np.float32(np.abs(corners).max()))) * stretch)
-    return widest * surface.scale
+        largest = np.abs(local).max(axis=1).astype(np.float32)
+        spacing[rows] = np.spacing(largest).astype(np.float64) * (stretch * surface.scale)
+    return spacing

@@ -1,4 +1,7 @@
-"""Which faces are wound inside out: neighbours are made to agree, then each part is looked at from outside."""
+"""Which faces that are seen from both sides are wound inside out: neighbours are made to agree, then each part is
+looked at from outside. What is seen from its front only has no other side to turn."""
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,7 +9,7 @@ from numpy.typing import NDArray
 from core.asset.surface import Surface
 from core.asset.winding import consistent, neighbours
 from core.rendering.views import fibonacci_directions
-from core.spatial import SpatialIndex
+from core.spatial import Eye, SpatialIndex
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -20,35 +23,86 @@ CLEAR = 1e-3  # where rays start off the surface, size-30 units
 CLEARLY = 4
 
 
-def reversed_faces(surface: Surface, distinct: Bool, index: SpatialIndex) -> tuple[Bool, Int]:
-    """(F,) the faces whose winding must be turned for their normals to look out, and the part (F,) that each belongs
-    to, -1 where it does not count.
+@dataclass(frozen=True, eq=False)
+class Orientation:
+    """Which sides of a surface are out.
+
+    Attributes:
+        turned: (F,) faces whose winding must be turned for their normals to look out.
+        part: (F,) number of the part that each face belongs to, -1 where it does not count.
+        closed: (F,) faces of parts that have an inside, and show their fronts outside of it.
+    """
+
+    turned: Bool
+    part: Int
+    closed: Bool
+
+
+def orient(
+    surface: Surface, distinct: Bool, one_sided: Bool, clear: Bool, index: SpatialIndex, glazed: SpatialIndex
+) -> Orientation:
+    """The :class:`Orientation` of a surface.
 
     Parts are faces connected through edges of exactly two. Within a part the winding of most of its area is right,
     and whoever disagrees with it is turned; then the part as a whole is turned if rays leave the asset from its
-    back rather than from its front. A one-sided (Moebius) part stays as it is.
+    back rather than from its front. A one-sided (Moebius) part stays as it is. Faces that are drawn from their front
+    only are never turned: the rest of their part follows most of them, and where two of them disagree there is no
+    part that both belong to.
 
     Args:
         surface: the asset.
-        distinct: (F,) the faces that count (``sheets.distinct_faces``); the others are never reversed.
-        index: over the asset.
+        distinct: (F,) the faces that count (``sheets.distinct``); the others are never turned.
+        one_sided: (F,) the faces that are drawn from their front only.
+        clear: (F,) the faces that are see-through.
+        index: over the asset, for which these hide nothing.
+        glazed: the same, for which they do; see-through parts are judged by it.
     """
     ids = np.flatnonzero(distinct)
     one, two, agree = neighbours(surface.weld[surface.faces[ids]])
+    fixed = one_sided[ids]
+    together = agree | ~fixed[one] | ~fixed[two]
+    one, two, agree = one[together], two[together], agree[together]
     part, turned = consistent(len(ids), one, two, agree)
-    area = surface.areas[ids]
-    total = np.asarray(np.bincount(part, weights=area), dtype=np.float64)
-    turned ^= (np.bincount(part, weights=area * turned) > total / 2)[part]
-    turned ^= _inside_out(surface, ids, turned, part, total, index)[part]
-    all_turned, all_parts = np.zeros(len(surface.faces), dtype=bool), np.full(len(surface.faces), -1)
-    all_turned[ids], all_parts[ids] = turned, part
-    return all_turned, all_parts
+    area, count = surface.areas[ids], part.max(initial=-1) + 1
+    total = np.asarray(np.bincount(part, weights=area, minlength=count), dtype=np.float64)
+    decided = np.bincount(part, weights=area * fixed, minlength=count)  # by the file
+    deciding = area * np.where(decided[part] > 0, fixed, True)
+    against = np.bincount(part, weights=deciding * turned, minlength=count)
+    turned ^= (against > np.where(decided > 0, decided, total) / 2)[part]
+    turned ^= (_inside_out(surface, ids, turned, part, total, decided > 0, clear, index, glazed))[part]
+    turned &= ~fixed
+    none = np.zeros(len(surface.faces), dtype=bool)
+    result = Orientation(none, np.full(len(surface.faces), -1), none.copy())
+    result.turned[ids], result.part[ids] = turned, part
+    result.closed[ids] = _closed(surface, ids, turned, part, one, two, agree)
+    return result
 
 
-def _inside_out(surface: Surface, ids: Int, turned: Bool, part: Int, total: Float, index: SpatialIndex) -> Bool:
-    """(P,) which parts are seen by their backs, from the outside, clearly more than by their fronts."""
-    asked = np.argsort(-total, kind="stable")[:PARTS]
-    asked = asked[total[asked] > 0]
+def _closed(surface: Surface, ids: Int, turned: Bool, part: Int, one: Int, two: Int, agree: Bool) -> Bool:
+    """(F,) faces of parts of which each face has three neighbours that agree with it, and whose volume is positive."""
+    same = agree == (turned[one] == turned[two])
+    beside = np.bincount(np.concatenate([one[same], two[same]]), minlength=len(ids))
+    whole = np.bincount(part, weights=beside == 3) == np.bincount(part)
+    height = np.einsum("ni,ni->n", surface.positions[surface.faces[ids, 0]], surface.normals[ids])
+    volume = np.bincount(part, weights=height * surface.areas[ids] * np.where(turned, -1, 1))
+    return np.asarray((whole & (volume > 0))[part])
+
+
+def _inside_out(
+    surface: Surface,
+    ids: Int,
+    turned: Bool,
+    part: Int,
+    total: Float,
+    decided: Bool,
+    clear: Bool,
+    index: SpatialIndex,
+    glazed: SpatialIndex,
+) -> Bool:
+    """(P,) which parts that are not ``decided`` are seen by their backs, from the outside, clearly more than by their
+    fronts."""
+    asked = np.argsort(-np.where(decided, 0.0, total), kind="stable")[:PARTS]
+    asked = asked[(total > 0)[asked] & ~decided[asked]]
     by_part = np.argsort(part, kind="stable")
     cumulative = np.cumsum(surface.areas[ids[by_part]])
     ends = np.cumsum(total)
@@ -66,8 +120,12 @@ def _inside_out(surface: Surface, ids: Int, turned: Bool, part: Int, total: Floa
     cosine = normals @ directions.T
     point, direction = np.nonzero(np.abs(cosine) > GRAZING)
     side = np.sign(cosine[point, direction])
-    _, face = index.first_hit(points[point] + CLEAR * side[:, None] * normals[point], directions[direction])
-    seen = face < 0
+    origins = points[point] + CLEAR * side[:, None] * normals[point]
+    seen = np.zeros(len(point), dtype=bool)
+    through = clear[ids[picked[point]]]
+    for which, over in ((through, glazed), (~through, index)):
+        _, face = over.first_hit(origins[which], directions[direction[which]], Eye.FAR)
+        seen[which] = face < 0
     owner = picked_part[point]
     front = np.bincount(owner, weights=seen & (side > 0), minlength=len(total))
     back = np.bincount(owner, weights=seen & (side < 0), minlength=len(total))

@@ -26,6 +26,7 @@ class Sheets:
     Attributes:
         distinct: (F,) faces left when collapsed ones (two corners are one welded vertex) and all but one of
             coincident ones are set aside.
+        copies: (C, 2) a distinct face, and one that coincides with it and was set aside.
         duplicates: (D, 2) a distinct face, and one with the same welded corners and winding: nothing is lost when it
             goes together with the distinct one. Sorted.
         twinned: (F,) distinct faces with a coincident one of the same welded corners and the opposite winding: a
@@ -36,6 +37,7 @@ class Sheets:
     """
 
     distinct: Bool
+    copies: Int
     duplicates: Int
     twinned: Bool
     covered: Bool
@@ -44,8 +46,8 @@ class Sheets:
 
 def single_layer(faces: int) -> Sheets:
     """Every one of ``faces`` faces is distinct."""
-    none = np.zeros(faces, dtype=bool)
-    return Sheets(~none, np.empty((0, 2), dtype=np.int64), none, none, none)
+    none, no_pairs = np.zeros(faces, dtype=bool), np.empty((0, 2), dtype=np.int64)
+    return Sheets(~none, no_pairs, no_pairs, none, none, none)
 
 
 def find_sheets(surface: Surface, rank: Int) -> Sheets:
@@ -72,7 +74,8 @@ def find_sheets(surface: Surface, rank: Int) -> Sheets:
     if len(pairs):
         pinned[pairs[:, 0]] = True
         pinned[distinct] &= _at_rim(corners[distinct])
-    return Sheets(distinct, pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))], twinned, covered, pinned)
+    duplicates = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+    return Sheets(distinct, np.column_stack([of, copy]), duplicates, twinned, covered, pinned)
 
 
 def _at_rim(corners: Int) -> Bool:

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from core.placement.boxes import Boxes
 from core.placement.finetune import LOSS_THRESHOLD
-from core.spatial import SpatialIndex
+from core.spatial import Eye, SpatialIndex
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -69,7 +69,7 @@ def footprint(
     origin = boxes.center + start[:, None] * normal
     points = origin[:, None, :] + np.einsum("bni,bij->bnj", local, boxes.axes[:, :2])
     down = np.broadcast_to(-normal[:, None, :], points.shape)
-    distance, face = index.first_hit(points.reshape(-1, 3), down.reshape(-1, 3))
+    distance, face = index.first_hit(points.reshape(-1, 3), down.reshape(-1, 3), Eye.ORIGIN)
     distance, face = distance.reshape(points.shape[:2]), face.reshape(points.shape[:2])
     cosine = np.where(face >= 0, np.einsum("bni,bi->bn", normals[face], normal), -1.0)
     return Footprint(start[:, None] - distance, cosine, local, face)
@@ -190,11 +190,9 @@ def occluded(boxes: Boxes, points: Float, index: SpatialIndex, reach: float | Fl
     """(B,) boxes whose front looks at the asset itself within ``reach`` (one for all, or (B,)), size-30 units.
 
     Rays leave along the normal from ``points`` (B, N, 3), see :func:`above` (paper, supplement "Non-Occluding
-    Boxes").
+    Boxes"), through what hides nothing from whoever looks at the box.
     """
-    along = np.broadcast_to(boxes.axes[:, 2:3], points.shape)
-    distance, _ = index.first_hit(points.reshape(-1, 3), along.reshape(-1, 3))
-    return np.asarray((distance.reshape(points.shape[:2]) <= np.reshape(reach, (-1, 1))).any(axis=1))
+    return _meets(points, boxes.axes[:, 2], index, reach, Eye.FAR)
 
 
 def thin_walled(boxes: Boxes, points: Float, index: SpatialIndex, depth: float | Float) -> Bool:
@@ -204,7 +202,14 @@ def thin_walled(boxes: Boxes, points: Float, index: SpatialIndex, depth: float |
     Sunken letters would break through there. Rays go against the normal from ``points`` (B, N, 3) just below
     the surface, see :func:`above`.
     """
-    return occluded(Boxes(boxes.center, -boxes.axes, boxes.size), points, index, depth)
+    return _meets(points, -boxes.axes[:, 2], index, depth, None)
+
+
+def _meets(points: Float, along: Float, index: SpatialIndex, reach: float | Float, eye: Eye | None) -> Bool:
+    """(B,) whether a ray from any of ``points`` (B, N, 3) ``along`` (B, 3) hits something within ``reach``."""
+    directions = np.broadcast_to(along[:, None], points.shape)
+    distance, _ = index.first_hit(points.reshape(-1, 3), directions.reshape(-1, 3), eye)
+    return np.asarray((distance.reshape(points.shape[:2]) <= np.reshape(reach, (-1, 1))).any(axis=1))
 
 
 def above(boxes: Boxes, met: Footprint, clearance: float | Float) -> Float:

@@ -41,6 +41,7 @@ from core.placement.objective import (
 from core.placement.sampling import sample
 from core.placement.selection import visibility
 from core.placement.site import Site
+from core.spatial import Eye
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -241,7 +242,8 @@ def _in_sight(site: Site, points: Float, normals: Float, directions: Float, rng:
     few = min(GLANCES, len(directions))
     glance = np.argpartition(order, few - 1, axis=1)[:, :few]
     point, turn = np.nonzero(np.isfinite(np.take_along_axis(order, glance, axis=1)))
-    _, face = site.index.first_hit(points[point] + SKIN * normals[point], directions[glance[point, turn]])
+    start, toward = points[point] + SKIN * normals[point], directions[glance[point, turn]]
+    _, face = site.index.first_hit(start, toward, Eye.FAR)
     return np.unique(point[face < 0])
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from core.placement.boxes import Boxes
 from core.placement.filters import overlapping
 from core.placement.objective import Placement, facing
-from core.spatial import SpatialIndex
+from core.spatial import Eye, SpatialIndex
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -27,7 +27,7 @@ def visibility(boxes: Boxes, points: Float, index: SpatialIndex, directions: Flo
     box, view = np.nonzero(visible)
     origins = points[box]
     toward = np.broadcast_to(directions[view][:, None, :], origins.shape)
-    _, face = index.first_hit(origins.reshape(-1, 3), toward.reshape(-1, 3))
+    _, face = index.first_hit(origins.reshape(-1, 3), toward.reshape(-1, 3), Eye.FAR)
     visible[box, view] = (face < 0).reshape(origins.shape[:2]).all(axis=1)
     return visible
 

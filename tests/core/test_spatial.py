@@ -1,9 +1,13 @@
+from functools import partial
+
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.spatial import SpatialIndex
-from tests.core.shapes import box, sphere
+from core.spatial import Eye, Hides, SpatialIndex
+from core.warp_index import WarpIndex
+from tests.core.shapes import box, grid, join, moved, sphere
 
 CUBE = box(2.0, 2.0, 2.0)
 INDEX = SpatialIndex(CUBE.positions, CUBE.faces)
@@ -48,3 +52,38 @@ def test_answers_do_not_depend_on_how_many_are_asked_at_once() -> None:
     alone = [index.closest(point[None]) for point in query]
     assert np.array_equal(together[0], np.concatenate([distance for distance, _, _ in alone]))
     assert np.array_equal(together[1], np.concatenate([face for _, face, _ in alone]))
+
+
+def _hits(hides: Hides, eye: Eye | None, index: type[SpatialIndex] = SpatialIndex) -> list[float]:
+    """Where rays through a cube meet it, from outside and from inside."""
+    asked = index(CUBE.positions, CUBE.faces, hides=np.full(12, hides, dtype=np.uint8))
+    origins, down = np.array([[0.1, 0.2, 5.0], [0.1, 0.2, 0.0]]), np.array([[0.0, 0, -1], [0, 0, -1]])
+    distance, face = asked.first_hit(origins, down, eye)
+    assert (np.isinf(distance) == (face < 0)).all()
+    return distance.round(6).tolist()
+
+
+@pytest.mark.parametrize("index", [SpatialIndex, partial(WarpIndex, device="cpu")])
+def test_an_eye_looks_through_backs_that_are_not_drawn_and_through_glass(index: type[SpatialIndex]) -> None:
+    nothing = float("inf")
+    assert _hits(Hides.FROM_FRONT, None, index) == [4.0, 1.0]
+    assert _hits(Hides.FROM_FRONT, Eye.ORIGIN, index) == [4.0, nothing]
+    assert _hits(Hides.FROM_FRONT, Eye.FAR, index) == [6.0, 1.0]
+    assert _hits(Hides.NEVER, None, index) == [4.0, 1.0]
+    assert _hits(Hides.NEVER, Eye.ORIGIN, index) == [nothing, nothing]
+    assert _hits(Hides.ALWAYS, Eye.FAR, index) == [4.0, 1.0]
+
+
+@pytest.mark.parametrize("index", [SpatialIndex, partial(WarpIndex, device="cpu")])
+def test_through_many_panes_an_eye_sees_the_first_wall_and_its_own_number(index: type[SpatialIndex]) -> None:
+    panes = join(*(moved(grid(4.0, 4.0, 1, 1), 0.0, 0.0, -0.5 * step) for step in range(30)))
+    hides = np.full(60, Hides.NEVER, dtype=np.uint8)
+    hides[50:] = Hides.ALWAYS
+    counts = np.arange(10, 60)
+    asked = index(panes.positions, panes.faces, counts, hides=hides)
+    origins, down = np.tile([0.3, 0.1, 2.0], (3, 1)), np.array([[0.0, 0, -1], [0, 0, -4], [0, 0, 1]])
+    distance, face = asked.first_hit(origins, down, Eye.ORIGIN)
+    assert distance.tolist() == pytest.approx([14.5, 14.5 / 4, float("inf")])
+    assert set(face[:2]) <= {50, 51}
+    assert face[2] == -1
+    assert asked.hiding(None).first_hit(origins, down, Eye.ORIGIN)[0][0] == pytest.approx(4.5)

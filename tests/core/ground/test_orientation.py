@@ -2,19 +2,28 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from core.asset.surface import Surface
-from core.ground.orientation import reversed_faces
+from core.ground.orientation import Orientation, orient
 from core.spatial import SpatialIndex
 from tests.core.shapes import Int, box, grid, join, moved, sphere, surface
+
+Bool = NDArray[np.bool_]
 
 BALL = sphere(5.0, 2)
 
 
 def _reversed(shape: Surface) -> list[bool]:
-    everything = np.ones(len(shape.faces), dtype=bool)
-    found, _ = reversed_faces(shape, everything, SpatialIndex(shape.positions, shape.faces))
-    return list(found.tolist())
+    return list(_oriented(shape).turned.tolist())
+
+
+def _oriented(shape: Surface, counts: Bool | None = None, one_sided: Bool | None = None) -> Orientation:
+    """Everything counts, and is drawn from both sides, if nothing else is said."""
+    none = np.zeros(len(shape.faces), dtype=bool)
+    counts, one_sided = ~none if counts is None else counts, none if one_sided is None else one_sided
+    index = SpatialIndex(shape.positions, shape.faces)
+    return orient(shape, counts, one_sided, none, index, index)
 
 
 def _turned(shape: Surface, which: Int) -> Surface:
@@ -37,7 +46,7 @@ def test_whichever_faces_are_flipped_are_the_ones_that_are_turned(which: list[in
 def test_parts_are_told_apart_and_faces_that_do_not_count_belong_to_none() -> None:
     both = join(box(3.0, 3.0, 3.0), moved(box(3.0, 3.0, 3.0), 8.0, 0.0, 0.0))
     counts = np.arange(24) != 5
-    _, part = reversed_faces(both, counts, SpatialIndex(both.positions, both.faces))
+    part = _oriented(both, counts).part
     assert part[5] == -1
     assert len(set(part[:12][counts[:12]].tolist())) == 1
     assert len(set(part[12:].tolist())) == 1
@@ -78,3 +87,27 @@ def test_a_moebius_band_stays_as_it_is(turns: int) -> None:
     low[-1], high[-1] = 40, 0  # closed with a half turn
     faces = np.concatenate([np.column_stack([here, low, high]), np.column_stack([here, high, here + 40])])
     assert not any(_reversed(surface(positions, faces)))
+
+
+def test_a_part_that_is_drawn_from_its_front_only_keeps_the_winding_of_its_file() -> None:
+    room = _turned(box(3.0, 3.0, 3.0), np.arange(12))
+    assert not _oriented(room, one_sided=np.ones(12, dtype=bool)).turned.any()
+
+
+def test_the_rest_of_a_part_follows_what_is_drawn_from_its_front_only() -> None:
+    room = _turned(box(3.0, 3.0, 3.0), np.arange(6))
+    inwards = np.arange(12) < 6
+    assert _oriented(room, one_sided=inwards).turned.tolist() == [False] * 6 + [True] * 6
+
+
+def test_two_faces_that_are_drawn_from_opposite_sides_belong_to_no_part_together() -> None:
+    sheet = _turned(grid(10.0, 6.0, 2, 1), np.arange(2))
+    found = _oriented(sheet, one_sided=np.ones(len(sheet.faces), dtype=bool))
+    assert not found.turned.any()
+    assert set(found.part[:2]).isdisjoint(found.part[2:])
+
+
+def test_only_a_body_without_holes_that_shows_its_fronts_is_closed() -> None:
+    assert _oriented(BALL).closed.all()
+    assert not _oriented(surface(BALL.positions, BALL.faces[1:])).closed.any()
+    assert not _oriented(_turned(BALL, np.arange(320)), one_sided=np.ones(320, dtype=bool)).closed.any()
