@@ -151,10 +151,11 @@ def _resolution(scene: Scene) -> Float:
     spacing = np.zeros(len(surface.positions))
     for drawn in scene.primitives:
         rows = slice(drawn.first_vertex, drawn.first_vertex + int(drawn.triangles.max()) + 1)
-        local, stretch = surface.to_world(surface.positions[rows]), 1.0
+        local: Float = surface.to_world(surface.positions[rows])
+        stretch = 1.0
         if len(drawn.matrices) == 1 and drawn.invertible:
             matrix, shift = drawn.matrices[0, :, :3], drawn.matrices[0, :, 3]
-            local = np.linalg.solve(matrix, (local - shift).T).T
+            local = np.asarray(np.linalg.solve(matrix, (local - shift).T).T, dtype=np.float64)
             stretch = float(np.linalg.norm(matrix, axis=0).max())
         largest = np.abs(local).max(axis=1).astype(np.float32)
         spacing[rows] = np.spacing(largest).astype(np.float64) * (stretch * surface.scale)

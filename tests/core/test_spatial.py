@@ -60,7 +60,7 @@ def _hits(hides: Hides, eye: Eye | None, index: type[SpatialIndex] = SpatialInde
     origins, down = np.array([[0.1, 0.2, 5.0], [0.1, 0.2, 0.0]]), np.array([[0.0, 0, -1], [0, 0, -1]])
     distance, face = asked.first_hit(origins, down, eye)
     assert (np.isinf(distance) == (face < 0)).all()
-    return distance.round(6).tolist()
+    return [round(float(one), 6) for one in distance]
 
 
 @pytest.mark.parametrize("index", [SpatialIndex, partial(WarpIndex, device="cpu")])
