@@ -11,8 +11,8 @@ BRIGHTEN = 70  # added to the colour of the sharpest ridge, so that letters show
 _NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))  # each with its opposite
 
 
-def cavity(picture: NDArray[np.uint8], depth: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """``picture`` with folds darkened and ridges brightened.
+def cavity(picture: NDArray[np.uint8], depth: NDArray[np.float32], shaded: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """``picture`` with folds darkened and ridges brightened, as far as its surfaces show light and shade at all.
 
     A letter 0.2 units high that faces the camera has walls thinner than a pixel: shading alone hardly shows it.
     The second difference of the depth does, and it is zero on planes however they are turned. Modelling tools offer
@@ -22,6 +22,7 @@ def cavity(picture: NDArray[np.uint8], depth: NDArray[np.float32]) -> NDArray[np
         picture: (H, W, 3) sRGB.
         depth: (H, W) distance along the view axis in size-30 units, 0 where there is nothing. The outermost pixels
             must be empty.
+        shaded: (H, W) 0 to 1, the share of each pixel's colour that is made by light.
     """
     distance = np.where(depth > 0, depth, np.nan)
     fold = np.zeros_like(distance)
@@ -30,6 +31,6 @@ def cavity(picture: NDArray[np.uint8], depth: NDArray[np.float32]) -> NDArray[np
         depth_of_fold = np.nan_to_num(2 * distance - before - after)
         loud = np.sign(depth_of_fold) * np.maximum(np.abs(depth_of_fold) - QUIET, 0)
         fold += np.clip(loud / STEP, -1, 1)
-    fold /= len(_NEIGHBOURS)
+    fold *= shaded / len(_NEIGHBOURS)
     shaded = picture * (1 - DARKEN * np.maximum(fold, 0))[..., None] + BRIGHTEN * np.maximum(-fold, 0)[..., None]
     return np.asarray(np.rint(np.clip(shaded, 0, 255)), dtype=np.uint8)

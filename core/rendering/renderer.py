@@ -142,19 +142,28 @@ class Renderer:
             drawer._read_main_framebuffer = with_depth
         return np.array(picture)
 
-    def render_with_depth(self, direction: ArrayLike, up: ArrayLike) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """As :meth:`render`, and the (size, size) distance along the view axis in size-30 units, 0 where nothing is."""
-        picture, depth = self._draw(direction, up)
-        return np.array(picture), np.array(depth)
+    def render_with_depth(
+        self, direction: ArrayLike, up: ArrayLike
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]]:
+        """As :meth:`render`, and for each pixel what shading may be added to it by.
 
-    def _draw(self, direction: ArrayLike, up: ArrayLike) -> tuple[Any, Any]:
+        Returns:
+            The picture (size, size, 3); the distance along the view axis in size-30 units, 0 where nothing is; and the
+            share of what is seen that is made by light, 0 on unlit surfaces to 1 on those that do not glow.
+        """
+        picture, depth = self._draw(direction, up, self._gl.RenderFlags.RGBA)
+        # What is blended over a lit surface leaves at least three quarters: a² + (1 - a).
+        shaded = np.minimum(picture[..., 3] / np.float32(0.75 * 255), 1)
+        return np.array(picture[..., :3]), np.array(depth), shaded
+
+    def _draw(self, direction: ArrayLike, up: ArrayLike, flags: int = 0) -> tuple[Any, Any]:
         backward = _unit(np.asarray(direction, dtype=np.float64))
         right = _unit(np.cross(np.asarray(up, dtype=np.float64), backward))
         pose = np.eye(4)
         pose[:3, :3] = np.column_stack([right, np.cross(backward, right), backward])
         pose[:3, 3] = self._center + self._distance * backward
         self._scene.set_pose(self._camera, pose)
-        picture, depth = self._context.render(self._scene)
+        picture, depth = self._context.render(self._scene, flags)
         return picture, depth
 
     def _read_picture(self, *_: Any) -> tuple[NDArray[np.uint8], None]:
@@ -190,7 +199,7 @@ class Renderer:
                 emissiveTexture=glow_texture,
                 # Two slots of the shader's own use, see mesh.frag.
                 metallicFactor=material.alpha_cutoff,
-                roughnessFactor=float(material.unlit),
+                roughnessFactor=0.5 * material.unlit + 0.25 * (material.alpha_mode == "BLEND"),
                 alphaMode=material.alpha_mode,
                 doubleSided=material.double_sided,
             ),

@@ -20,7 +20,7 @@ struct Material {
     vec4 base_color_factor;
     vec3 emissive_factor;
     float metallic_factor;  // carries the alpha below which a fragment is dropped
-    float roughness_factor;  // carries whether the material is unlit: 1.0, else 0.0
+    float roughness_factor;  // carries 0.5 where the material is unlit, and 0.25 more where it is blended
 #ifdef HAS_BASE_COLOR_TEX
     sampler2D base_color_texture;
 #endif
@@ -70,6 +70,11 @@ void main() {
         + 0.72 * max(dot(n, KEY), 0.0)
         + 0.22 * max(dot(n, FILL), 0.0)
         + 0.10 * max(dot(n, RIM), 0.0);
-    light = mix(light, 1.0, material.roughness_factor);
-    fragment = vec4(pow(clamp(color.rgb * light + emission, 0.0, 1.0), vec3(1.0 / 2.2)), color.a);
+    bool unlit = material.roughness_factor > 0.4;
+    bool blended = material.roughness_factor - (unlit ? 0.5 : 0.0) > 0.1;
+    vec3 lit = color.rgb * (unlit ? 1.0 : light);
+    // Where nothing shines through, alpha is free to tell how much of what is seen is made by light.
+    float glow = dot(emission, vec3(1.0));
+    float shaded = unlit ? 0.0 : glow > 0.0 ? 1.0 - glow / (glow + dot(lit, vec3(1.0))) : 1.0;
+    fragment = vec4(pow(clamp(lit + emission, 0.0, 1.0), vec3(1.0 / 2.2)), blended ? color.a : shaded);
 }

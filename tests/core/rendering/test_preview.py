@@ -55,9 +55,9 @@ def test_letters_without_a_colour_of_their_own_can_be_seen_from_straight_ahead()
     glb = GlbWriter().mesh(mesh.vert_properties[:, :3], mesh.tri_verts, material=plain((0.6, 0.6, 0.6, 1))).bytes()
     with Renderer(256) as renderer:
         renderer.load(glb)
-        picture, depth = renderer.render_with_depth((0, 0, 1), (0, 1, 0))
+        picture, depth, shaded = renderer.render_with_depth((0, 0, 1), (0, 1, 0))
     letters = np.s_[112:144, 60:196]
-    assert cavity(picture, depth)[letters].std() > 2 * picture[letters].std()
+    assert cavity(picture, depth, shaded)[letters].std() > 2 * picture[letters].std()
 
 
 def test_the_sheet_is_the_same_each_time() -> None:
@@ -77,3 +77,13 @@ def test_real_assets_appear_in_every_tile(path: Path) -> None:
         row, column = (number * (96 + GAP) for number in divmod(index, COLUMNS))
         tile = pixels[row : row + 96, column : column + 96]
         assert 0.02 < (np.abs(tile.astype(int) - tile[0, 0]).max(axis=2) > 8).mean() < 0.9
+
+
+def test_edges_of_an_unlit_cube_are_not_accentuated() -> None:
+    """An ordinary viewer does not show them either."""
+    glb = GlbWriter().mesh(
+        CORNERS, CUBE_FACES, material=plain((0.2, 0.2, 0.2, 1), extensions={"KHR_materials_unlit": {}})
+    )
+    pixels = np.asarray(Image.open(BytesIO(sheet(glb.bytes(), 192))).convert("RGB")).astype(int)
+    corner_view = pixels[96 + GAP : 192 + GAP, 30:66]
+    assert np.ptp(corner_view[30:66].reshape(-1, 3), axis=0).max() <= 1

@@ -446,3 +446,26 @@ def test_no_cache_of_shaders_is_written_nor_warned_of(tmp_path: Path) -> None:
     }
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
     assert run.stderr == ""
+
+
+@pytest.mark.parametrize(
+    ("material", "low", "high"),
+    [
+        (plain((0.5, 0.5, 0.5, 1)), 1, 1),
+        (plain((0, 0, 0, 1)), 1, 1),
+        (plain((0.5, 0.5, 0.5, 0.4), alphaMode="BLEND"), 1, 1),
+        (plain((0.5, 0.5, 0.5, 1), alphaMode="MASK"), 1, 1),
+        (plain((0.5, 0.5, 0.5, 1), extensions={"KHR_materials_unlit": {}}), 0, 0),
+        (plain((0, 0, 0, 1), emissiveFactor=[1, 0, 0]), 0, 0),
+        (plain((0.5, 0.5, 0.5, 1), emissiveFactor=[0.5, 0.5, 0.5]), 0.3, 0.9),
+    ],
+)
+def test_it_is_known_how_much_of_what_is_seen_is_made_by_light(
+    renderer: Renderer, material: dict[str, Any], low: float, high: float
+) -> None:
+    writer = GlbWriter().mesh(QUAD * 2 - [0, 0, 0.5], QUAD_FACES, material=plain((1, 1, 1, 1)))
+    renderer.load(writer.mesh(QUAD, QUAD_FACES, material=material).bytes())
+    picture, depth, shaded = renderer.render_with_depth(FRONT, UP)
+    assert low <= shaded[SIZE // 2, SIZE // 2] <= high
+    assert picture.shape == (SIZE, SIZE, 3)
+    assert depth[SIZE // 2, SIZE // 2] > 0
