@@ -245,7 +245,7 @@ def read_accessor(document: Document, index: int) -> NDArray[Any]:
     if dtype is None or shape is None or type(count) is not int or count < 1:
         raise malformed(f"accessors[{index}] does not declare a valid type, component type and count.")
     if "bufferView" in accessor:
-        values = _read_view(document, accessor["bufferView"], accessor.get("byteOffset", 0), count, dtype, shape)
+        values = read_view(document, accessor["bufferView"], accessor.get("byteOffset", 0), count, dtype, shape)
     elif index in document.draco:
         values = document.draco[index]
     else:
@@ -290,7 +290,7 @@ def _finite(number: str) -> float:
     return value
 
 
-def _read_view(
+def read_view(
     document: Document,
     view_index: Any,
     byte_offset: Any,
@@ -373,7 +373,7 @@ def _substitute(
         raise malformed(f"The sparse part of accessors[{index}] is incomplete.") from None
     if type(count) is not int or count < 1 or index_type.kind != "u":
         raise malformed(f"The sparse part of accessors[{index}] does not declare a valid count and index type.")
-    rows = _read_view(document, views[0], where.get("byteOffset", 0), count, index_type, (1, 1))[:, 0]
+    rows = read_view(document, views[0], where.get("byteOffset", 0), count, index_type, (1, 1))[:, 0]
     if rows.max() >= len(values):
         raise MeshmarkError(
             ErrorCode.INDEX_OUT_OF_RANGE,
@@ -381,7 +381,7 @@ def _substitute(
             "Export the asset again; its sparse accessor is damaged.",
         )
     result = values.copy()
-    result[rows] = _read_view(document, views[1], what.get("byteOffset", 0), count, dtype, shape)
+    result[rows] = read_view(document, views[1], what.get("byteOffset", 0), count, dtype, shape)
     return result
 
 

@@ -5,13 +5,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.asset.appender import Appender
+from core.asset.editor import Editor
 from core.asset.gltf import Document, dequantize, malformed, read_accessor, typed
 from core.asset.hierarchy import transforms
+from core.asset.references import INSTANCING
 
 Float = NDArray[np.float64]
 
-INSTANCING = "EXT_mesh_gpu_instancing"
 _PROPERTIES = {"TRANSLATION": 3, "ROTATION": 4, "SCALE": 3}
 
 
@@ -33,22 +33,22 @@ def instance_matrices(document: Document, node: int) -> Float | None:
     return transforms(properties["TRANSLATION"], properties["ROTATION"], properties["SCALE"])
 
 
-def split_off(appender: Appender, document: Document, index: int, meshes: dict[int, int]) -> None:
+def split_off(editor: Editor, document: Document, index: int, meshes: dict[int, int]) -> None:
     """Make some instances of a node ordinary children, each with a mesh of its own; the others stay instances.
 
     Args:
-        appender: what is written; its node is replaced.
+        editor: what is written; its node is replaced.
         document: as it was read.
         index: the node.
         meshes: instance -> the mesh that it draws from now on.
     """
-    node = appender.json["nodes"][index]
+    node = editor.json["nodes"][index]
     attributes = instance_attributes(node)
     properties = _properties(document, index, attributes)
     kept = np.setdiff1d(np.arange(len(properties["SCALE"])), list(meshes))
     shared = {"weights": node["weights"]} if "weights" in node else {}
     children = [
-        appender.append(
+        editor.append(
             "nodes",
             {"mesh": mesh, **shared} | {key.lower(): values[number].tolist() for key, values in properties.items()},
         )
@@ -57,15 +57,13 @@ def split_off(appender: Appender, document: Document, index: int, meshes: dict[i
     extensions = {name: value for name, value in node["extensions"].items() if name != INSTANCING or len(kept)}
     if len(kept):
         rows = {
-            name: appender.add_attribute(
-                read_accessor(document, accessor)[kept], document.entry("accessors", accessor), bounded=False
-            )
+            name: editor.add_attribute(read_accessor(document, accessor)[kept], accessor, bounded=False)
             for name, accessor in attributes.items()
         }
         extensions[INSTANCING] = extensions[INSTANCING] | {"attributes": rows}
     changed = node | {"children": [*node.get("children", []), *children], "extensions": extensions}
     gone = {key for key in ("mesh", "weights") if not len(kept)} | ({"extensions"} if not extensions else set())
-    appender.json["nodes"][index] = {key: value for key, value in changed.items() if key not in gone}
+    editor.json["nodes"][index] = {key: value for key, value in changed.items() if key not in gone}
 
 
 def _properties(document: Document, node: int, attributes: dict[str, int]) -> dict[str, Float]:

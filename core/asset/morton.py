@@ -1,0 +1,35 @@
+"""Order along a space-filling curve: neighbours in space are neighbours in the file, whoever made them."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+BITS = 21  # an axis; three fit 63 bits
+
+
+def morton_order(points: NDArray[np.float64]) -> NDArray[np.int64]:
+    """(N,) the order of ``points`` (N, 3) along a Morton curve (Z-order; Morton 1966) over their bounding box.
+
+    Points of one cell come in a random order, the same for the same number of points: their order before does not show.
+    """
+    if not len(points):
+        return np.empty(0, dtype=np.int64)
+    finite = np.nan_to_num(points)
+    low = finite.min(axis=0)
+    extent = float((finite.max(axis=0) - low).max())
+    cell = ((finite - low) * ((2**BITS - 1) / extent if extent > 0 else 0.0)).astype(np.uint64)
+    code = _spread(cell[:, 0]) | _spread(cell[:, 1]) << np.uint64(1) | _spread(cell[:, 2]) << np.uint64(2)
+    shuffled = np.random.default_rng(0).permutation(len(points))
+    return np.asarray(shuffled[np.argsort(code[shuffled], kind="stable")])
+
+
+def _spread(values: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """21-bit numbers with two zero bits after each of theirs."""
+    for shift, mask in (
+        (32, 0x1F00000000FFFF),
+        (16, 0x1F0000FF0000FF),
+        (8, 0x100F00F00F00F00F),
+        (4, 0x10C30C30C30C30C3),
+        (2, 0x1249249249249249),
+    ):
+        values = (values | values << np.uint64(shift)) & np.uint64(mask)
+    return values
