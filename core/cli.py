@@ -10,7 +10,7 @@ from core import __version__
 from core.benchmark.datasets import LAYOUTS
 from core.benchmark.options import OBJECTIVE_METHODS, PAPER_ATTACKS, AttackAsked, BenchmarkOptions
 from core.errors import ErrorCode, MeshmarkError
-from core.parameters import Evaluate, Mode, Preset, parse_parameters
+from core.parameters import Evaluate, Mode, Preset, UnmarkedCopies, parse_parameters
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
@@ -70,6 +70,12 @@ def _add_apply(commands: Commands) -> None:
             metavar="node=NAME|material=NAME|box=X,Y,Z,X,Y,Z",
             help=f"{meaning}; a box from its lowest to its highest corner, in the asset's coordinates; may be repeated",
         )
+    apply.add_argument(
+        "--unmarked-copies",
+        choices=[choice.value for choice in UnmarkedCopies],
+        default=UnmarkedCopies.LEAVE_OUT.value,
+        help="scenes, levels of detail and unused meshes that cannot be marked (default %(default)s)",
+    )
     apply.add_argument(
         "--evaluate",
         choices=[level.value for level in Evaluate],
@@ -238,7 +244,20 @@ def _add_models(commands: Commands) -> None:
 
 
 def _apply(options: argparse.Namespace) -> None:
-    names = ("text", "preset", "mode", "size", "relief", "count", "color", "seed", "keep_out", "prefer", "evaluate")
+    names = (
+        "text",
+        "preset",
+        "mode",
+        "size",
+        "relief",
+        "count",
+        "color",
+        "seed",
+        "keep_out",
+        "prefer",
+        "evaluate",
+        "unmarked_copies",
+    )
     # Without a report nobody would see what measuring it takes seconds to find.
     options.evaluate = options.evaluate or (Evaluate.FULL if options.report else Evaluate.NONE).value
     parameters = parse_parameters({name: getattr(options, name) for name in names})

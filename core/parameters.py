@@ -50,6 +50,13 @@ class Evaluate(StrEnum):
     NONE = "none"
 
 
+class UnmarkedCopies(StrEnum):
+    """What becomes of other copies of the asset in its file (scenes, levels of detail) that no mark fits into."""
+
+    LEAVE_OUT = "leave_out"
+    KEEP = "keep"
+
+
 class Solver(StrEnum):
     """How candidate boxes are fitted to the surface."""
 
@@ -175,6 +182,13 @@ class Parameters(BaseModel):
         ),
     ] = []
     solver: Annotated[Solver | None, Field(description="How boxes are fitted to the surface.")] = None
+    unmarked_copies: Annotated[
+        UnmarkedCopies,
+        Field(
+            description="Other scenes, levels of detail and unused meshes that cannot be marked: left out of the "
+            "result, or kept as they are."
+        ),
+    ] = UnmarkedCopies.LEAVE_OUT
     evaluate: Annotated[Evaluate, Field(description="Which metrics the report carries.")] = Evaluate.FULL
 
     @field_validator("color")

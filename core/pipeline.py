@@ -25,6 +25,7 @@ from core.asset.gate import admit
 from core.asset.glb_check import is_beside
 from core.asset.gltf import Document
 from core.asset.pixels import undecoded_textures
+from core.asset.prune import unreferenced_bytes
 from core.asset.sniff import Format
 from core.asset.write import write
 from core.embossing.mesh import WorkingMesh
@@ -38,6 +39,7 @@ from core.rendering.renderer import Renderer
 
 if TYPE_CHECKING:
     from core.asset.surface import Surface
+    from core.embossing.copies import MarkedCopy
     from core.embossing.emboss import Mark
     from core.ground.ground import Ground
     from core.ground.saliency import Saliency
@@ -84,6 +86,7 @@ class Job:
     # write
     colors: list[str | None] = field(init=False)  # of the letters of each mark, "#rrggbb"; None: their ground's own
     model: bytes = field(init=False)
+    copies: "list[MarkedCopy]" = field(init=False)
     # report
     written: "Surface | None" = None  # read back from the model, in the frame of the asset; None: nothing is measured
     report: dict[str, Any] = field(init=False)
@@ -116,6 +119,15 @@ def _read(job: Job) -> None:
     job.warnings += [
         {"code": lost.code.value, "message": lost.message, "remedy": lost.remedy} for lost in document.warnings
     ]
+    if unreferenced := unreferenced_bytes(document):
+        job.warnings.append(
+            {
+                "code": "unreferenced_data",
+                "message": f"Nothing in this file refers to {unreferenced:,} bytes of it; they are not in the result, "
+                "where they could be a copy without watermarks.",
+                "remedy": "Nothing needs to be done; exporting the asset anew leaves such bytes out.",
+            }
+        )
     beside = [image["uri"] for image in document.json.get("images", []) if is_beside(image)]
     if beside:
         job.warnings.append(
@@ -218,6 +230,8 @@ def _peak_memory() -> int:
 
 
 def _write(job: Job) -> None:
+    from core.embossing.copies import AssetMarks, mark_copies, unmarked
+    from core.embossing.stamp import stamp
     from core.ground.contrast import letter_colors
     from core.report import boxes_of
 
@@ -226,6 +240,9 @@ def _write(job: Job) -> None:
     job.colors = [color.color if color else None for color in worn]
     glowing = {number for number, color in enumerate(worn) if color and color.glows}
     job.model = write(job.scene, job.ground.as_in_file(job.mesh.edit()), job.colors, glowing)
+    marks = AssetMarks(job.ground.surface, boxes, stamp(job.lettering), job.colors, glowing, job.parameters)
+    job.model, job.copies = mark_copies(job.model, marks)
+    job.warnings += unmarked(job.copies)
     job.publish("model", job.model)
 
 
@@ -246,6 +263,7 @@ def _report(job: Job) -> None:
         placement=job.placement,
         marks=job.marks,
         colors=job.colors,
+        copies=job.copies,
         refusals=job.refusals,
         timings=job.timings,
         memory=job.memory,

@@ -11,6 +11,7 @@ from core import __version__
 from core.asset.sniff import Format
 from core.asset.surface import MODEL_SIZE, Surface
 from core.device import device
+from core.embossing.copies import MarkedCopy
 from core.embossing.emboss import Mark
 from core.metrics.measure import Measurement
 from core.metrics.topology import topology
@@ -36,6 +37,7 @@ def build_report(
     placement: Placement,
     marks: dict[int, Mark],
     colors: list[str | None],
+    copies: list[MarkedCopy],
     refusals: Counter[str],
     timings: dict[str, float],
     memory: dict[str, int],
@@ -53,6 +55,7 @@ def build_report(
         placement: the candidates that survived.
         marks: the watermarks by number of their box in ``placement``.
         colors: "#rrggbb" of the letters of each, in the same order; None where they have their ground's material.
+        copies: what became of the file's other scenes, levels of detail and unused meshes.
         refusals: how many boxes embossing refused, by reason.
         timings: seconds by stage; kept by reference, so that stages that end later still appear.
         memory: the most resident bytes the process had held up to the end of each stage; by reference likewise.
@@ -90,6 +93,10 @@ def build_report(
         "engine": {"version": __version__, "device": device().value},
         "units": {"model_size": MODEL_SIZE, "scale": surface.scale, "offset": surface.offset.tolist()},
         "watermarks": watermarks,
+        "copies": [
+            {"kind": item.copy.kind, "name": item.copy.name, "watermarks": item.watermarks, "outcome": item.outcome}
+            for item in copies
+        ],
         "embossing": {
             "tried": len(marks) + sum(refusals.values()),
             "verified": len(marks),

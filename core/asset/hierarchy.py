@@ -49,12 +49,19 @@ def scene_nodes(document: Document) -> list[int]:
         MeshmarkError: ``malformed_file`` for a scene or node that does not exist, or is listed twice.
     """
     if "scenes" in document.json:
-        scene = document.entry("scenes", document.json.get("scene", 0))
-        pending = typed(scene, "nodes", list)[::-1]
-    else:
-        count = len(typed(document.json, "nodes", list))
-        children = {child for index in range(count) for child in _children(document, index)}
-        pending = [index for index in range(count) if index not in children][::-1]
+        return nodes_below(document, typed(document.entry("scenes", document.json.get("scene", 0)), "nodes", list))
+    count = len(typed(document.json, "nodes", list))
+    children = {child for index in range(count) for child in _children(document, index)}
+    return nodes_below(document, [index for index in range(count) if index not in children])
+
+
+def nodes_below(document: Document, roots: list[int]) -> list[int]:
+    """``roots`` and everything below them, depth first in file order.
+
+    Raises:
+        MeshmarkError: ``malformed_file`` for a node that does not exist, or is met twice.
+    """
+    pending = roots[::-1]
     found: list[int] = []
     seen: set[int] = set()
     while pending:

@@ -1,7 +1,7 @@
 """What an edited GLB no longer refers to is not written: no accessor, no buffer view, no byte."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from core.asset.compression import DRACO, MESHOPT, meshopt_of
 from core.asset.gltf import COMPONENT_TYPES, ELEMENT_TYPES, Document, read_view
-from core.asset.references import INSTANCING, accessor_references, accessor_views, view_references
+from core.asset.references import INSTANCING, LOD, Reference, accessor_references, accessor_views, view_references
 
 Json = dict[str, Any]
 Bool = NDArray[np.bool_]
@@ -32,10 +32,10 @@ def prune(json: Json, document: Document, payloads: dict[int, bytes]) -> Documen
         document: as it was read; its buffer views are the first of ``json``.
         payloads: the bytes of the views behind these, by number.
     """
-    _drop_unused(json, "accessors", len(document.json.get("accessors", [])), accessor_references)
+    renumber(json, "accessors", len(document.json.get("accessors", [])), accessor_references)
     _cut_views(json, document, payloads)
     old = len(document.json.get("bufferViews", []))
-    moved = _drop_unused(json, "bufferViews", old, _all_view_references)
+    moved = renumber(json, "bufferViews", old, _all_view_references)
     source = {new: number for number, new in moved.items()}
     parts: list[bytes] = []
     offset = 0
@@ -79,15 +79,24 @@ def unreferenced_bytes(document: Document) -> int:
     return count
 
 
-def _all_view_references(json: Json) -> Iterator[tuple[Json, str]]:
+def _all_view_references(json: Json) -> Iterator[Reference]:
     for accessor in json.get("accessors", []):
         yield from accessor_views(accessor)
     yield from view_references(json)
 
 
-def _drop_unused(json: Json, kind: str, old: int, references: Any) -> dict[int, int]:
-    """Take the entries without a reference out of ``json[kind]`` and number the others anew; returns the new number
-    of each that stays. Entries from ``old`` on first fill the places of the older ones that go."""
+def renumber(json: Json, kind: str, old: int, references: Callable[[Json], Iterable[Reference]]) -> dict[int, int]:
+    """Take the entries of a document's JSON that nothing refers to out of one of its lists.
+
+    Args:
+        json: changed in place.
+        kind: which list.
+        old: entries from here on are new: they first fill the places of older ones that go.
+        references: gives every reference to such an entry; these are renumbered.
+
+    Returns:
+        The new number of each entry that stays.
+    """
     found = list({(id(container), key): (container, key) for container, key in references(json)}.values())
     used = {container[key] for container, key in found}
     place = {number: number for number in used}
@@ -201,6 +210,7 @@ def _drop_extensions(json: Json) -> None:
     owners = {
         DRACO: [primitive for mesh in json.get("meshes", []) for primitive in mesh["primitives"]],
         INSTANCING: json.get("nodes", []),
+        LOD: json.get("nodes", []) + json.get("materials", []),
         **dict.fromkeys(MESHOPT, views + buffers),
     }
     gone = {name for name, users in owners.items() if not any(name in user.get("extensions", {}) for user in users)}

@@ -6,7 +6,7 @@ from typing import Any
 Json = dict[str, Any]
 Reference = tuple[Json, str]  # an object, and which of its properties holds the number
 
-INSTANCING, OUTLINE = "EXT_mesh_gpu_instancing", "CESIUM_primitive_outline"
+INSTANCING, LOD, OUTLINE = "EXT_mesh_gpu_instancing", "MSFT_lod", "CESIUM_primitive_outline"
 # Extensions whose properties name buffer views by other words than `bufferView` (EXT_structural_metadata; its
 # predecessor EXT_feature_metadata).
 _METADATA = ("values", "arrayOffsets", "stringOffsets", "arrayOffsetBufferView", "stringOffsetBufferView")

@@ -15,6 +15,7 @@ from core.asset.edit import Kind, SurfaceEdit
 from core.asset.editor import Editor
 from core.asset.flatten import TRIANGLES, Scene
 from core.asset.gltf import Document, read_accessor
+from core.asset.hierarchy import scene_nodes
 from core.asset.instances import instance_attributes, split_off
 from core.asset.materials import UNLIT
 from core.asset.morton import morton_order
@@ -39,7 +40,8 @@ def write(
     A touched primitive gets new accessors with the rows that it draws and no others, old and new ones alike in the
     order of a space-filling curve. Of its old accessors, and of all else that nothing refers to, no byte is written:
     see :func:`core.asset.prune.prune`. Untouched primitives keep their exact values, images their exact bytes. A mesh
-    that other nodes draw too is cloned for the node that was touched. Same input, same bytes.
+    that other nodes of the scene draw too is cloned for the node that was touched; nodes that the scene does not show
+    draw the edited one. Same input, same bytes.
 
     Args:
         scene: what the edit refers to.
@@ -242,22 +244,31 @@ def letter_material(double_sided: bool, unlit: bool, glows: bool, color: str) ->
 
 
 def _replace_primitives(editor: Editor, changes: dict[Owner, dict[int, Replacement]]) -> None:
-    """Put the rewritten primitives (by their number) into the meshes of their nodes; an instance becomes a node."""
+    """Put the rewritten primitives (by their number) into the meshes of their nodes; an instance becomes a node.
+
+    Nodes that the default scene does not show follow one that it does: they draw the edited mesh, too.
+    """
     json = editor.json
+    drawn = {*scene_nodes(editor.document), *(index for index, _ in changes)}
     users: Counter[int] = Counter()
-    for node in json["nodes"]:
+    for node in (json["nodes"][index] for index in drawn):
         if "mesh" in node:
             accessors = instance_attributes(node).values()
             users[node["mesh"]] += max((json["accessors"][number]["count"] for number in accessors), default=1)
     instances: dict[int, dict[int, int]] = {}
+    edited: dict[int, int] = {}
     for (index, instance), replaced in sorted(changes.items()):
         node = json["nodes"][index]
         number = _edit_mesh(editor, node["mesh"], replaced, shared=users[node["mesh"]] > 1)
         users[node["mesh"]] -= 1
+        edited[node["mesh"]] = number
         if instance is None:
             json["nodes"][index] = node | {"mesh": number}
         else:
             instances.setdefault(index, {})[instance] = number
+    for index, node in enumerate(json["nodes"]):
+        if index not in drawn and node.get("mesh") in edited:
+            json["nodes"][index] = node | {"mesh": edited[node["mesh"]]}
     for index, meshes in instances.items():
         split_off(editor, editor.document, index, meshes)
 

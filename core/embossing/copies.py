@@ -1,0 +1,145 @@
+"""The marks of an asset once more, in the other copies of it that its file holds."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+from core.asset.copies import Copy, find_copies, leave_out, scene_of
+from core.asset.gltf import Document
+from core.asset.hierarchy import scene_nodes
+from core.asset.surface import Surface
+from core.asset.write import write
+from core.embossing.emboss import Mark
+from core.embossing.marks import emboss_boxes
+from core.embossing.mesh import WorkingMesh
+from core.embossing.stamp import Stamp
+from core.errors import MeshmarkError
+from core.ground.ground import survey
+from core.parameters import Parameters, UnmarkedCopies
+from core.placement.boxes import Boxes
+
+
+@dataclass(frozen=True)
+class MarkedCopy:
+    """What became of a copy.
+
+    Attributes:
+        copy: which.
+        watermarks: how many of the asset's stand in it; those of meshes that it shares with the asset not counted.
+        outcome: "marked", "shared" (its meshes are the asset's own), "unmarked" (kept as it is) or "left_out".
+    """
+
+    copy: Copy
+    watermarks: int
+    outcome: str
+
+
+@dataclass(frozen=True, eq=False)
+class AssetMarks:
+    """The marks of an asset, to be embossed once more.
+
+    Attributes:
+        surface: the asset's, whose size-30 frame the boxes are in.
+        boxes: where its marks stand.
+        letters: the islands in text widths.
+        colors, glowing: as for :func:`core.asset.write.write`, by number of the box.
+        parameters: relief, mode, and what to do with copies that cannot be marked.
+    """
+
+    surface: Surface
+    boxes: Boxes
+    letters: Stamp
+    colors: Sequence[str | None]
+    glowing: Collection[int]
+    parameters: Parameters
+
+
+def mark_copies(model: bytes, marks: AssetMarks) -> tuple[bytes, list[MarkedCopy]]:
+    """Embosses the asset's marks into every other copy of it in its file.
+
+    Nodes that draw a mesh which the default scene draws are as it is; levels of detail, other scenes and nodes in no
+    scene are embossed where the same boxes fit. What no box fits into, and meshes that no node draws, are left out,
+    unless the parameters keep them.
+
+    Args:
+        model: the marked GLB.
+        marks: what stands in it.
+
+    Returns:
+        The GLB, and what became of each copy.
+    """
+    document = Document.from_glb(model)
+    copies = find_copies(document)
+    if not copies:
+        return model, []
+    drawn = _meshes(document, scene_nodes(document))
+    found: list[MarkedCopy] = []
+    for copy in copies:
+        meshes = _meshes(document, copy.nodes)
+        if meshes and meshes <= drawn:
+            found.append(MarkedCopy(copy, 0, "shared"))
+            continue
+        document, count = _embossed(document, copy, marks)
+        left = "unmarked" if marks.parameters.unmarked_copies is UnmarkedCopies.KEEP else "left_out"
+        found.append(MarkedCopy(copy, count, "marked" if count else "shared" if meshes & drawn else left))
+    lost = [item.copy for item in found if item.outcome == "left_out"]
+    if lost:
+        document = leave_out(document, lost)
+    return document.to_glb(), found
+
+
+def _meshes(document: Document, nodes: Collection[int]) -> set[int]:
+    entries = [document.entry("nodes", node) for node in nodes]
+    return {entry["mesh"] for entry in entries if "mesh" in entry}
+
+
+def _embossed(document: Document, copy: Copy, marks: AssetMarks) -> tuple[Document, int]:
+    """The document with the marks that fit into a copy, and how many these are."""
+    if not copy.nodes:
+        return document, 0
+    try:
+        scene = scene_of(document, copy)
+        scene = replace(scene, surface=scene.surface.in_frame_of(marks.surface))
+        ground = survey(scene)
+    except MeshmarkError:  # what cannot be read or has no faces cannot be marked, and is treated so
+        return document, 0
+    mesh = WorkingMesh(ground.surface, ground.possible, ground.sheets, ground.resolution)
+    outcomes = list(emboss_boxes(mesh, marks.boxes, marks.letters, marks.parameters, ground.index))
+    stand = [number for number, outcome in enumerate(outcomes) if isinstance(outcome, Mark)]
+    if not stand:
+        return document, 0
+    colors = [marks.colors[number] for number in stand]
+    glowing = {place for place, number in enumerate(stand) if number in marks.glowing}
+    return Document.from_glb(write(scene, ground.as_in_file(mesh.edit()), colors, glowing)), len(stand)
+
+
+def unmarked(copies: Sequence[MarkedCopy]) -> list[dict[str, str]]:
+    """The warnings about copies that carry no marks: those left out, and those kept as they are."""
+    warnings = []
+    for outcome, what, remedy in (
+        (
+            "left_out",
+            "left out of the result, since no watermark fits into it",
+            "Send it as an asset of its own, or ask for `unmarked_copies: keep`.",
+        ),
+        (
+            "unmarked",
+            "in the result without watermarks, as was asked for",
+            "Leave `unmarked_copies` out, and it is left out of the result.",
+        ),
+    ):
+        names = [_named(item.copy) for item in copies if item.outcome == outcome]
+        if names:
+            warnings.append(
+                {
+                    "code": "unmarked_copies",
+                    "message": f"What the file draws beside its default scene is {what}: {', '.join(names[:5])}"
+                    + (f" and {len(names) - 5} more." if len(names) > 5 else "."),
+                    "remedy": remedy,
+                }
+            )
+    return warnings
+
+
+def _named(copy: Copy) -> str:
+    kind = copy.kind.replace("_", " ")
+    return f"{kind} {copy.name}" if copy.name else kind
