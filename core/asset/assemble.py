@@ -34,7 +34,7 @@ def assemble(assembly: Assembly) -> Document:
     A matrix that glTF forbids in a node, since it shears, is applied to the positions.
 
     The formats that come here know no culling: closed parts are turned outwards, normals on the wrong side with them,
-    and a mesh that is not closed throughout is double-sided.
+    open ones the way their normals look, and a mesh that is not closed throughout is double-sided.
 
     Raises:
         MeshmarkError: ``no_faces``, ``index_out_of_range`` or ``non_finite_positions``.
@@ -133,30 +133,35 @@ def _faced_outwards(body: PolygonMesh, triangles: Int) -> tuple[PolygonMesh, Int
     """Triangles (T, 3) of corner numbers with closed parts turned outwards, and whether all parts are closed.
 
     Normals that then look against the side they are on are turned as well; their corners get numbers of their own, so
-    that a body comes back too.
+    that a body comes back too. Of open parts the normals say which side is the front, where there are some.
     """
     found = outward(body.positions, body.corners[triangles])
-    triangles = np.where(found.turned[:, None], triangles[:, [0, 2, 1]], triangles)
+    triangles = _reversed(triangles, found.turned)
     if "NORMAL" in body.attributes and len(body.attributes["NORMAL"].values):
         against = _against_normals(body, triangles, found)
-        if against.any():
-            body, triangles = _with_normals_turned(body, triangles, against)
+        triangles = _reversed(triangles, against & ~found.closed)
+        if np.any(against & found.closed):
+            body, triangles = _with_normals_turned(body, triangles, against & found.closed)
     return body, triangles, bool(found.closed.all())
 
 
-def _against_normals(body: PolygonMesh, triangles: Int, found: Outward) -> Bool:
-    """(T,) the triangles whose normals are on the wrong side.
+def _reversed(triangles: Int, which: Bool) -> Int:
+    return np.where(which[:, None], triangles[:, [0, 2, 1]], triangles)
 
-    The triangles of a closed part that were turned, and those that were not, are taken together: slivers and sharp
-    edges may have normals on either side.
+
+def _against_normals(body: PolygonMesh, triangles: Int, found: Outward) -> Bool:
+    """(T,) the triangles that are wound against their normals.
+
+    The triangles of a part that were turned, and those that were not, are taken together: slivers and sharp edges may
+    have normals on either side.
     """
     normals = body.attributes["NORMAL"]
     index = normals.index[triangles]
     a, b, c = (body.positions[body.corners[triangles[:, corner]]] for corner in range(3))
     mean = np.where((index >= 0)[..., None], normals.values[index], 0.0).sum(axis=1)
     group = 2 * (found.part + 1) + found.turned
-    side = np.bincount(group, np.einsum("ni,ni->n", np.cross(b - a, c - a), mean))[group]
-    return np.asarray((side < 0) & found.closed & (found.part >= 0))
+    side = np.bincount(group, np.einsum("ni,ni->n", np.cross(b - a, c - a), mean))
+    return np.asarray(side[group] < 0)
 
 
 def _with_normals_turned(body: PolygonMesh, triangles: Int, which: Bool) -> tuple[PolygonMesh, Int]:

@@ -184,6 +184,17 @@ def test_smooth_normals_of_an_inverted_ball_are_turned_with_it_but_right_ones_st
         assert document.json["accessors"][primitive["attributes"]["POSITION"]]["count"] == len(positions)
 
 
+@pytest.mark.parametrize("normals_follow", [True, False])
+def test_the_front_of_an_open_part_is_where_its_normals_look(normals_follow: bool) -> None:
+    body = _flat_cube(CORNERS[2:, ::-1], normals_follow)
+    document = assemble(Assembly([body], ["cube"], [Instance("cube", 0)]))
+    positions, normals = _corner_values(document, "NORMAL")
+    facing = np.cross(positions[:, 1] - positions[:, 0], positions[:, 2] - positions[:, 0])
+    assert np.all(np.einsum("ni,nki->nk", facing, normals) > 0)
+    assert np.all((np.einsum("nki,nki->nk", positions, normals) > 0) == (not normals_follow))
+    assert _double_sided(document) == {True}
+
+
 def test_corners_without_a_normal_stay_without_one() -> None:
     body = _flat_cube(CORNERS[:, ::-1], normals_follow=True)
     index = body.attributes["NORMAL"].index.copy()
