@@ -154,7 +154,7 @@ class Parameters(BaseModel):
     size: Annotated[
         float | None,
         Field(
-            ge=0.5, le=30.0, description="Text width where the asset's largest side is 30; null: the widest that fits."
+            ge=0.5, le=30.0, description="Text width where the asset's largest side is 30; null: the largest that fits."
         ),
     ] = None
     relief: Annotated[
