@@ -13,6 +13,7 @@ from core.asset.polygons import Attribute, Float, Int, Material, PolygonMesh, li
 from core.asset.refusals import no_faces, non_finite
 from core.asset.winding import Bool, Outward, outward
 from core.errors import ErrorCode, MeshmarkError
+from core.products import product
 
 # Beyond this ratio of coordinate to size, float32 leaves less than four digits of shape after the decimal point.
 FAR_FROM_ORIGIN = 1e3
@@ -59,9 +60,9 @@ def assemble(assembly: Assembly) -> Document:
 def _is_transform(matrix: Float) -> bool:
     """Whether a matrix (4, 4) is a translation, rotation and scale: whether it keeps right angles."""
     columns = matrix[:3, :3]
-    product = np.abs(columns.T @ columns)
-    length = np.sqrt(np.diag(product))
-    return bool(np.all(product - np.diag(np.diag(product)) <= 1e-5 * np.outer(length, length)) and np.all(length > 0))
+    angles = np.abs(product(columns.T, columns))
+    length = np.sqrt(np.diag(angles))
+    return bool(np.all(angles - np.diag(np.diag(angles)) <= 1e-5 * np.outer(length, length)) and np.all(length > 0))
 
 
 def _moved(body: PolygonMesh, matrix: Float) -> PolygonMesh:
@@ -72,14 +73,16 @@ def _moved(body: PolygonMesh, matrix: Float) -> PolygonMesh:
     if "NORMAL" in attributes:  # by the cofactors, which are the inverse transpose where there is an inverse
         cofactors = np.stack([np.cross(linear_part[i - 2], linear_part[i - 1]) for i in range(3)])
         normals = attributes["NORMAL"]
-        attributes["NORMAL"] = Attribute(normals.values @ (-cofactors.T if mirrored else cofactors.T), normals.index)
+        attributes["NORMAL"] = Attribute(
+            product(normals.values, -cofactors.T if mirrored else cofactors.T), normals.index
+        )
     if mirrored:
         start = np.repeat(np.cumsum(body.sizes) - body.sizes, body.sizes)
         size = np.repeat(body.sizes, body.sizes)
         order = start + (start - np.arange(len(corners))) % size  # each polygon backwards from its first corner
         corners = corners[order]
         attributes = {name: Attribute(item.values, item.index[order]) for name, item in attributes.items()}
-    positions = body.positions @ linear_part.T + matrix[:3, 3]
+    positions = product(body.positions, linear_part.T) + matrix[:3, 3]
     return replace(body, positions=positions, corners=corners, attributes=attributes)
 
 
@@ -319,7 +322,7 @@ class _Writer:
     def node(self, name: str, mesh: int, matrix: Float, origin: Float) -> None:
         """Add a node that draws a mesh stored relative to ``origin``."""
         node: dict[str, Any] = {"name": name, "mesh": mesh}
-        rotated, place = matrix[:3, :3], matrix[:3, :3] @ origin + matrix[:3, 3]
+        rotated, place = matrix[:3, :3], product(matrix[:3, :3], origin[:, None])[:, 0] + matrix[:3, 3]
         if not np.array_equal(rotated, np.eye(3)):
             node["matrix"] = _column_major(rotated, place)
         elif place.any():

@@ -7,6 +7,7 @@ from core.asset.attributes import Points, interpolate_attribute
 from core.asset.gltf import Document, malformed
 from core.asset.materials import Emission, Material
 from core.asset.pixels import Texture
+from core.products import product
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -30,7 +31,7 @@ def base_color(document: Document, material: Material, attributes: dict[str, int
     color = np.repeat(material.color[None], len(points.rows), axis=0)
     uv = _attribute(document, f"TEXCOORD_{material.uv_set}", attributes, points, columns=2)
     if material.texture is not None and uv is not None:
-        moved = uv @ material.uv_transform[:, :2].T + material.uv_transform[:, 2]
+        moved = product(uv, material.uv_transform[:, :2].T) + material.uv_transform[:, 2]
         color *= _texels(material.texture, np.nan_to_num(moved))
     tint = _attribute(document, "COLOR_0", attributes, points, columns=3)
     if tint is not None:
@@ -51,7 +52,7 @@ def emitted(document: Document, emission: Emission, attributes: dict[str, int], 
     uv = _attribute(document, f"TEXCOORD_{emission.uv_set}", attributes, points, columns=2)
     if uv is None:
         return np.zeros_like(color)
-    moved = uv @ emission.uv_transform[:, :2].T + emission.uv_transform[:, 2]
+    moved = product(uv, emission.uv_transform[:, :2].T) + emission.uv_transform[:, 2]
     return np.asarray(color * _texels(emission.texture, np.nan_to_num(moved))[:, :3])
 
 

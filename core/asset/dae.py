@@ -15,6 +15,7 @@ from core.asset.polygons import Attribute, Float, Material, PolygonMesh, linear,
 from core.asset.refusals import malformed, no_faces
 from core.asset.textures import check_pixels, usable_image
 from core.errors import ErrorCode, MeshmarkError
+from core.products import product
 
 Load = Callable[[str], bytes | None]
 
@@ -63,7 +64,7 @@ def _read(data: bytes, load: Load, budgets: Budgets) -> Assembly:
             loaded = load_collada(io.BytesIO(prepared), resolver=images)  # type: ignore[no-untyped-call]
     except Exception as error:  # pycollada lets everything through that its own code runs into
         raise malformed(f"The DAE cannot be read ({type(error).__name__}: {str(error)[:100]}).") from None
-    assembly = Assembly([], [], [], _UP[scan.up_axis] @ np.diag([scan.metres] * 3 + [1.0]), warnings)
+    assembly = Assembly([], [], [], product(_UP[scan.up_axis], np.diag([scan.metres] * 3 + [1.0])), warnings)
     for use in loaded["graph"]:
         key = use["geometry"]
         body = _body(loaded["geometry"][key], images)

@@ -16,6 +16,7 @@ from core.asset.skin import blend, influence_sets, joint_matrices, read_influenc
 from core.asset.surface import MODEL_SIZE, Surface
 from core.asset.viewer import Look, Viewed, has_area, viewed
 from core.errors import ErrorCode, MeshmarkError
+from core.products import product
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -143,7 +144,7 @@ def _placements(document: Document, node: int, worlds: Float) -> list[tuple[int 
     if "skin" in document.entry("nodes", node) or _has_animated_weights(document, node):
         return []
     with np.errstate(over="ignore", invalid="ignore"):  # refused where vertices are placed
-        return list(enumerate(worlds[node] @ instances))
+        return list(enumerate(product(worlds[node], instances)))
 
 
 def _has_animated_weights(document: Document, node: int) -> bool:

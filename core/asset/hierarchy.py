@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.asset.gltf import Document, malformed, typed
+from core.products import product
 
 Float = NDArray[np.float64]
 
@@ -32,7 +33,7 @@ def world_matrices(document: Document) -> Float:
         index = pending.pop()
         local = _local_matrix(document.entry("nodes", index), index)
         with np.errstate(over="ignore", invalid="ignore"):  # refused just below
-            worlds[index] = local if parent[index] < 0 else worlds[parent[index]] @ local
+            worlds[index] = local if parent[index] < 0 else product(worlds[parent[index]], local)
         pending += _children(document, index)
         placed += 1
     if placed < len(nodes):

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from core.asset.gltf import Document, dequantize, malformed, read_accessor, typed
 from core.errors import ErrorCode, MeshmarkError
+from core.products import product
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -51,7 +52,7 @@ def joint_matrices(document: Document, skin_index: int, worlds: Float) -> Float:
         columns = read_accessor(document, skin["inverseBindMatrices"]).astype(np.float64)
         if columns.shape[1:] != (16,) or len(columns) < len(joints) or not np.isfinite(columns).all():
             raise malformed(f"skins[{skin_index}] has too few or broken inverse bind matrices.")
-        world = world @ columns[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1)
+        world = product(world, columns[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1))
     return np.ascontiguousarray(world[:, :3])
 
 

@@ -16,6 +16,7 @@ from core.asset.threemf_model import Group, Model, Object
 from core.asset.threemf_slicer import OBJECT_TYPES, Tools, read_tools
 from core.asset.xml import parse_xml
 from core.errors import MeshmarkError
+from core.products import product
 
 Key = tuple[str, str]  # a model part and the id of an object in it
 
@@ -37,7 +38,7 @@ def read_3mf(archive: Archive, budgets: Budgets) -> Assembly:
     package = _Package(archive, budgets)
     start = package.start_part()
     model = package.model(start)
-    assembly = Assembly([], [], [], _Z_UP @ np.diag([model.metres] * 3 + [1.0]))
+    assembly = Assembly([], [], [], product(_Z_UP, np.diag([model.metres] * 3 + [1.0])))
     tools, left_out = read_tools(archive, budgets, assembly.warnings), Counter[str]()
     numbers: dict[Key, int] = {}
     faces = 0
@@ -144,7 +145,9 @@ def _built(
             if key[0] == start and (key[1], part.object_id) in tools.parts:
                 left_out[tools.parts[key[1], part.object_id]] += 1
             else:
-                pending.append((package.key(part.part, part.object_id, key[0]), matrix @ part.matrix, depth + 1))
+                pending.append(
+                    (package.key(part.part, part.object_id, key[0]), product(matrix, part.matrix), depth + 1)
+                )
     if not all(np.isfinite(matrix).all() for _, matrix in found):
         raise malformed("The transforms of the 3MF overflow.")
     return found

@@ -205,7 +205,7 @@ def _containing(point: Float, triangles: Float) -> int:
 def _on_plane(point: Float, triangle: Float) -> Float:
     """``point`` (2,) raised onto the plane of ``triangle`` (3, 3)."""
     normal = np.cross(triangle[1] - triangle[0], triangle[2] - triangle[0])
-    offset = normal[:2] @ (triangle[0, :2] - point)
+    offset = (normal[:2] * (triangle[0, :2] - point)).sum()
     return np.array([point[0], point[1], triangle[0, 2] + offset / normal[2]])
 
 

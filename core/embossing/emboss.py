@@ -19,6 +19,7 @@ from core.embossing.refusal import Refusal
 from core.embossing.split import split
 from core.embossing.stamp import Stamp, stand
 from core.placement.boxes import Boxes
+from core.products import product
 from core.spatial import Eye, SpatialIndex
 
 Float = NDArray[np.float64]
@@ -60,7 +61,7 @@ def emboss(mesh: WorkingMesh, box: Boxes, letters: Stamp, relief: float, index: 
     """
     refusal = Refusal.NOT_WHOLE
     for shift in SHIFTS:
-        moved = Boxes(box.center + box.size[0, 1] * np.array(shift) @ box.axes[0, :2], box.axes, box.size)
+        moved = Boxes(box.center + product(box.size[0, 1] * np.array([shift]), box.axes[0, :2]), box.axes, box.size)
         found = _injective(mesh, moved, index)
         if isinstance(found, Refusal):
             return found
@@ -231,7 +232,7 @@ def _set_in(
 def _surgery(mesh: WorkingMesh, box: Boxes, patch: Patch, pieces: Pieces, draft: Draft | None, first: int) -> _Surgery:
     """The cut of one patch in the mesh's own numbers; new vertices are numbered from ``first``."""
     known = len(patch.points)
-    new = box.center[0] + box.size[0, 0] * pieces.points[known:] @ box.axes[0]
+    new = box.center[0] + box.size[0, 0] * product(pieces.points[known:], box.axes[0])
     vertices = np.concatenate([patch.vertices, np.arange(first, first + len(new))])
     source = mesh.source(patch.faces)
 
@@ -262,8 +263,8 @@ def _surgery(mesh: WorkingMesh, box: Boxes, patch: Patch, pieces: Pieces, draft:
         letters=vertices[pieces.letters],
         letter_source=source[pieces.letter_faces],
         feet=vertices[local],
-        normals=normals @ box.axes[0],
-        shift=box.size[0, 0] * np.hstack([across, along]) @ box.axes[0],
+        normals=product(normals, box.axes[0]),
+        shift=box.size[0, 0] * product(np.hstack([across, along]), box.axes[0]),
     )
 
 

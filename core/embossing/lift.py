@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from core.products import product
 from core.spatial import Eye, SpatialIndex
 
 Float = NDArray[np.float64]
@@ -41,7 +42,7 @@ def turned(tops: Float, triangles: Int, normal: Float) -> Bool:
 def _facing(tops: Float, triangles: Int, normal: Float) -> Float:
     """(L,) twice the areas seen along ``normal``."""
     a, b, c = (tops[triangles[:, k]] for k in range(3))
-    return np.asarray(np.cross(b - a, c - a) @ normal)
+    return np.asarray(product(np.cross(b - a, c - a), normal[:, None])[:, 0])
 
 
 def obstructed(feet: Float, tops: Float, relief: float, index: SpatialIndex) -> bool:

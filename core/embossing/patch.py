@@ -10,6 +10,7 @@ from scipy.sparse.csgraph import connected_components
 
 from core.embossing.mesh import WorkingMesh
 from core.placement.boxes import Boxes
+from core.products import product
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -140,13 +141,13 @@ def patches(mesh: WorkingMesh, box: Boxes, hidden: Int | None = None) -> list[Pa
     width = size[0]
     margin = MARGIN * size[1]
     reach = size / 2 + np.array([margin, margin, 0.0])
-    extent = np.abs(axes).T @ reach
+    extent = product(np.abs(axes).T, reach[:, None])[:, 0]
     ids = mesh.near(center - extent, center + extent)
     if len(ids) > MAX_NEAR:
         return None
     vertices, flat = np.unique(mesh.corners(ids), return_inverse=True)
     triangles = flat.reshape(-1, 3)
-    points = (mesh.points[vertices] - center) @ axes.T / width
+    points = product(mesh.points[vertices] - center, axes.T) / width
     corners = points[triangles]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normal, axis=1)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.embossing.patch import Patch, directed_edges
+from core.products import product
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -50,11 +51,11 @@ def mend_t_vertices(triangles: Int, faces: Int, points: Float, opposite: Int) ->
     for k in loose:
         a, b = edges[k]
         along = points[b] - points[a]
-        squared = float(along @ along)
+        squared = float((along * along).sum())
         if squared == 0:
             continue
         relative = points[candidates] - points[a]
-        position = relative @ along / squared
+        position = product(relative, along[:, None])[:, 0] / squared
         away = np.linalg.norm(relative - position[:, None] * along, axis=1)
         margin = ON_SEGMENT / np.sqrt(squared)
         hits = np.flatnonzero((away < ON_SEGMENT) & (position > margin) & (position < 1 - margin))

@@ -11,6 +11,7 @@ from core.embossing.patch import Patch
 from core.embossing.refusal import Refusal
 from core.lettering.outline import Lettering
 from core.placement.boxes import Boxes
+from core.products import product
 from core.spatial import Eye, SpatialIndex
 
 Float = NDArray[np.float64]
@@ -71,7 +72,7 @@ def stand(
     center, axes, size = box.center[0], box.axes[0], box.size[0]
     aspect = size[1] / size[0]
     for island, points in zip(letters.islands, letters.samples, strict=True):
-        origins = center + size[0] * points @ axes[:2] + size[2] / 2 * axes[2]
+        origins = center + size[0] * product(points, axes[:2]) + size[2] / 2 * axes[2]
         distance, face = index.first_hit(origins, np.broadcast_to(-axes[2], origins.shape), Eye.ORIGIN)
         met = distance <= size[2]
         votes = np.array([owner.get(f, -1) for f in face[met].tolist()], dtype=np.int64)

@@ -15,6 +15,7 @@ from core.asset.surface import Surface
 from core.ground.base_color import Appearance, appearance
 from core.ground.texture import cielab, from_cielab
 from core.placement.boxes import Boxes
+from core.products import product
 from core.spatial import SpatialIndex
 
 Float = NDArray[np.float64]
@@ -85,8 +86,8 @@ def _letter_color(ground: Appearance, asked: str | None) -> LetterColor | None:
 
 def not_shaded(ground: Appearance) -> Bool:
     """(N,) where the light that falls on the ground hardly changes what is seen of it."""
-    lit = np.where(ground.unlit, 0, ground.lit @ LUMINANCE + SPECULAR)
-    glow = ground.glow @ LUMINANCE
+    lit = np.where(ground.unlit, 0, product(ground.lit, LUMINANCE[:, None])[:, 0] + SPECULAR)
+    glow = product(ground.glow, LUMINANCE[:, None])[:, 0]
     full, dim = (_lightness(np.clip(glow + share * lit, 0, 1)) for share in (1, DIMMED))
     return np.asarray(full - dim < SHADING)
 

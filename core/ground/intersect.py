@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.placement.boxes import Boxes
+from core.products import product
 
 Float = NDArray[np.float64]
 Bool = NDArray[np.bool_]
@@ -27,7 +28,7 @@ def triangles_meet(triangles: Float, low: Float, high: Float) -> Bool:
     normal = np.cross(edges[:, 0], edges[:, 1])
     axes = np.concatenate([normal[:, None], np.cross(np.eye(3)[:, None], edges[:, None]).reshape(-1, 9, 3)], axis=1)
     along = np.einsum("tcx,tax->tac", corners, axes)
-    reach = np.abs(axes) @ half + TOUCH
+    reach = product(np.abs(axes), half[:, None])[..., 0] + TOUCH
     meet[near] = ((along.min(axis=2) <= reach) & (along.max(axis=2) >= -reach)).all(axis=1)
     return np.asarray(meet)
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from core.asset.surface import Surface
 from core.asset.winding import consistent, neighbours
+from core.products import product
 from core.rendering.views import fibonacci_directions
 from core.spatial import Eye, SpatialIndex
 
@@ -117,7 +118,7 @@ def _inside_out(
     normals = surface.normals[ids[picked]] * np.where(turned[picked], -1.0, 1.0)[:, None]
 
     directions = fibonacci_directions(DIRECTIONS)
-    cosine = normals @ directions.T
+    cosine = product(normals, directions.T)
     point, direction = np.nonzero(np.abs(cosine) > GRAZING)
     side = np.sign(cosine[point, direction])
     origins = points[point] + CLEAR * side[:, None] * normals[point]

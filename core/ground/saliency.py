@@ -17,6 +17,7 @@ Int = NDArray[np.int64]
 
 SAMPLES = 20_000
 RADII = (0.4, 0.8, 1.6)  # size-30 units: an eye, a finger, an ear
+DIGITS = 6  # of raw saliency, which is 0 to 1
 CELLS = 4  # to a radius: neighbours are summed up in cubes of this share of it
 # Salient parts stand out from the rest by at least this much raw saliency: as a ball of radius 6 does from a plane, or
 # normals that lean by 3 degrees (root mean square) even where they lean least. Less is the shape of a vase (0.06), the
@@ -83,7 +84,8 @@ def saliency(surface: Surface, seed: int) -> Saliency:
     """
     points, face = sample(surface, SAMPLES, np.random.default_rng(seed))
     normals = surface.normals[face]
-    raw = np.mean([_spread(points, normals, radius) for radius in RADII], axis=0)
+    # Eigenvalues come from LAPACK, whose last digits differ from one kind of processor to another.
+    raw = np.round(sum(_spread(points, normals, radius) for radius in RADII) / len(RADII), DIGITS)
     cut = otsu(raw)
     above = raw > cut
     low, high = np.percentile(raw, [1, 99])

@@ -12,6 +12,7 @@ from core.ground.base_color import base_color
 from core.ground.saliency import otsu
 from core.ground.under import Samples
 from core.placement.boxes import Boxes
+from core.products import product
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -95,7 +96,7 @@ def detail(scene: Scene, surface: Surface, points: Float, face: Int) -> Detail |
 
 def cielab(linear: Float) -> Float:
     """(N, 3) CIELAB (D65) of linear sRGB colours."""
-    xyz = linear @ _XYZ.T / _XYZ.sum(axis=1)
+    xyz = product(linear, _XYZ.T) / _XYZ.sum(axis=1)
     x, y, z = np.where(xyz > (6 / 29) ** 3, np.cbrt(xyz), xyz / (3 * (6 / 29) ** 2) + 4 / 29).T
     return np.column_stack([116 * y - 16, 500 * (x - y), 200 * (y - z)])
 

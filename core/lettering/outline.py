@@ -143,7 +143,7 @@ def _topology(section: CrossSection) -> tuple[int, int]:
 def _area(ring: Float) -> float:
     """Signed area: positive for counter-clockwise rings."""
     x, y = (ring - ring[0]).T
-    return float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2
+    return float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) / 2
 
 
 def _require_few_points(count: int, text: str) -> None:

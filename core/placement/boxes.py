@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from core.products import product
+
 Float = NDArray[np.float64]
 
 
@@ -38,7 +40,7 @@ class Boxes:
 
     def to_local(self, index: int, points: Float) -> Float:
         """(N, 3) points in the frame of box ``index``: x right, y up, z along the normal, origin at its centre."""
-        return np.asarray((points - self.center[index]) @ self.axes[index].T)
+        return np.asarray(product(points - self.center[index], self.axes[index].T))
 
 
 def join(one: Boxes, other: Boxes) -> Boxes:

@@ -62,13 +62,24 @@ def along_strips(boxes: Boxes, points: Float, normals: Float, narrow: float) -> 
     moments = np.stack(
         [np.bincount(owner, local[:, a] * local[:, b], len(boxes)) for a in (0, 1) for b in (0, 1)], axis=1
     )
-    spread, way = np.linalg.eigh((moments / count[:, None]).reshape(-1, 2, 2))
+    least, most, way = _spread(*(moments[:, [0, 1, 3]] / count[:, None]).T)
     # The variance of an even strip is a twelfth of its width squared.
-    strip = (count >= STRIP_SAMPLES) & (12 * spread[:, 0] < narrow**2) & (spread[:, 1] > STRIP**2 * spread[:, 0])
-    along = np.where(strip[:, None], way[:, :, 1], (1.0, 0.0))
+    strip = (count >= STRIP_SAMPLES) & (12 * least < narrow**2) & (most > STRIP**2 * least)
+    along = np.where(strip[:, None], way, (1.0, 0.0))
     along *= np.where(along[:, :1] < 0, -1.0, 1.0)
     right, normal = np.einsum("bk,bkj->bj", along, boxes.axes[:, :2]), boxes.axes[:, 2]
     return Boxes(boxes.center, np.stack([right, np.cross(normal, right), normal], axis=1), boxes.size)
+
+
+def _spread(xx: Float, xy: Float, yy: Float) -> tuple[Float, Float, Float]:
+    """(B,) each the least and the greatest variance of points in a plane with these moments, and (B, 2) the direction
+    of the greatest."""
+    half, apart = (xx + yy) / 2, np.sqrt(((xx - yy) / 2) ** 2 + xy**2)
+    least, most = half - apart, half + apart
+    wide = (xx >= yy)[:, None]
+    way = np.where(wide, np.stack([most - yy, xy], axis=1), np.stack([xy, most - xx], axis=1))
+    length = np.linalg.norm(way, axis=1, keepdims=True)
+    return least, most, np.where(length > 0, way / np.maximum(length, np.finfo(float).tiny), (1.0, 0.0))
 
 
 def right_way_up(boxes: Boxes) -> Boxes:

@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 
 from core.placement.boxes import Boxes
 from core.placement.finetune import LOSS_THRESHOLD
+from core.products import product
 from core.spatial import Eye, SpatialIndex
 
 Float = NDArray[np.float64]
@@ -175,7 +176,7 @@ def roughness_met(met: Footprint, normals: Float) -> Float:
 def _mean_inverse_cosine(normals: Float, valid: Bool) -> Float:
     """(B,) mean over all pairs of ``valid`` (B, N) normals (B, N, 3) of 1/cos; inf where there are none."""
     pairs = valid[:, :, None] & valid[:, None, :]
-    inverse = 1 / np.clip(normals @ normals.transpose(0, 2, 1), SMALLEST_COSINE, 1.0)
+    inverse = 1 / np.clip(product(normals, normals.transpose(0, 2, 1)), SMALLEST_COSINE, 1.0)
     count = pairs.sum(axis=(1, 2))
     total = np.where(pairs, inverse, 0.0).sum(axis=(1, 2))
     return np.asarray(np.divide(total, count, out=np.full(len(normals), np.inf), where=count > 0))
@@ -233,9 +234,9 @@ def overlapping(boxes: Boxes, one: int, spacing: float = 0.0) -> Bool:
     mine, others = boxes.axes[one], boxes.axes[near]
     crossed = np.cross(mine[None, :, None, :], others[:, None, :, :]).reshape(-1, 9, 3)
     axes = np.concatenate([np.broadcast_to(mine, others.shape), others, crossed], axis=1)
-    reach = np.abs(axes @ mine.T) @ half[one]
-    reach += (np.abs(axes @ others.transpose(0, 2, 1)) @ half[near][:, :, None])[..., 0]
-    gap = np.abs(axes @ offset[near][:, :, None])[..., 0] - reach
+    reach = product(np.abs(product(axes, mine.T)), half[one][:, None])[..., 0]
+    reach += product(np.abs(product(axes, others.transpose(0, 2, 1))), half[near][:, :, None])[..., 0]
+    gap = np.abs(product(axes, offset[near][:, :, None]))[..., 0] - reach
     overlap = np.zeros(len(boxes), dtype=bool)
     # Parallel edges give a null axis, on which nothing separates: the gap is then zero up to rounding.
     overlap[near] = (gap <= 1e-12).all(axis=1)

@@ -42,6 +42,7 @@ COARSE_SLACK, FINE_SLACK, EXACT_SLACK = 0.025, 0.015, 0.005
 COARSE_COPY = 0.06  # boxes closer than this after the coarse pass end as copies of one another (see distinct)
 FINE_GRID, FINE_STEPS = (12, 3), 6
 EXACT_GRID, EXACT_STEPS = (10, 3), 2  # what is left to do on the surface itself after the passes on its stand-in
+DIGITS = 7  # of positions, directions and squared distances that a fit gives
 CONVERGED, NEGLIGIBLE = 0.01, 1e-6  # relative decrease of the cost; the cost itself
 LONGEST_MOVE, LARGEST_TURN = 1.0, 0.5  # per step: size-30 units, radians
 # Weight of the squared sine of the roll against the mean squared distance, in units of the limit that this may reach:
@@ -224,7 +225,18 @@ def _fit(
         going = going[~arrived]
         if len(going) == 0:
             break
-    return center.numpy(force=True), axes.numpy(force=True), squared.numpy(force=True)
+    return _even(center.numpy(force=True), axes.numpy(force=True), squared.numpy(force=True))
+
+
+def _even(center: Float, axes: Float, squared: Float) -> tuple[Float, Float, Float]:
+    """The result of a fit without its last digits, which differ from one kind of processor to another; axes (B, 3, 3)
+    made orthonormal anew."""
+    right, normal = np.round(axes[:, 0], DIGITS), np.round(axes[:, 2], DIGITS)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    right -= np.einsum("bi,bi->b", right, normal)[:, None] * normal
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+    level = np.stack([right, np.cross(normal, right), normal], axis=1)
+    return np.round(center, DIGITS), level, np.round(squared, DIGITS)
 
 
 def _linearise(

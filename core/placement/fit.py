@@ -41,6 +41,7 @@ from core.placement.objective import (
 from core.placement.sampling import sample
 from core.placement.selection import visibility
 from core.placement.site import Site
+from core.products import product
 from core.spatial import Eye
 
 Float = NDArray[np.float64]
@@ -207,7 +208,7 @@ def _candidates(site: Site, size: tuple[float, float, float], wanted: Float | No
     points, face = sample(site.ground, number, rng)
     normals = site.ground.normals[face]
     if wanted is not None:
-        looking = np.flatnonzero((normals @ wanted.T >= FACING_VIEW).any(axis=1))
+        looking = np.flatnonzero((product(normals, wanted.T) >= FACING_VIEW).any(axis=1))
         points, normals = points[looking[: 2 * SAMPLES]], normals[looking[: 2 * SAMPLES]]
         number = number * len(points) // max(len(looking), 1)
     shown = _in_sight(site, points, normals, site.served.directions if wanted is None else wanted, rng)
@@ -236,7 +237,7 @@ def _standing(site: Site, boxes: Boxes) -> Float:
 def _in_sight(site: Site, points: Float, normals: Float, directions: Float, rng: np.random.Generator) -> Int:
     """Which ``points`` (N, 3) of the surface, with unit ``normals`` (N, 3), are seen from any of a few ``directions``
     (K, 3) that each looks along within 45 degrees."""
-    hidden = normals @ directions.T < FACING_VIEW
+    hidden = product(normals, directions.T) < FACING_VIEW
     order = rng.random(hidden.shape, dtype=np.float32)
     order[hidden] = np.inf
     few = min(GLANCES, len(directions))

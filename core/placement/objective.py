@@ -62,6 +62,7 @@ from core.ground.texture import cielab
 from core.placement.boxes import Boxes
 from core.placement.candidates import upright
 from core.placement.legibility import legibility
+from core.products import product
 from core.rendering.views import fibonacci_directions, view_directions
 
 Float = NDArray[np.float64]
@@ -75,6 +76,7 @@ HALF_SPACES = 64
 HEAD_ON = np.cos(np.radians(40.0))  # turned less than this a text reads as well as from the front
 ROLLED = 0.5  # readers turn pictures in four ways; people do not
 PENALTY = 0.005
+WORTH_DIGITS = 6  # of an objective that is about 1
 MOST_DISTORTED = 0.05  # whoever asks for text as large as a side gets it on all sides
 BESIDE = 5.0  # between the centres of marks, size-30 units
 # CIELAB units between letters and ground. Over 672 views of one mark in six colours on eleven textured assets, 12 to 20
@@ -141,7 +143,7 @@ class Columns:
 def centroid(surface: Surface) -> Float:
     """(3,) of a surface with area, size-30 units."""
     middle = surface.positions[surface.faces].mean(axis=1)
-    return np.asarray(surface.areas @ middle / surface.areas.sum())
+    return np.asarray((surface.areas[:, None] * middle).sum(axis=0) / surface.areas.sum())
 
 
 def columns(surface: Surface, objective: Objective = OBJECTIVE) -> Columns:
@@ -191,8 +193,8 @@ class Placement:
     def gain(self, chosen: Sequence[int]) -> Float:
         """(B,) what adding each box to the ``chosen`` adds to the objective."""
         best, second = self.served(chosen)
-        added = self._added(best, second) @ self.weight.astype(np.float32)
-        return np.asarray(added - self.crowd * self.beside(chosen).sum(axis=1) - self.cost)
+        added = (self._added(best, second) * self.weight).sum(axis=1)
+        return _even(added - self.crowd * self.beside(chosen).sum(axis=1) - self.cost)
 
     def gain_without(self, chosen: Sequence[int]) -> Float:
         """(B, K) :meth:`gain` where each of the K ``chosen`` boxes in turn is left out.
@@ -200,16 +202,14 @@ class Placement:
         Only in those columns does that make a difference in which the one left out is best or second best.
         """
         (best, second, third), owner = self._leaders(chosen)
-        weight = self.weight.astype(np.float32)
-        whole = self._added(best, second)
-        gain = np.repeat((whole @ weight)[:, None], len(chosen), axis=1).astype(np.float64)
+        whole = self._added(best, second) * self.weight
+        gain = np.repeat(whole.sum(axis=1)[:, None], len(chosen), axis=1)
         for rank, (one, other) in enumerate([(second, third), (best, third)]):
-            owned = np.zeros((len(weight), len(chosen)), np.float32)
-            held = np.flatnonzero(owner[rank] >= 0)
-            owned[held, owner[rank, held]] = weight[held]
-            gain += (self._added(one, other) - whole) @ owned
+            without = self._added(one, other) * self.weight - whole
+            for number in range(len(chosen)):
+                gain[:, number] += without[:, owner[rank] == number].sum(axis=1)
         near = self.beside(chosen)
-        return np.asarray(gain - self.crowd * (near.sum(axis=1, keepdims=True) - near) - self.cost[:, None])
+        return _even(gain - self.crowd * (near.sum(axis=1, keepdims=True) - near) - self.cost[:, None])
 
     def _leaders(self, chosen: Sequence[int]) -> tuple[Single, Int]:
         """(3, J) the three largest likelihoods of the ``chosen`` boxes in each column, 0 where there are fewer, and
@@ -235,7 +235,7 @@ class Placement:
         on the same side of the surface, 0 for itself."""
         chosen = list(chosen)
         apart = cdist(self.boxes.center, self.boxes.center[chosen])
-        same_side = self.boxes.axes[:, 2] @ self.boxes.axes[chosen, 2].T > 0
+        same_side = product(self.boxes.axes[:, 2], self.boxes.axes[chosen, 2].T) > 0
         near = np.maximum(1 - apart / BESIDE, 0) * same_side
         near[chosen, np.arange(len(chosen))] = 0
         return np.asarray(near)
@@ -244,12 +244,19 @@ class Placement:
         """The objective F of ``chosen``."""
         best, second = self.served(chosen)
         crowded = self.crowd * self.beside(chosen)[list(chosen)].sum() / 2
-        return float(self.weight @ (best + self.backup * second) - self.cost[list(chosen)].sum() - crowded)
+        served = (self.weight * (best + self.backup * second)).sum()
+        return float(_even(served - self.cost[list(chosen)].sum() - crowded))
+
+
+def _even(worth: Float) -> Float:
+    """``worth`` without its last digits, which may differ from one machine to another: what is as good as equal is
+    equal, and the first of equals is chosen."""
+    return np.asarray(np.round(worth, WORTH_DIGITS))
 
 
 def facing(boxes: Boxes, directions: Float) -> Bool:
     """(B, D) which boxes look along each direction (D, 3) within 45 degrees."""
-    return np.asarray(boxes.axes[:, 2] @ directions.T >= FACING_VIEW)
+    return np.asarray(product(boxes.axes[:, 2], directions.T) >= FACING_VIEW)
 
 
 def tone(ground: Float, color: str | None) -> Float:
@@ -260,7 +267,7 @@ def tone(ground: Float, color: str | None) -> Float:
     neither is seen. The measure is WCAG 2's contrast ratio, whose 0.05 is the light that every screen adds.
     """
     if color is None:
-        luminance = ground @ LUMINANCE
+        luminance = product(ground, LUMINANCE[:, None])[:, 0]
         ratio = (luminance + 0.05) / (luminance / 2 + 0.05)
         contrast = (ratio - 1) / (1.05 / 0.55 - 1)
     else:
@@ -296,21 +303,21 @@ def likelihood(
         color: of the letters, "#rrggbb"; None for that of the ground.
         objective: the terms' weights.
     """
-    cosine = np.clip(boxes.axes[:, 2] @ served.directions.T, 0, 1)
+    cosine = np.clip(product(boxes.axes[:, 2], served.directions.T), 0, 1)
     # The text is as high on the picture as its up is long there.
-    upright_length = np.sqrt(np.clip(1 - (boxes.axes[:, 1] @ served.directions.T) ** 2, 0, 1))
+    upright_length = np.sqrt(np.clip(1 - product(boxes.axes[:, 1], served.directions.T) ** 2, 0, 1))
     # Contrast and size stand in for each other: fainter text has to be larger.
     height = boxes.size[:, 1:2] * upright_length * tone[:, None]
     legible = legibility(height, color) * np.minimum(1.0, cosine / HEAD_ON) * np.clip(1 - bend, 0, 1)[:, None]
     # The text's right on the picture: how far along its horizontal, how far along its vertical.
     views = served.directions[: len(served.up)]
-    along = boxes.axes[:, 0] @ np.cross(served.up, views).T
-    across = boxes.axes[:, 0] @ served.up.T
+    along = product(boxes.axes[:, 0], np.cross(served.up, views).T)
+    across = product(boxes.axes[:, 0], served.up.T)
     length = np.maximum(np.hypot(along, across), np.finfo(float).tiny)
     legible[:, : len(views)] *= 1 - ROLLED * (1 - along / length) / 2
     shown = visible * (objective.seen + (1 - objective.seen) * legible**objective.legibility)
     corners = boxes.corners() - served.centroid
-    whole = (corners @ served.half_spaces.T).min(axis=1) > 0
+    whole = product(corners, served.half_spaces.T).min(axis=1) > 0
     return np.concatenate([shown, whole], axis=1).astype(np.float32)
 
 
@@ -351,7 +358,9 @@ def cost(terms: Terms, objective: Objective = OBJECTIVE) -> Float:
 def obstructed(visible: Bool, faced: Bool, served: Columns) -> Float:
     """(B,) weighted share of the directions each box faces (B, D) in which it is not ``visible`` (B, D)."""
     weight = served.weight[: len(served.directions)]
-    return np.asarray(1 - (visible @ weight) / np.maximum(faced @ weight, np.finfo(float).tiny))
+    return np.asarray(
+        1 - (visible * weight).sum(axis=1) / np.maximum((faced * weight).sum(axis=1), np.finfo(float).tiny)
+    )
 
 
 def roll(boxes: Boxes) -> Float:

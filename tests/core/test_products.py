@@ -1,0 +1,20 @@
+import numpy as np
+import pytest
+
+from core.products import product
+
+
+@pytest.mark.parametrize(
+    ("one", "other"), [((5, 3), (3, 7)), ((4, 1), (1, 2)), ((6, 4, 3), (6, 3, 5)), ((4, 4), (9, 4, 4))]
+)
+def test_it_is_the_product_of_matrices(one: tuple[int, ...], other: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(size=one), rng.normal(size=other)
+    assert np.allclose(product(a, b), a @ b, atol=1e-14)
+
+
+def test_terms_are_added_one_after_the_other() -> None:
+    a = np.array([[1e16, 1.0, -1e16]])
+    assert product(a, np.ones((3, 1))) == 0.0
+    assert product(a[:, ::-1], np.ones((3, 1))) == 0.0
+    assert product(a[:, [0, 2, 1]], np.ones((3, 1))) == 1.0
