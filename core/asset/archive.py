@@ -25,6 +25,7 @@ _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _OTHER_METHODS = {1: "shrinking", 6: "imploding", 9: "Deflate64", 12: "bzip2", 14: "LZMA", 93: "Zstandard", 95: "XZ"}
 _SMALL = 2**20  # an entry of up to a megabyte may be as repetitive as it likes
 _LOCAL_HEADER_BYTES = 30
+_UNICODE_PATH = 0x7075
 
 
 class Archive:
@@ -51,7 +52,7 @@ class Archive:
         page = code_page(_raw_name(entry) for entry in self._zip.infolist() if not _is_utf8(entry))
         entries, names = [], []
         for entry in self._zip.infolist():
-            name = entry.filename if _is_utf8(entry) else decoded(_raw_name(entry), page) or entry.filename
+            name = _unicode_name(entry) or decoded(_raw_name(entry), page) or entry.filename
             _check_name(name, entry)
             if not entry.is_dir():
                 entries.append(entry)
@@ -221,6 +222,20 @@ def _is_utf8(entry: zipfile.ZipInfo) -> bool:
 def _raw_name(entry: zipfile.ZipInfo) -> bytes:
     """The name as its bytes stand in the archive: zipfile takes all that is not UTF-8 for code page 437."""
     return entry.orig_filename.partition("\0")[0].encode("utf-8" if _is_utf8(entry) else "cp437")
+
+
+def _unicode_name(entry: zipfile.ZipInfo) -> str | None:
+    """The name where the archive says it in UTF-8: as such, or in Info-ZIP's extra field (APPNOTE 4.6.9)."""
+    if _is_utf8(entry):
+        return entry.filename
+    at = 0
+    while at + 4 <= len(entry.extra):
+        kind, size = struct.unpack_from("<HH", entry.extra, at)
+        field = entry.extra[at + 4 : at + 4 + size]
+        if kind == _UNICODE_PATH and field[1:5] == struct.pack("<I", zlib.crc32(_raw_name(entry))):
+            return decoded(field[5:], "utf-8")
+        at += 4 + size
+    return None
 
 
 def _check_name(decoded: str, entry: zipfile.ZipInfo) -> None:

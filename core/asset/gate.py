@@ -89,7 +89,8 @@ def _check_obj(data: bytes, budgets: Budgets) -> None:
 
 def _count_lines(data: bytes, word: bytes) -> int:
     """Lines that start with ``word`` and a blank, nearly always without indentation."""
-    plain = sum(data.count(b"\n" + word + blank) + data.count(b"\r" + word + blank) for blank in (b" ", b"\t"))
+    ends = (b"\n", b"\r") if b"\r" in data else (b"\n",)
+    plain = sum(data.count(end + word + blank) for end in ends for blank in (b" ", b"\t"))
     plain += data.removeprefix(b"\xef\xbb\xbf")[:2] in (word + b" ", word + b"\t")
     if plain:
         return plain

@@ -48,10 +48,8 @@ def read_obj(data: bytes, budgets: Budgets, library: Mapping[bytes, Material] | 
     if is_normal.any():
         attributes["NORMAL"] = Attribute(_readable(lines.select(is_normal, 2), least=3, width=3), corner[:, 2])
     warnings: list[MeshmarkError] = []
-    colors = _colors(values, counts)
-    if np.isnan(colors).all() and (paint := _polypaint(lines, len(positions), warnings)) is not None:
-        colors = paint
-    if not np.isnan(colors).all():
+    colors = _colors(values, counts) if np.any(counts >= 6) else _polypaint(lines, len(positions), warnings)
+    if colors is not None:
         index = np.where(np.isnan(colors[:, 0]), -1, np.arange(len(colors)))
         known = (corner[:, 0] >= 0) & (corner[:, 0] < len(index))
         attributes["COLOR_0"] = Attribute(

@@ -50,11 +50,23 @@ _OTHER_MODELS = (
     (rb"DRACO", "a bare Draco mesh"),
     (rb"ISO-10303-21", "a STEP model"),
     (rb"#VRML|#X3D", "a VRML scene"),
-    (rb"b3dm", "a tile of 3D Tiles (b3dm), a GLB with a header of its own"),
-    (rb"i3dm", "a tile of 3D Tiles (i3dm: instances of a model)"),
-    (rb"pnts", "a tile of 3D Tiles (pnts: a point cloud)"),
-    (rb"cmpt", "a tile of 3D Tiles (cmpt: several tiles in one)"),
+    (rb"(?s)\xff\xfe\xff.S\0k\0e\0t\0c\0h\0", "a SketchUp model"),
+    (rb"3D Geometry File Format", "a Rhino model"),
 )
+_OTHER_ENDINGS = {
+    ".fbx": "an FBX scene",
+    ".blend": "a Blender file",
+    ".stp": "a STEP model",
+    ".step": "a STEP model",
+    ".wrl": "a VRML scene",
+    ".skp": "a SketchUp model",
+    ".3dm": "a Rhino model",
+    ".3ds": "a 3D Studio scene",
+    ".max": "a 3ds Max scene",
+    ".c4d": "a Cinema 4D scene",
+    ".ma": "a Maya scene",
+    ".mb": "a Maya scene",
+}
 _OTHER_CONTENT = (
     (rb"\x89PNG\r\n", "a PNG image"),
     (rb"\xff\xd8\xff", "a JPEG image"),
@@ -149,6 +161,9 @@ def _archive_format(archive: Archive) -> Format:
             return file_format
     if any(name.endswith((".usdc", ".usda", ".usd")) for name in names):
         raise _unsupported("a USDZ package")
+    for ending, kind in _OTHER_ENDINGS.items():
+        if found := next((name for name in archive.names if name.lower().endswith(ending)), None):
+            raise _unsupported(f"a ZIP archive with {kind}, {found[:60]!r}")
     raise _unsupported("a ZIP archive without a model that is read")
 
 

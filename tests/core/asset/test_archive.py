@@ -1,10 +1,14 @@
+import contextlib
 import io
 import stat
 import struct
 import zipfile
+import zlib
 from collections.abc import Callable
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from core.asset.archive import Archive
 from core.asset.budgets import Budgets
@@ -208,6 +212,38 @@ def test_names_packed_in_a_code_page_are_shown_as_they_are_meant_and_found(packe
     assert archive.read(shown) == b"content"
     for reference in (packed, shown, shown.encode()):
         assert archive.find(reference, "m.obj", escaped=False) == shown
+
+
+def test_a_name_that_the_archive_also_says_in_utf_8_is_that_unless_it_was_changed_since() -> None:
+    raw, said = b"gr\x81n.png", "grün ✓.png".encode()
+
+    def archive(crc: int) -> Archive:
+        info = zipfile.ZipInfo("#" * len(raw))
+        field = struct.pack("<BI", 1, crc) + said
+        info.extra = struct.pack("<HH", 0x7075, len(field)) + field
+        stream = io.BytesIO()
+        with zipfile.ZipFile(stream, "w") as file:
+            file.writestr(info, "content")
+        return Archive(stream.getvalue().replace(b"#" * len(raw), raw), Budgets())
+
+    assert archive(zlib.crc32(raw)).names == [said.decode()]
+    assert archive(zlib.crc32(raw)).read(said.decode()) == b"content"
+    assert archive(0).names == ["grün.png"]
+
+
+@given(extra=st.binary(max_size=24), name=st.binary(min_size=1, max_size=12).filter(lambda name: b"#" not in name))
+def test_any_name_and_extra_field_is_read_or_refused(extra: bytes, name: bytes) -> None:
+    info = zipfile.ZipInfo("#" * len(name))
+    info.extra = extra
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as file:
+        file.writestr(info, "content")
+    with contextlib.suppress(MeshmarkError):
+        archive = Archive(stream.getvalue().replace(b"#" * len(name), name), Budgets())
+        for entry in archive.names:
+            assert not entry.startswith(("/", "../"))
+            archive.read(entry)
+            assert archive.find(entry, "", escaped=False) == entry
 
 
 def test_what_a_reference_says_by_the_rules_goes_before_what_it_may_mean() -> None:

@@ -85,6 +85,16 @@ def test_a_texture_of_the_archive_keeps_its_bytes_and_is_never_decoded() -> None
     assert "baseColorTexture" in document.json["materials"][0]["pbrMetallicRoughness"]
 
 
+@pytest.mark.parametrize(
+    "path", ["wood #2 gr\u00fcn.png", "wood%20%232%20gr%C3%BCn.png", "C:\\me\\Wood #2 GR\u00dcN.png"]
+)
+def test_a_texture_is_found_however_its_name_is_written(path: str) -> None:
+    data = dae(BOUND, materials=_materials('<texture texture="t" texcoord="UV"/>', path))
+    document = _convert(zipped({"a/x.dae": data, "a/wood #2 gru\u0308n.png": png(1, 2, 3), "other.png": png(4, 5, 6)}))
+    assert document.warnings == []
+    assert document.binary.count(png(1, 2, 3)) == 1
+
+
 def _convert_unchecked(data: bytes) -> Document:
     return to_document(data, admit(data))
 

@@ -94,6 +94,8 @@ def test_unknown_content_is_refused_saying_what_it_looks_like(data: bytes, seen:
     [
         (_archive("scene.usdc"), "USDZ"),
         (_archive("readme.txt"), "without a model"),
+        (_archive("source/Cow.FBX", "textures/cow.png"), "an FBX scene, 'source/Cow.FBX'"),
+        (b"\xff\xfe\xff\x0e" + "SketchUp Model".encode("utf-16-le") + bytes(40), "SketchUp"),
         (b"Kaydara FBX Binary  \x00\x1a\x00" + bytes(40), "FBX"),
         (b"PXR-USDC" + bytes(40), "USD"),
         *((kind + b"\1\0\0\0" + bytes(40), kind.decode()) for kind in (b"b3dm", b"i3dm", b"pnts", b"cmpt")),
