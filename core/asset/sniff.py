@@ -50,6 +50,10 @@ _OTHER_MODELS = (
     (rb"DRACO", "a bare Draco mesh"),
     (rb"ISO-10303-21", "a STEP model"),
     (rb"#VRML|#X3D", "a VRML scene"),
+    (rb"b3dm", "a tile of 3D Tiles (b3dm), a GLB with a header of its own"),
+    (rb"i3dm", "a tile of 3D Tiles (i3dm: instances of a model)"),
+    (rb"pnts", "a tile of 3D Tiles (pnts: a point cloud)"),
+    (rb"cmpt", "a tile of 3D Tiles (cmpt: several tiles in one)"),
     (rb"(?s)\xff\xfe\xff.S\0k\0e\0t\0c\0h\0", "a SketchUp model"),
     (rb"3D Geometry File Format", "a Rhino model"),
 )
