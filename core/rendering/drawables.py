@@ -45,7 +45,8 @@ class Drawable:
 def drawables(glb: bytes, texture_limit: int) -> list[Drawable]:
     """What the default scene of ``glb`` shows at its default pose, see-through primitives last.
 
-    Nodes that KHR_node_visibility hides, and triangles without an area, are left out, unless that leaves nothing.
+    Nodes that KHR_node_visibility hides, triangles without an area, and what lies outside the frame of all that is seen
+    (:mod:`core.asset.viewer`), such as a far box of alpha 0, are left out, unless that leaves nothing.
     Positions and normals follow node transforms and skins; morph targets move positions only. Textures are reduced to
     ``texture_limit`` pixels a side.
 
@@ -59,7 +60,8 @@ def drawables(glb: bytes, texture_limit: int) -> list[Drawable]:
     material = cache(partial(read_material, document, read_texture=texture))
     surface, hidden = scene.surface, hidden_nodes(document)
     shown = np.array([drawn.node not in hidden for drawn in scene.primitives])[surface.face_primitive]
-    shown &= surface.areas > 0
+    framed = np.abs(surface.positions).max(axis=1) <= surface.reach
+    shown &= (surface.areas > 0) & framed[surface.faces].all(axis=1)
     shown |= not shown.any()
     found = []
     ends = np.cumsum([len(drawn.triangles) for drawn in scene.primitives])

@@ -313,17 +313,24 @@ def test_primitives_that_share_a_texture_draw_it_from_one_copy(
     assert len(made) == 1
 
 
-HIDDEN: list[dict[str, Any]] = [
-    {"extensions": {"KHR_node_visibility": {"visible": False}}},
-    {"scale": [0, 0, 0]},
+GREEN_CUBE = plain((0, 1, 0, 1))
+HIDDEN: list[tuple[dict[str, Any], dict[str, Any]]] = [
+    ({"extensions": {"KHR_node_visibility": {"visible": False}}}, GREEN_CUBE),
+    ({"scale": [0, 0, 0]}, GREEN_CUBE),
+    ({"scale": [1, 0, 0]}, GREEN_CUBE),
+    ({}, plain((0, 1, 0, 0), alphaMode="BLEND")),
+    ({}, plain((0, 1, 0, 0.4), alphaMode="MASK")),
 ]
 
 
-@pytest.mark.parametrize("node", HIDDEN)
-def test_what_is_hidden_is_neither_drawn_nor_framed(renderer: Renderer, node: dict[str, Any]) -> None:
+@pytest.mark.parametrize("place", [2.0, 1e5])
+@pytest.mark.parametrize(("node", "material"), HIDDEN)
+def test_what_is_hidden_is_neither_drawn_nor_framed(
+    renderer: Renderer, node: dict[str, Any], material: dict[str, Any], place: float
+) -> None:
     alone = shoot(renderer, cube((1, 0, 0, 1)))
     writer = GlbWriter().mesh(CORNERS, CUBE_FACES, material=plain((1, 0, 0, 1)))
-    writer.mesh(CORNERS, CUBE_FACES, material=plain((0, 1, 0, 1)), translation=[2.0, 0.5, 0.0], **node)
+    writer.mesh(CORNERS, CUBE_FACES, material=material, translation=[place, 0.5, 0.0], **node)
     np.testing.assert_allclose(shoot(renderer, writer.bytes()).astype(int), alone, atol=2)
 
 
