@@ -29,6 +29,7 @@ Bool = NDArray[np.bool_]
 # Corners of one point share a row where their attributes agree to this fraction of the attribute's largest value;
 # those of a wall, whose two triangles are never quite coplanar, where their normals agree to a sixteenth of a degree.
 SAME_ATTRIBUTE, SAME_WALL = 2.0**-20, 2.0**-10
+SMOOTH = np.cos(np.radians(30))  # between walls that meet at less than 30 degrees shading runs on: they are a curve
 
 
 @dataclass(eq=False)
@@ -110,10 +111,10 @@ def primitive_json(document: Document, drawn: DrawnPrimitive) -> dict[str, Any]:
 def row_labels(patch: Patch, corners: Int) -> Int:
     """(N,) labels of ``corners`` (N,): equal for those that can share one row.
 
-    These are corners of the same point, both of a wall or neither, whose attributes agree. Positions, joints and
-    weights belong to the point and need no comparison.
+    These are corners of the same point, both of a wall or neither where there are normals, whose attributes agree.
+    Positions, joints and weights belong to the point and need no comparison.
     """
-    wall = patch.wall[corners]
+    wall = patch.wall[corners] & has_normals(patch)
     words = [patch.vertex[corners, None].view(np.uint32), wall[:, None].astype(np.uint32)]
     for values in patch.values:
         for name, value in values.items():
@@ -125,6 +126,11 @@ def row_labels(patch: Patch, corners: Int) -> Int:
             step = np.where(wall & coarse, SAME_WALL, SAME_ATTRIBUTE)[:, None] * largest
             words.append(np.round(value[corners] / step).astype(np.int32).view(np.uint32))
     return group_rows(np.hstack(words))
+
+
+def has_normals(patch: Patch) -> bool:
+    """Whether vertices carry normals, so that walls need rows of their own."""
+    return any("NORMAL" in attributes for attributes in patch.maps)
 
 
 def _place(scene: Scene, world: Float, patch: Patch) -> None:
@@ -232,19 +238,46 @@ def _interpolate(document: Document, patch: Patch) -> None:
         return
     flat = _flat_normals(patch, base["POSITION"])
     smooth = unit(base["NORMAL"])
+    one, two, share = _curves(patch, flat, base["POSITION"])
+    walls = _along_curves(flat, one, two, share)
     is_flat = (patch.wall | ~smooth.any(axis=1)) & flat.any(axis=1)
-    normals = np.where(is_flat[:, None], flat, smooth)
+    normals = np.where(is_flat[:, None], walls, smooth)
     normals[~normals.any(axis=1)] = (0.0, 0.0, 1.0)  # a triangle without area or normals: any unit vector is valid
     base["NORMAL"] = normals
     for target in targets:
         if "NORMAL" in target and "POSITION" in target:
-            turned = _flat_normals(patch, base["POSITION"] + target["POSITION"])
+            turned = _along_curves(_flat_normals(patch, base["POSITION"] + target["POSITION"]), one, two, share)
             follows = patch.wall & flat.any(axis=1) & turned.any(axis=1)
-            target["NORMAL"][follows] = (turned - flat)[follows]
+            target["NORMAL"][follows] = (turned - walls)[follows]
     if "TANGENT" in base:
         base["TANGENT"][:, :3] = orthogonal_tangents(base["TANGENT"][:, :3], normals)
         handedness = read_rows(document, "TANGENT", patch.maps[0]["TANGENT"])[:, 3:]
         base["TANGENT"][:, 3:] = patch.points.nearest(handedness)
+
+
+def _curves(patch: Patch, flat: Float, local: Float) -> tuple[Int, Int, Float]:
+    """Pairs (P,), (P,) of wall corners at one point that are shaded as one curve, each with itself too, and the angle
+    (P,) of the triangle at the second: how much its normal counts."""
+    wall = np.flatnonzero(patch.wall & flat.any(axis=1))
+    wall = wall[np.argsort(patch.vertex[wall], kind="stable")]
+    _, start, which, size = np.unique(patch.vertex[wall], return_index=True, return_inverse=True, return_counts=True)
+    reach = size[which]
+    one = np.repeat(np.arange(len(wall)), reach)
+    two = np.repeat(start[which], reach) + np.arange(len(one)) - np.repeat(np.cumsum(reach) - reach, reach)
+    one, two = wall[one], wall[two]
+    curved = np.einsum("pi,pi->p", flat[one], flat[two]) > SMOOTH
+    one, two = one[curved], two[curved]
+    corner = local.reshape(-1, 3, 3)[two // 3]
+    at = np.arange(len(two)), two % 3
+    to = [unit(corner[at[0], (at[1] + step) % 3] - corner[at]) for step in (1, 2)]
+    return one, two, np.arccos(np.clip(np.einsum("pi,pi->p", *to), -1, 1))
+
+
+def _along_curves(flat: Float, one: Int, two: Int, share: Float) -> Float:
+    """``flat`` (C, 3) normals, those of the corners ``one`` the mean over their ``two``, weighted by ``share``."""
+    total = [np.bincount(one, weights=share * flat[two, axis], minlength=len(flat)) for axis in range(3)]
+    mean = unit(np.column_stack(total).astype(np.float64))  # of no corners bincount counts integers
+    return np.where(mean.any(axis=1, keepdims=True), mean, flat)
 
 
 def _flat_normals(patch: Patch, local: Float) -> Float:

@@ -19,7 +19,7 @@ from core.asset.hierarchy import scene_nodes
 from core.asset.instances import instance_attributes, split_off
 from core.asset.materials import UNLIT
 from core.asset.morton import morton_order
-from core.asset.patch import Patch, cut_patches, primitive_json, row_labels
+from core.asset.patch import Patch, cut_patches, has_normals, primitive_json, row_labels
 from core.asset.polygons import hex_linear
 from core.asset.references import OUTLINE
 
@@ -113,7 +113,7 @@ class _Rows:
 
 
 def _rows(document: Document, patch: Patch) -> _Rows:
-    new = np.flatnonzero((patch.original < 0) | patch.wall)
+    new = np.flatnonzero((patch.original < 0) | (patch.wall & has_normals(patch)))
     _, representative, label = np.unique(row_labels(patch, new), return_index=True, return_inverse=True)
     corners = patch.original.copy()
     corners[new] = document.entry("accessors", patch.maps[0]["POSITION"])["count"] + label

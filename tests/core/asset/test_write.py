@@ -1,5 +1,6 @@
 import base64
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -111,7 +112,7 @@ def test_a_seam_gives_one_point_several_rows_at_one_position() -> None:
 
 def test_walls_are_flat_shaded_on_rows_of_their_own() -> None:
     document = quad(NORMAL=(NORMALS, "<f4", False))
-    result = edited(document, [0, 1], [SURFACE, WALL], lift=3.0)
+    result = edited(document, [0, 1], [SURFACE, WALL], lift=20.0)
     normals, positions, faces = values(result, "NORMAL"), values(result, "POSITION"), indices(result)
     walls = faces[3:]
     assert not set(walls.reshape(-1)) & set(faces[:3].reshape(-1))
@@ -361,3 +362,37 @@ def test_real_assets_stay_as_valid_as_they_were(path: Path, color: str | None) -
     assert len(after.surface.faces) == len(scene.surface.faces) + 12
     assert _edge_counts(after) == _edge_counts(scene)
     np.testing.assert_allclose(after.surface.areas.sum(), scene.surface.areas.sum(), rtol=1e-6)
+
+
+def _strip_of_walls(angle: float) -> tuple[Document, Any]:
+    """Two faces that meet at ``angle`` degrees along x = 1, both walls of one letter."""
+    bend = np.radians(angle)
+    positions = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [1 + np.cos(bend), 0, -np.sin(bend)]]
+    positions.append([1 + np.cos(bend), 1, -np.sin(bend)])
+    builder = Builder()
+    primitive = builder.primitive(
+        positions, [0, 1, 2, 0, 2, 3, 1, 4, 5, 1, 5, 2], NORMAL=builder.accessor([[0, 1, 0]] * 6)
+    )
+    document = builder.document(meshes=[{"primitives": [primitive]}])
+    scene = flatten(document)
+    return document, centroid_split(scene, range(4), [WALL] * 4)
+
+
+@pytest.mark.parametrize(("angle", "rows"), [(0, 10), (10, 10), (29, 10), (31, 12), (90, 12)])
+def test_walls_along_a_curve_are_shaded_as_one_and_share_their_rows(angle: float, rows: int) -> None:
+    document, edit = _strip_of_walls(angle)
+    result = Document.from_glb(write(flatten(document), edit, [None]))
+    normals, positions = values(result, "NORMAL"), values(result, "POSITION")
+    assert len(positions) == rows
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-6)
+    half = np.radians(angle / 2)
+    middle = normals[(positions == [1, 0, 0]).all(axis=1)]
+    if angle < 30:
+        np.testing.assert_allclose(middle, [[np.sin(half), 0, np.cos(half)]], atol=1e-6)
+    else:
+        assert len(middle) == 2, "an edge stays sharp"
+
+
+def test_without_normals_walls_share_the_rows_of_their_points() -> None:
+    result = edited(quad(), [0, 1], [SURFACE, WALL], lift=3.0)
+    assert len(values(result, "POSITION")) == 6

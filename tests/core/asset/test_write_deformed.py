@@ -121,7 +121,7 @@ def test_morph_targets_reach_the_new_vertices_of_every_primitive(sparse: bool, c
 
 
 def test_normals_of_walls_turn_with_a_morph_target() -> None:
-    result = edited(_morphing(False), [0], [WALL], lift=5.0)
+    result = edited(_morphing(False), [0], [WALL], lift=20.0)
     faces = indices(result)[1:]
     target = primitives_of(result)[0]["targets"][0]
     positions = values(result, "POSITION") + read_accessor(result, target["POSITION"])
