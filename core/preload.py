@@ -6,7 +6,8 @@ from core.rendering import renderer
 
 # What stages, readers and metrics import when they need it; a test runs the engine and finds what is missing here.
 LATER = (
-    *("core.ground.ground", "core.ground.joints", "core.ground.regions", "core.ground.texture", "core.placement.place"),
+    *("core.ground.contrast", "core.ground.ground", "core.ground.joints", "core.ground.regions", "core.ground.texture"),
+    "core.placement.place",
     *("core.embossing.marks", "core.embossing.stamp", "core.report", "core.metrics.measure"),
     *("DracoPy", "meshopt", "manifold3d", "trimesh.exchange.dae", "rapidocr"),
     *("PIL.BmpImagePlugin", "PIL.GifImagePlugin", "PIL.JpegImagePlugin", "PIL.PngImagePlugin", "PIL.PpmImagePlugin"),

@@ -1,4 +1,5 @@
 import base64
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -312,6 +313,11 @@ def test_a_buffer_in_a_data_uri_becomes_the_bin_chunk() -> None:
     assert "uri" not in result.json["buffers"][0]
     assert len(result.json["buffers"]) == 1
     np.testing.assert_array_equal(values(result, "POSITION")[:4], QUAD)
+
+
+def test_further_chunks_come_through_an_edit() -> None:
+    chunks = ((b"HAIR", b"1234"), (b"MORE", b""))
+    assert edited(replace(quad(), chunks=chunks), [0], [Kind.CAP]).chunks == chunks
 
 
 def _image(document: Document, number: int) -> bytes:
