@@ -110,8 +110,8 @@ def _unreferenced(file: GlbFile) -> list[str]:
     ]
 
 
-def _dead_bytes(file: GlbFile) -> list[str]:
-    """Bytes of buffers other than 0 that no element of a used accessor, no image and no stream covers."""
+def covered_bytes(file: GlbFile) -> list[NDArray[np.bool_]]:
+    """(B,) of each buffer, which bytes an element of a used accessor, an image or a stream covers."""
     covered = [np.zeros(len(data), bool) for data in file.buffers]
     views = file.entries("bufferViews")
 
@@ -145,9 +145,14 @@ def _dead_bytes(file: GlbFile) -> list[str]:
             for column in range(columns):
                 at = first + column * step + stride * np.arange(count)
                 covered[view["buffer"]][(at[:, None] + np.arange(size)).ravel()] = True
+    return covered
+
+
+def _dead_bytes(file: GlbFile) -> list[str]:
+    """Bytes of buffers other than 0 that belong to nothing."""
     return [
         f"{dead} bytes of buffers[{number}] belong to nothing"
-        for number, (mine, data) in enumerate(zip(covered, file.buffers, strict=True))
+        for number, (mine, data) in enumerate(zip(covered_bytes(file), file.buffers, strict=True))
         if (dead := int((~mine & (np.frombuffer(data, np.uint8) != 0)).sum()))
     ]
 
