@@ -13,6 +13,7 @@ from core.asset.surface import Surface
 from core.errors import ErrorCode, MeshmarkError
 from core.parameters import Evaluate, Mode, Parameters
 from core.pipeline import Result, watermark
+from tests.core.asset.builder import simple
 from tests.core.shapes import box, grid, join, moved, sphere, surface
 
 Float = NDArray[np.float64]
@@ -214,10 +215,19 @@ def test_duplicates_do_not_keep_letters_from_sinking_but_a_second_layer_does() -
         watermark(_file(_double_sided_shell()), sunken, preview=False)
 
 
-def test_letters_on_a_part_that_is_inside_out_rise_where_they_are_seen_and_keep_its_winding() -> None:
-    right, wrong = (flatten(Document.from_glb(_marked(_file(shape)).model)).surface for shape in (BALL, _inside_out()))
-    furthest = np.linalg.norm(BALL.positions, axis=1).max() * wrong.scale
-    for found, sign in ((right, 1.0), (wrong, -1.0)):
+def _double_sided_glb(shape: Surface) -> bytes:
+    document = simple(shape.positions, shape.faces)
+    document.json["materials"] = [{"doubleSided": True}]
+    document.json["meshes"][0]["primitives"][0]["material"] = 0
+    return document.to_glb()
+
+
+def test_letters_on_a_part_that_is_inside_out_rise_where_they_are_seen() -> None:
+    """A GLB keeps its winding; of a format that knows no culling the faces are turned."""
+    files = _file(BALL), _file(_inside_out()), _double_sided_glb(_inside_out())
+    surfaces = [flatten(Document.from_glb(_marked(data).model)).surface for data in files]
+    furthest = np.linalg.norm(BALL.positions, axis=1).max() * surfaces[0].scale
+    for found, sign in zip(surfaces, (1.0, 1.0, -1.0), strict=True):
         radius = np.linalg.norm(found.positions[found.faces].mean(axis=1), axis=1)
         assert radius.max() > furthest * 0.99
         mesh = trimesh.Trimesh(found.positions, found.faces, process=False)
