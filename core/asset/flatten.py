@@ -41,7 +41,8 @@ class DrawnPrimitive:
         matrices: (V, 3, 4) for a skinned primitive, else (1, 3, 4): local -> world at the default pose.
         joint_matrices: (J, 3, 4) bind pose -> world, for a skinned primitive.
         morph_weights: (K,) the default weights of its morph targets.
-        mirrored: the transform turns it inside out, so its faces in the surface have the opposite winding.
+        mirrored: the transform of its node turns it inside out, so its faces in the surface have the opposite winding.
+            Of a skin no other transform counts either (3.7.4): where only its joints mirror, viewers show its inside.
         invertible: every vertex in use can be taken back from world to local.
     """
 
@@ -128,7 +129,7 @@ def flatten(document: Document) -> Scene:
                     placed[key] = _place(shapes[key], owner, node, instance, world, rows)
                     rows += len(shapes[key].local)
                 if len(triangles):
-                    primitives.append(_draw(placed[key], entry["mesh"], index, triangles))
+                    primitives.append(_draw(placed[key], entry["mesh"], index, triangles, world))
             blocks += placed.values()
             owner += 1
     if not primitives:
@@ -265,11 +266,17 @@ def _triangles(document: Document, primitive: dict[str, Any], vertex_count: int)
     return indices[np.stack([first + 1, first + 2, np.zeros_like(first)], axis=1)]
 
 
+def determinants(matrices: Float) -> Float:
+    """(M,) of the linear parts of matrices (M, 3, 4)."""
+    x, y, z = (matrices[:, :, axis] for axis in range(3))
+    return np.asarray(np.einsum("vi,vi->v", np.cross(x, y), z))
+
+
 @np.errstate(over="ignore", invalid="ignore")  # a matrix this large is not invertible in any useful sense
-def _draw(vertices: _Vertices, mesh: int, index: int, triangles: Int) -> DrawnPrimitive:
+def _draw(vertices: _Vertices, mesh: int, index: int, triangles: Int, world: Float) -> DrawnPrimitive:
     matrices = vertices.matrices if len(vertices.matrices) == 1 else vertices.matrices[np.unique(triangles)]
     columns = [matrices[:, :, axis] for axis in range(3)]
-    determinant = np.einsum("vi,vi->v", np.cross(columns[0], columns[1]), columns[2])
+    determinant = determinants(matrices)
     volume = np.prod([np.linalg.norm(column, axis=1) for column in columns], axis=0)
     return DrawnPrimitive(
         node=vertices.node,
@@ -281,7 +288,7 @@ def _draw(vertices: _Vertices, mesh: int, index: int, triangles: Int) -> DrawnPr
         matrices=vertices.matrices,
         joint_matrices=vertices.shape.joint_matrices,
         morph_weights=vertices.shape.morph_weights,
-        mirrored=bool(np.count_nonzero(determinant < 0) * 2 > len(determinant)),
+        mirrored=bool(determinants(world[None, :3])[0] < 0),
         invertible=bool((np.abs(determinant) > SINGULAR * volume).all()),
     )
 

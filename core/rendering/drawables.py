@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.asset.flatten import DrawnPrimitive, flatten
+from core.asset.flatten import DrawnPrimitive, determinants, flatten
 from core.asset.gltf import Document, dequantize, malformed, read_accessor
 from core.asset.hierarchy import hidden_nodes
 from core.asset.materials import Emission, Material, read_material
@@ -123,4 +123,4 @@ def _to_world(normals: Float, drawn: DrawnPrimitive, rows: Int) -> Float:
     length = np.linalg.norm(world, axis=1, keepdims=True)
     # The cofactor matrix is the inverse transpose times the determinant, whose sign is taken back here.
     unit = np.divide(world, length, out=np.zeros_like(world), where=length > 0)
-    return np.asarray(-unit if drawn.mirrored else unit)
+    return np.asarray(np.where(determinants(matrices)[:, None] < 0, -unit, unit))

@@ -134,7 +134,7 @@ def test_seams_weld_and_negative_zero_is_zero() -> None:
     assert len(set(weld)) == 4
 
 
-def _two_bones(weights: ArrayLike) -> Document:
+def _two_bones(weights: ArrayLike, node: tuple[int, ...] = (1, 1, 1), bones: tuple[int, ...] = (1, 1, 1)) -> Document:
     """A quad whose two coincident corners follow different bones; the second bone is lifted by 5."""
     builder = Builder()
     positions = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0], [0, 1, 0], [-1, 0, 0]]
@@ -147,7 +147,11 @@ def _two_bones(weights: ArrayLike) -> Document:
     bind = np.tile(np.eye(4).reshape(-1), (2, 1))
     return builder.document(
         meshes=[{"primitives": [primitive]}],
-        nodes=[{"mesh": 0, "skin": 0, "translation": [100, 0, 0]}, {}, {"translation": [0, 0, 5]}],
+        nodes=[
+            {"mesh": 0, "skin": 0, "translation": [100, 0, 0], "scale": list(node)},
+            {"scale": list(bones)},
+            {"translation": [0, 0, 5], "scale": list(bones)},
+        ],
         scenes=[{"nodes": [0, 1, 2]}],
         skins=[{"joints": [1, 2], "inverseBindMatrices": builder.accessor(bind)}],
     )
@@ -163,6 +167,16 @@ def test_coincident_vertices_that_the_pose_parts_are_not_welded() -> None:
     apart = flatten(_two_bones([[1, 0, 0, 0]] * 3 + [[0, 1, 0, 0]] * 3)).surface.weld
     assert together[0] == together[3]
     assert apart[0] != apart[3]
+
+
+@pytest.mark.parametrize("node", [(1, 1, 1), (-1, 1, 1)])
+@pytest.mark.parametrize("bones", [(1, 1, 1), (1, -1, 1)])
+def test_which_side_of_a_skin_is_its_front_is_decided_by_its_node_alone(
+    node: tuple[int, int, int], bones: tuple[int, int, int]
+) -> None:
+    """As the specification has it (3.7.4), and as viewers do; bones mirror where vertices are, not what is front."""
+    normals = flatten(_two_bones([[1, 0, 0, 0]] * 6, node, bones)).surface.normals
+    assert normals[0].tolist() == [0, 0, node[0] * bones[1]]
 
 
 def test_morph_targets_are_drawn_at_their_default_weights() -> None:

@@ -231,6 +231,23 @@ def test_a_closed_cube_looks_the_same_single_and_double_sided(renderer: Renderer
     np.testing.assert_allclose(single.astype(int), double, atol=8)  # smoothed outlines
 
 
+@pytest.mark.parametrize("node", [1, -1])
+@pytest.mark.parametrize("bone", [1, -1])
+def test_of_a_skin_that_side_is_shown_which_its_node_says(renderer: Renderer, node: int, bone: int) -> None:
+    """A square that faces the camera; a bone that mirrors it does not change the side that is drawn, its node does."""
+    writer = GlbWriter()
+    skinned: dict[str, NDArray[Any]] = {
+        "JOINTS_0": np.zeros((4, 4), dtype=np.uint8),
+        "WEIGHTS_0": np.eye(4, dtype=np.float32)[[0] * 4],
+    }
+    writer.mesh(QUAD, QUAD_FACES, skinned, plain((1, 0, 0, 1)), skin=0, scale=[node, 1, 1])
+    del writer.json["accessors"][writer.json["meshes"][0]["primitives"][0]["attributes"]["JOINTS_0"]]["normalized"]
+    writer.json["scenes"][0]["nodes"].append(writer.add("nodes", {"scale": [bone, 1, 1]}))
+    writer.add("skins", {"joints": [1]})
+    drawn = [shown(shoot(renderer, writer.bytes(), (0, 0, z)))[SIZE // 2, SIZE // 2] for z in (1, -1)]
+    assert drawn == ([True, False] if node * bone > 0 else [False, True])
+
+
 def test_an_unlit_cube_has_its_one_colour_on_all_sides(renderer: Renderer) -> None:
     srgb = np.array([200, 120, 40])
     material = plain((*((srgb / 255) ** 2.2), 1.0), extensions={"KHR_materials_unlit": {}}, emissiveFactor=[1, 1, 1])
