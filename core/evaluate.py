@@ -16,13 +16,13 @@ from core.asset.gate import admit
 from core.asset.gltf import Document
 from core.asset.surface import MODEL_SIZE, Surface
 from core.errors import ErrorCode, MeshmarkError
+from core.ground.ground import eye_index
 from core.metrics.measure import Pair, Pictures, Subject, measure
 from core.parameters import Evaluate
 from core.placement.boxes import Boxes
 from core.rendering.pictures import PICTURE_SIZE, pictures
 from core.rendering.renderer import Renderer
 from core.report import SCHEMA, asset_facts, file_facts
-from core.spatial import SpatialIndex
 
 Float = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -120,14 +120,15 @@ def evaluate(
     """
     start = time.perf_counter()
     before, after = _read(original, budgets), _read(watermarked, budgets)
-    surface = flatten(before).surface
-    written = flatten(after).surface.in_frame_of(surface)
+    first, second = flatten(before), flatten(after)
+    surface = first.surface
+    shown, written, frame = eye_index(first, surface), eye_index(second, surface), second.surface.in_frame_of(surface)
     boxes, relief = to_boxes(watermarks, surface)
     text = text or next((mark.text for mark in watermarks if mark.text), "")
     views = _views(before, after) if level is Evaluate.FULL else (None, None)
     pair = Pair(
-        Subject(surface, SpatialIndex(surface.positions, surface.faces), views[0], seed),
-        Subject(written, SpatialIndex(written.positions, written.faces), views[1]),
+        Subject(*shown, views[0], seed),
+        Subject(*written, views[1]),
         boxes,
         relief,
         text,
@@ -137,7 +138,7 @@ def evaluate(
     return {
         "schema": SCHEMA,
         "asset": file_facts(original, admit(original, budgets)) | asset_facts(surface),
-        "model": file_facts(watermarked, admit(watermarked, budgets)) | asset_facts(written),
+        "model": file_facts(watermarked, admit(watermarked, budgets)) | asset_facts(frame),
         "seed": seed,
         "engine": {"version": __version__, "device": "cpu"},
         "units": {"model_size": MODEL_SIZE, "scale": surface.scale, "offset": surface.offset.tolist()},

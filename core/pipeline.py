@@ -38,7 +38,6 @@ from core.rendering.preview import contact_sheet
 from core.rendering.renderer import Renderer
 
 if TYPE_CHECKING:
-    from core.asset.surface import Surface
     from core.embossing.copies import MarkedCopy
     from core.embossing.emboss import Mark
     from core.ground.ground import Ground
@@ -79,6 +78,7 @@ class Job:
     rng: np.random.Generator = field(init=False)  # of placement
     site: "Site" = field(init=False)
     placement: "Placement" = field(init=False)
+    opaque: float = field(init=False)  # share of a face that is opaque, for letters to stand on it
     # emboss
     mesh: WorkingMesh = field(init=False)
     marks: "dict[int, Mark]" = field(init=False)  # by the number of the box in `placement`
@@ -87,8 +87,8 @@ class Job:
     colors: list[str | None] = field(init=False)  # of the letters of each mark, "#rrggbb"; None: their ground's own
     model: bytes = field(init=False)
     copies: "list[MarkedCopy]" = field(init=False)
+    written: Scene = field(init=False)  # read back from the model
     # report
-    written: "Surface | None" = None  # read back from the model, in the frame of the asset; None: nothing is measured
     report: dict[str, Any] = field(init=False)
     # render
     preview: bytes | None = None
@@ -149,6 +149,7 @@ def _letter(job: Job) -> None:
 
 
 def _place(job: Job) -> None:
+    from core.ground.ground import HIDING
     from core.ground.joints import joints
     from core.ground.regions import regions
     from core.ground.saliency import saliency
@@ -168,8 +169,8 @@ def _place(job: Job) -> None:
         for lost in undecoded_textures(job.scene.document)
     ]
 
-    def on(usable: NDArray[np.bool_], index: "SpatialIndex") -> "Placement":
-        job.usable = asked.within(usable)
+    def on(usable: NDArray[np.bool_], index: "SpatialIndex", opaque: float) -> "Placement":
+        job.usable, job.opaque = asked.within(usable), opaque
         job.site = open_site(
             ground.surface,
             index,
@@ -187,11 +188,11 @@ def _place(job: Job) -> None:
         return place(job.site, job.rng, job.report_progress)
 
     try:
-        job.placement = on(ground.solid, ground.index)
+        job.placement = on(ground.solid, ground.index, HIDING)
     except MeshmarkError as error:
         if error.code is not ErrorCode.NO_PLACEMENT or (ground.possible == ground.solid).all():
             raise
-        job.placement = on(ground.possible, ground.glazed)
+        job.placement = on(ground.possible, ground.glazed, 0.0)
         job.warnings.append(
             {
                 "code": "see_through_surface",
@@ -230,36 +231,84 @@ def _peak_memory() -> int:
 
 
 def _write(job: Job) -> None:
-    from core.embossing.copies import AssetMarks, mark_copies, unmarked
+    """The model, checked: marks that no viewer would draw are taken out, and it is written again without them."""
+    from core.embossing.copies import unmarked
+    from core.embossing.drawn import drawn_marks
+
+    _write_marks(job)
+    ground = job.ground
+    while True:
+        edit, count = job.mesh.edit(), len(job.marks)
+        drawn = drawn_marks(edit, count, ground.surface, ground.resolution, job.written, job.opaque)
+        if drawn.all():
+            break
+        _take_out(job, [box for box, seen in zip(job.marks, drawn.tolist(), strict=True) if not seen])
+        _write_marks(job)
+    job.warnings += unmarked(job.copies)
+    job.publish("model", job.model)
+
+
+def _take_out(job: Job, undrawn: list[int]) -> None:
+    """Embosses the marks anew, without those in the boxes ``undrawn``.
+
+    Raises:
+        MeshmarkError: ``no_placement`` where none is left.
+    """
+    from core.embossing.emboss import Mark
+    from core.embossing.marks import emboss_boxes
+    from core.embossing.refusal import Refusal
+    from core.embossing.stamp import stamp
+    from core.report import boxes_of
+
+    kept = {box: mark for box, mark in job.marks.items() if box not in undrawn}
+    job.refusals[Refusal.UNDRAWN.value] += len(undrawn)
+    job.mesh = WorkingMesh(job.ground.surface, job.usable, job.ground.sheets, job.ground.resolution)
+    job.marks = {}
+    if kept:
+        boxes, _ = boxes_of(kept, job.parameters)
+        outcomes = emboss_boxes(job.mesh, boxes, stamp(job.lettering), job.parameters, job.site.index)
+        for box, outcome in zip(kept, outcomes, strict=True):
+            if isinstance(outcome, Mark):
+                job.marks[box] = outcome
+            else:
+                job.refusals[outcome.value] += 1
+    if not job.marks:
+        raise MeshmarkError(
+            ErrorCode.NO_PLACEMENT,
+            f"All {job.refusals.total()} marks that fit on this asset would be culled, clear or covered by its own "
+            "materials: no viewer would draw them.",
+            "Check which sides of the asset its materials show, and their alpha.",
+        )
+
+
+def _write_marks(job: Job) -> None:
+    from core.embossing.copies import AssetMarks, mark_copies
     from core.embossing.stamp import stamp
     from core.ground.contrast import letter_colors
     from core.report import boxes_of
 
     boxes, _ = boxes_of(job.marks, job.parameters)
-    worn = letter_colors(job.scene, job.ground.surface, job.ground.index, boxes, job.parameters.color)
+    worn = letter_colors(job.scene, job.ground.surface, job.site.index, boxes, job.parameters.color)
     job.colors = [color.color if color else None for color in worn]
     glowing = {number for number, color in enumerate(worn) if color and color.glows}
     job.model = write(job.scene, job.ground.as_in_file(job.mesh.edit()), job.colors, glowing)
     marks = AssetMarks(job.ground.surface, boxes, stamp(job.lettering), job.colors, glowing, job.parameters)
     job.model, job.copies = mark_copies(job.model, marks)
-    job.warnings += unmarked(job.copies)
-    job.publish("model", job.model)
+    job.written = flatten(Document.from_glb(job.model))
 
 
 def _report(job: Job) -> None:
     """The report without its metrics, published at once: whatever happens from here on, the job has one."""
     from core.report import build_report
 
-    if job.parameters.evaluate is not Evaluate.NONE:
-        # Measured on the file as it was written, rounding included.
-        job.written = flatten(Document.from_glb(job.model)).surface.in_frame_of(job.scene.surface)
+    measured = job.parameters.evaluate is not Evaluate.NONE
     job.report = build_report(
         data=job.data,
         file_format=job.format,
         parameters=job.parameters,
-        surface=job.ground.surface,
+        surface=job.scene.surface,
         model=job.model,
-        written=job.written,
+        written=job.written.surface.in_frame_of(job.scene.surface) if measured else None,
         placement=job.placement,
         marks=job.marks,
         colors=job.colors,
@@ -303,17 +352,18 @@ def _render(job: Job) -> None:
 
 
 def _evaluate(job: Job) -> None:
-    if job.written is None:
+    if job.parameters.evaluate is Evaluate.NONE:
         return
+    from core.ground.ground import eye_index
     from core.metrics.measure import Pair, Subject, measure
     from core.report import boxes_of, with_metrics
-    from core.spatial import SpatialIndex
 
     before, after = job.views if isinstance(job.views, tuple) else (job.views, job.views)
-    written_index = SpatialIndex(job.written.positions, job.written.faces)
+    # Measured on the file as it was written, rounding included.
+    written, index = eye_index(job.written, job.scene.surface, through=job.opaque > 0)
     pair = Pair(
-        Subject(job.ground.surface, job.ground.index, before, job.parameters.seed, job.saliency),
-        Subject(job.written, written_index, after),
+        Subject(job.ground.surface, job.site.index, before, job.parameters.seed, job.saliency),
+        Subject(written, index, after),
         *boxes_of(job.marks, job.parameters),
         job.parameters.text,
         job.parameters.seed,

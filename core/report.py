@@ -81,6 +81,7 @@ def build_report(
             "placement_score": float(score[number]),
             "views": int(placement.visible[box, :view_count].sum()),
             "cut": mark.cut,
+            "drawn": True,
         }
         for number, (box, mark) in enumerate(marks.items())
     ]

@@ -14,7 +14,7 @@ What lights do to a colour is no matter of this module: see :mod:`core.asset.mat
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
@@ -78,6 +78,14 @@ def viewed(document: Document, surface: "Surface", primitives: "Sequence[DrawnPr
         drawn[:] = True
     one_sided = np.array([not look.material(one).double_sided for one in primitives])
     return Viewed(drawn, one_sided[surface.face_primitive], np.concatenate([opacity for (_, opacity), _ in parts]))
+
+
+def drawn_part(surface: "Surface", drawn: Bool) -> "Surface":
+    """The surface with the faces that are not ``drawn`` (F,) collapsed to their first corner: no face changes its
+    number, but samples, areas and rays find only those that are there to be seen."""
+    if drawn.all():
+        return surface
+    return replace(surface, faces=np.where(drawn[:, None], surface.faces, surface.faces[:, :1]))
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is no triangle to be seen

@@ -22,6 +22,8 @@ class Refusal(StrEnum):
     """More triangles or parts lie under the text than can be cut in reasonable time."""
     NOT_CLOSED = "not_closed"
     """The new faces do not meet the old ones edge by edge."""
+    UNDRAWN = "undrawn"
+    """The written file was read back, and a viewer draws too little of the letters, or only their backs."""
 
 
 CHEAP = (Refusal.NOT_WHOLE,)

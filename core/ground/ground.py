@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from core.asset.edit import SurfaceEdit
 from core.asset.flatten import Scene
 from core.asset.surface import Surface
-from core.asset.viewer import Viewed
+from core.asset.viewer import Viewed, drawn_part
 from core.device import spatial_index
 from core.errors import ErrorCode, MeshmarkError
 from core.ground.orientation import Orientation, orient
@@ -28,7 +28,8 @@ class Ground:
 
     Attributes:
         surface: the scene's, with the faces in ``turned`` wound the other way round, so that all normals look out that
-            may: the normals of faces that are drawn from one side only are the file's.
+            may: the normals of faces that are drawn from one side only are the file's. Faces that are not drawn are
+            collapsed.
         turned: (F,) faces that the file winds inside out.
         part: (F,) number of the part that each distinct face belongs to: what hangs together through edges of exactly
             two faces. -1 for others.
@@ -71,7 +72,8 @@ def survey(scene: Scene) -> Ground:
     Raises:
         MeshmarkError: ``no_faces`` when every face is collapsed; ``device_unavailable``.
     """
-    surface, seen = scene.surface, scene.viewed
+    seen = scene.viewed
+    surface = drawn_part(scene.surface, seen.drawn)
     invertible = np.array([drawn.invertible for drawn in scene.primitives])[surface.face_primitive]
     possible = invertible & seen.drawn
     solid = possible & (seen.opacity >= HIDING)
@@ -99,6 +101,22 @@ def survey(scene: Scene) -> Ground:
         layer.index.hiding(hides),
         _resolution(scene),
     )
+
+
+def eye_index(scene: Scene, frame: Surface, *, through: bool = True) -> tuple[Surface, SpatialIndex]:
+    """What is drawn of a scene, in the ``frame`` of another surface, and an index over it for the eyes that look at it:
+    from one side only where it is drawn so, and, if they look ``through`` it, behind what is see-through."""
+    seen = scene.viewed
+    surface = drawn_part(scene.surface.in_frame_of(frame), seen.drawn)
+    one_sided, counts = seen.one_sided & seen.drawn, seen.drawn
+    if one_sided.any():
+        sheets = find_sheets(surface, seen.drawn.astype(np.int64))
+        counts = sheets.distinct & seen.drawn
+        one_sided &= ~_backed(surface, seen, sheets)
+    hides = np.where(one_sided, Hides.FROM_FRONT, Hides.ALWAYS).astype(np.uint8)
+    if through:
+        hides = _through(hides, seen.opacity < HIDING)
+    return surface, SpatialIndex(surface.positions, surface.faces, np.flatnonzero(counts), hides)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from numpy.typing import NDArray
 
 from core.asset.flatten import flatten
 from core.asset.gltf import Document
@@ -188,6 +189,44 @@ def test_sunken_letters_take_material_away_and_raised_ones_add_it(spot: Result) 
     sunken = UNMEASURED.model_copy(update={"mode": Mode.DEBOSS})
     assert volume(spot.model) > plain
     assert volume(watermark(SPOT.read_bytes(), sunken, preview=False).model) < plain
+
+
+def _unseen_at_first(monkeypatch: pytest.MonkeyPatch, *verdicts: list[bool]) -> None:
+    """The written file is judged so, one time after the other, and found good from then on."""
+    left = list(verdicts)
+
+    def judged(_edit: object, count: int, *_: object) -> NDArray[np.bool_]:
+        return np.array(left.pop(0) if left else [True] * count)
+
+    monkeypatch.setattr("core.embossing.drawn.drawn_marks", judged)
+
+
+def test_a_mark_that_no_viewer_draws_is_taken_out_before_anybody_gets_the_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked, published = Parameters(text="hi", count=3, evaluate=Evaluate.NONE), []
+    _unseen_at_first(monkeypatch, [True, False, True])
+    data = GlbWriter().mesh(CORNERS, CUBE_FACES).bytes()
+    result = watermark(data, asked, preview=False, publish=lambda name, _: published.append(name))
+    assert published == ["model", "report"]
+    assert [mark["drawn"] for mark in result.report["watermarks"]] == [True, True]
+    assert result.report["embossing"] == {"tried": 3, "verified": 2, "refused": {"undrawn": 1}}
+    _unseen_at_first(monkeypatch)
+    whole = watermark(data, asked, preview=False).report["watermarks"]
+    kept = [mark["center"] for mark in result.report["watermarks"]]
+    assert kept == [whole[0]["center"], whole[2]["center"]]
+
+
+def test_where_no_viewer_draws_any_mark_nothing_is_published(monkeypatch: pytest.MonkeyPatch) -> None:
+    _unseen_at_first(monkeypatch, [False, False])
+    published: list[str] = []
+    with pytest.raises(MeshmarkError, match="no viewer would draw them") as caught:
+        watermark(
+            GlbWriter().mesh(CORNERS, CUBE_FACES).bytes(),
+            Parameters(text="hi", count=2, evaluate=Evaluate.NONE),
+            preview=False,
+            publish=lambda name, _: published.append(name),
+        )
+    assert caught.value.code is ErrorCode.NO_PLACEMENT
+    assert not published
 
 
 @pytest.mark.parametrize("preset", list(Preset))

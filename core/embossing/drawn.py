@@ -1,0 +1,56 @@
+"""The check of the written file, before anybody gets it: which marks a viewer draws, read back from its bytes."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from core.asset.edit import Kind, SurfaceEdit
+from core.asset.flatten import Scene
+from core.asset.surface import Surface
+
+Float = NDArray[np.float64]
+Bool = NDArray[np.bool_]
+
+ENOUGH = 0.95  # of the area of a mark's letter tops
+ROUNDED = 8  # spacings of the file's coordinates that a triangle may have moved by
+
+
+def drawn_marks(
+    edit: SurfaceEdit, count: int, surface: Surface, resolution: Float, written: Scene, opaque: float
+) -> Bool:
+    """(``count``,) whether the letters of each mark are in the written file, and drawn from where they are to be seen.
+
+    The tops of a mark's letters are looked up among the triangles of the file. They count where these are drawn,
+    opaque, and seen from outside: they face it in the file's own winding, or their material is double-sided.
+
+    Args:
+        edit: what was written, with its triangles facing outside.
+        count: how many marks it has.
+        surface: what it was an edit of.
+        resolution: (V,) the spacing of the file's coordinates at the vertices of ``surface``, size-30 units.
+        written: the file, read back from its bytes.
+        opaque: the share of a face that must be opaque.
+    """
+    found, seen = written.surface.in_frame_of(surface), written.viewed
+    center = found.positions[found.faces].mean(axis=1)
+    caps = np.flatnonzero(edit.kind == Kind.CAP)
+    drawn = np.zeros(count, dtype=bool)
+    for mark in range(count):
+        mine = caps[edit.mark[caps] == mark]
+        if not len(mine):
+            continue
+        corners = edit.position[mine]
+        slack = ROUNDED * float(resolution[surface.faces[edit.source_face[mine]]].max())
+        low, high = corners.min(axis=(0, 1)) - slack, corners.max(axis=(0, 1)) + slack
+        near = np.flatnonzero(((center >= low) & (center <= high)).all(axis=1))
+        if not len(near):
+            continue
+        distance, which = cKDTree(center[near]).query(corners.mean(axis=1), distance_upper_bound=slack)
+        there = np.isfinite(distance)
+        face = near[np.where(there, which, 0)]
+        outwards = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        front = np.einsum("ni,ni->n", found.normals[face], outwards) > 0
+        good = there & seen.drawn[face] & (front | ~seen.one_sided[face]) & (seen.opacity[face] >= opaque)
+        area = np.linalg.norm(outwards, axis=1)
+        drawn[mark] = area[good].sum() >= ENOUGH * area.sum()
+    return drawn
