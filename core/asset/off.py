@@ -164,12 +164,14 @@ def _read_binary(header: Header, data: bytes, budgets: Budgets) -> tuple[Float, 
         color = np.zeros(len(faces), np.bool_)
         place = (walk.start + count)[:, None] - 1 - np.arange(4)
         color[place[np.arange(4) < walk.components[:, None]]] = True
-        values[color] = faces.view(np.float32)[color]
+        with np.errstate(invalid="ignore"):
+            values[color] = faces.view(np.float32)[color]
         keep[walk.start + count - 1 - walk.components] = False
         behind += 1
     start = walk.start - (np.cumsum(behind) - behind)
     polygons = _polygons(values[keep], start, count - behind, budgets)
-    return table.reshape(-1, width).astype(np.float64), columns, polygons
+    with np.errstate(invalid="ignore"):  # a signalling NaN, refused later as any other
+        return table.reshape(-1, width).astype(np.float64), columns, polygons
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,9 @@ SIZES = {"dodeca-chain-color.3mf": 0.8}
 FILES = [path for pattern in ("*.zip", "*.3mf", "*.dae") for path in sorted(MESHES.glob(pattern))]
 
 
-@pytest.mark.parametrize("name", ["gltf", "gltf+zip", "obj+zip", "3mf", "dae", "dae+zip", "off-binary", "ply-strips"])
+@pytest.mark.parametrize(
+    "name", ["gltf", "gltf+zip", "obj+zip", "3mf", "dae", "dae+zip", "off-binary", "ply-strips", "3mf+zip", "ply+zip"]
+)
 def test_every_format_is_marked_and_named_in_the_report(name: str) -> None:
     result = watermark(SAMPLES[name], FEW, preview=False)
     asset, model = result.report["asset"], result.report["model"]

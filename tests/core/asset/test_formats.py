@@ -53,8 +53,9 @@ def _attribute(document: Document, name: str, primitive: int = 0) -> list[Any]:
     return list(values[read_accessor(document, entry["indices"])].tolist())
 
 
-def test_a_glb_is_taken_as_it_is() -> None:
-    assert to_document(GLB, Format.GLB).to_glb() == GLB
+@pytest.mark.parametrize("data", [GLB, SAMPLES["glb+zip"]])
+def test_a_glb_is_taken_as_it_is(data: bytes) -> None:
+    assert _convert(data).to_glb() == GLB
 
 
 def test_a_model_of_another_kind_beside_the_one_that_is_read_is_said() -> None:

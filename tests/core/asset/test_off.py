@@ -186,6 +186,16 @@ def test_binary_files_of_either_byte_order_with_and_without_colours_are_told_apa
         assert not mesh.attributes
 
 
+def test_a_signalling_nan_is_refused_as_any_other() -> None:
+    data = _words("<", [[0, 1, 2], [0, 2, 3]], [[], [0.5, 0.25, 0.125]])
+    nan = struct.pack("<I", 0x7FA00000)
+    colored = to_document(painted := data.replace(struct.pack("<f", 0.25), nan), admit(painted))
+    assert "COLOR_0" not in colored.json["meshes"][0]["primitives"][0]["attributes"]
+    with pytest.raises(MeshmarkError) as caught:
+        to_document(data.replace(struct.pack("<f", 1), nan, 1), admit(data))
+    assert caught.value.code is ErrorCode.NON_FINITE_POSITIONS
+
+
 @pytest.mark.parametrize("order", ["<", ">"])
 def test_a_binary_file_that_is_cut_off_is_called_so_with_its_own_counts(order: str) -> None:
     data = _words(order, [[0, 1, 2], [0, 2, 3]], None)
