@@ -10,7 +10,7 @@ from typing import Any
 from core.asset.editor import Editor
 from core.asset.flatten import Scene, flatten
 from core.asset.gltf import Document, typed
-from core.asset.hierarchy import nodes_below, scene_nodes
+from core.asset.hierarchy import hidden_nodes, nodes_below, scene_nodes
 from core.asset.prune import renumber
 from core.asset.references import INSTANCING, LOD
 
@@ -21,12 +21,12 @@ COVERAGE = "MSFT_screencoverage"
 
 @dataclass(frozen=True)
 class Copy:
-    """Nodes outside the default scene that draw meshes, or the meshes that no node draws.
+    """Nodes with meshes that the default scene does not show, or the meshes that no node draws.
 
     Attributes:
-        kind: "scene", "level_of_detail", "unused_nodes" or "unused_meshes".
+        kind: "hidden_nodes" (of the default scene), "level_of_detail", "scene", "unused_nodes" or "unused_meshes".
         name: of the scene, or of the level's node; empty where it has none.
-        nodes: those with a mesh that the default scene does not show and no earlier copy has, ascending.
+        nodes: those with a mesh that no earlier copy has, ascending.
         root: the level's node; ``None`` for other kinds.
         of: the node that the level stands in for.
     """
@@ -39,12 +39,14 @@ class Copy:
 
 
 def find_copies(document: Document) -> list[Copy]:
-    """Everything beside the default scene that holds meshes, in the order of the file; levels of detail first.
+    """Everything beside what the default scene shows that holds meshes: what is hidden in it, levels of detail, other
+    scenes, what is in none, each in the order of the file.
 
     Raises:
         MeshmarkError: ``malformed_file``.
     """
-    taken = set(scene_nodes(document))
+    hidden = hidden_nodes(document)
+    taken = set(scene_nodes(document)) - hidden
     nodes = typed(document.json, "nodes", list)
     found: list[Copy] = []
 
@@ -54,6 +56,7 @@ def find_copies(document: Document) -> list[Copy]:
         if mine:
             found.append(Copy(kind, name if isinstance(name, str) else "", mine, **more))
 
+    add("hidden_nodes", "", [node for node in scene_nodes(document) if node in hidden])
     for owner in range(len(nodes)):
         for root in _levels(document, owner):
             add("level_of_detail", nodes[root].get("name"), nodes_below(document, [root]), root=root, of=owner)

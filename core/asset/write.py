@@ -15,7 +15,7 @@ from core.asset.edit import Kind, SurfaceEdit
 from core.asset.editor import Editor
 from core.asset.flatten import TRIANGLES, Scene
 from core.asset.gltf import Document, read_accessor
-from core.asset.hierarchy import scene_nodes
+from core.asset.hierarchy import hidden_nodes, scene_nodes
 from core.asset.instances import instance_attributes, split_off
 from core.asset.materials import UNLIT
 from core.asset.morton import morton_order
@@ -249,7 +249,8 @@ def _replace_primitives(editor: Editor, changes: dict[Owner, dict[int, Replaceme
     Nodes that the default scene does not show follow one that it does: they draw the edited mesh, too.
     """
     json = editor.json
-    drawn = {*scene_nodes(editor.document), *(index for index, _ in changes)}
+    shown = set(scene_nodes(editor.document)) - hidden_nodes(editor.document)
+    drawn = shown | {index for index, _ in changes}
     users: Counter[int] = Counter()
     for node in (json["nodes"][index] for index in drawn):
         if "mesh" in node:

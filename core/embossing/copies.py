@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from core.asset.copies import Copy, find_copies, leave_out, scene_of
 from core.asset.gltf import Document
-from core.asset.hierarchy import scene_nodes
+from core.asset.hierarchy import hidden_nodes, scene_nodes
 from core.asset.surface import Surface
 from core.asset.write import write
 from core.embossing.emboss import Mark
@@ -56,9 +56,9 @@ class AssetMarks:
 def mark_copies(model: bytes, marks: AssetMarks) -> tuple[bytes, list[MarkedCopy]]:
     """Embosses the asset's marks into every other copy of it in its file.
 
-    Nodes that draw a mesh which the default scene draws are as it is; levels of detail, other scenes and nodes in no
-    scene are embossed where the same boxes fit. What no box fits into, and meshes that no node draws, are left out,
-    unless the parameters keep them.
+    Nodes that draw a mesh which the default scene shows are as it is; hidden nodes, levels of detail, other scenes and
+    nodes in no scene are embossed where the same boxes fit. What no box fits into, and meshes that no node draws, are
+    left out, unless the parameters keep them; hidden nodes stay, for they may be shown later.
 
     Args:
         model: the marked GLB.
@@ -71,15 +71,17 @@ def mark_copies(model: bytes, marks: AssetMarks) -> tuple[bytes, list[MarkedCopy
     copies = find_copies(document)
     if not copies:
         return model, []
-    drawn = _meshes(document, scene_nodes(document))
+    drawn = _meshes(document, set(scene_nodes(document)) - hidden_nodes(document))
     found: list[MarkedCopy] = []
     for copy in copies:
         meshes = _meshes(document, copy.nodes)
         if meshes and meshes <= drawn:
             found.append(MarkedCopy(copy, 0, "shared"))
             continue
-        document, count = _embossed(document, copy, marks)
-        left = "unmarked" if marks.parameters.unmarked_copies is UnmarkedCopies.KEEP else "left_out"
+        own = tuple(node for node in copy.nodes if document.entry("nodes", node)["mesh"] not in drawn)
+        document, count = _embossed(document, replace(copy, nodes=own), marks)
+        kept = marks.parameters.unmarked_copies is UnmarkedCopies.KEEP or copy.kind == "hidden_nodes"
+        left = "unmarked" if kept else "left_out"
         found.append(MarkedCopy(copy, count, "marked" if count else "shared" if meshes & drawn else left))
     lost = [item.copy for item in found if item.outcome == "left_out"]
     if lost:
@@ -114,6 +116,7 @@ def _embossed(document: Document, copy: Copy, marks: AssetMarks) -> tuple[Docume
 
 def unmarked(copies: Sequence[MarkedCopy]) -> list[dict[str, str]]:
     """The warnings about copies that carry no marks: those left out, and those kept as they are."""
+    beside = "What the file holds beside what its default scene shows is"
     warnings = []
     for outcome, what, remedy in (
         (
@@ -123,8 +126,8 @@ def unmarked(copies: Sequence[MarkedCopy]) -> list[dict[str, str]]:
         ),
         (
             "unmarked",
-            "in the result without watermarks, as was asked for",
-            "Leave `unmarked_copies` out, and it is left out of the result.",
+            "in the result without watermarks",
+            "Send it as an asset of its own; what is not hidden is left out without `unmarked_copies: keep`.",
         ),
     ):
         names = [_named(item.copy) for item in copies if item.outcome == outcome]
@@ -132,7 +135,7 @@ def unmarked(copies: Sequence[MarkedCopy]) -> list[dict[str, str]]:
             warnings.append(
                 {
                     "code": "unmarked_copies",
-                    "message": f"What the file draws beside its default scene is {what}: {', '.join(names[:5])}"
+                    "message": f"{beside} {what}: {', '.join(names[:5])}"
                     + (f" and {len(names) - 5} more." if len(names) > 5 else "."),
                     "remedy": remedy,
                 }

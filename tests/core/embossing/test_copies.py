@@ -143,6 +143,36 @@ def test_bones_and_animated_weights_of_what_is_left_out_go_with_it() -> None:
     assert "animations" not in after.json
 
 
+def test_hidden_nodes_are_marked_too_and_stay_where_they_cannot_be() -> None:
+    hide = {"extensions": {"KHR_node_visibility": {"visible": False}}}
+    document = _file(
+        {"mesh": 0},
+        {"mesh": 0, **hide},
+        {"mesh": 2, **hide},
+        {"mesh": 1, **hide},
+        scenes=[[0, 1, 2, 3]],
+        meshes=3,
+        extensionsUsed=["KHR_node_visibility"],
+    )
+    result, after = _marked(document)
+    assert after.json["nodes"][:2] == document.json["nodes"][:2]
+    assert [_faces(after, mesh) > 12 for mesh in range(3)] == [True, True, False]
+    assert [(copy["kind"], copy["outcome"]) for copy in result.report["copies"]] == [("hidden_nodes", "marked")]
+
+
+def test_what_is_hidden_and_cannot_be_marked_stays_with_a_warning() -> None:
+    hide = {"extensions": {"KHR_node_visibility": {"visible": False}}}
+    document = _file(
+        {"mesh": 0},
+        {"mesh": 1, "translation": [9, 0, 0], **hide},
+        scenes=[[0, 1]],
+        extensionsUsed=["KHR_node_visibility"],
+    )
+    result, after = _marked(document)
+    assert after.json["nodes"] == document.json["nodes"]
+    assert [warning["code"] for warning in result.report["warnings"]] == ["unmarked_copies"]
+
+
 def test_a_file_with_one_scene_has_no_copies() -> None:
     result, _ = _marked(_file({"mesh": 0}, scenes=[[0]], meshes=1))
     assert result.report["copies"] == []
