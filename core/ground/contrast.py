@@ -50,8 +50,7 @@ def letter_colors(
     """The colour of the letters of each of B marks; ``None`` where shading shows letters of the ground's own colour.
 
     A mark counts as not shaded where a quarter of the ground under it shows less than 5 units of lightness between
-    full and half light: unlit materials, bright emission. Its letters keep the hue of their ground and are darker or
-    lighter, whichever leaves more contrast to what is darkest or lightest under them.
+    full and half light: unlit materials, bright emission. Its letters are :func:`contrasting`.
 
     Args:
         scene: the asset.
@@ -98,12 +97,18 @@ def _lightness(luminance: Float) -> Float:
 
 
 def contrasting(lab: Float) -> str:
-    """A colour, "#rrggbb", that stands out from ground of the CIELAB colours ``lab`` (N, 3) and has its mean hue."""
-    low, high = np.quantile(lab[:, 0], [QUANTILE, 1 - QUANTILE])
-    lightness = low - CONTRAST if low >= 100 - high else high + CONTRAST
+    """A colour, "#rrggbb", that stands out from ground of the CIELAB colours ``lab`` (N, 3) and has its mean hue.
+
+    Its lightness is the one farthest from that of all but a tenth of the ground, as near to it as ``CONTRAST`` allows:
+    darker or lighter than even ground, black or white on busy ground, in between where ground is half and half.
+    """
+    levels = np.arange(101.0)
+    apart = np.quantile(np.abs(levels[:, None] - lab[:, 0]), QUANTILE, axis=1)
+    enough = np.flatnonzero(apart >= min(apart.max(), CONTRAST) - 1e-9)
+    lightness = levels[enough[np.abs(enough - np.median(lab[:, 0])).argmin()]]
     hue = lab[:, 1:].mean(axis=0)
     # As much of the chroma as sRGB has at this lightness; black and white have none.
-    shades = np.column_stack([np.full(101, np.clip(lightness, 0, 100)), np.linspace(1, 0, 101)[:, None] * hue])
+    shades = np.column_stack([np.full(101, lightness), np.linspace(1, 0, 101)[:, None] * hue])
     linear = from_cielab(shades)
     shown = linear[((linear >= -1e-6) & (linear <= 1 + 1e-6)).all(axis=1).argmax()]
     return hex_srgb(np.clip(shown, 0, 1))

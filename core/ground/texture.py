@@ -31,6 +31,11 @@ _XYZ = np.array(
     [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
 )
 
+# Its inverse, as Lindbloom gives both: the same numbers whatever library there is to invert it.
+_RGB = np.array(
+    [[3.2404542, -1.5371385, -0.4985314], [-0.9692660, 1.8760108, 0.0415560], [0.0556434, -0.2040259, 1.0572252]]
+)
+
 
 @dataclass(frozen=True, eq=False)
 class Detail(Samples):
@@ -106,7 +111,7 @@ def from_cielab(lab: Float) -> Float:
     y = (lab[:, 0] + 16) / 116
     steps = np.column_stack([y + lab[:, 1] / 500, y, y - lab[:, 2] / 200])
     xyz = np.where(steps > 6 / 29, steps**3, 3 * (6 / 29) ** 2 * (steps - 4 / 29)) * _XYZ.sum(axis=1)
-    return np.asarray(np.linalg.solve(_XYZ, xyz.T).T)
+    return product(xyz, _RGB.T)
 
 
 def _busy(points: Float, normals: Float, lab: Float) -> tuple[Float, Float]:
