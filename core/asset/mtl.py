@@ -59,7 +59,7 @@ def read_mtl(data: bytes, load: Load) -> tuple[dict[bytes, Material], list[Meshm
     tables: dict[bytes, Table] = {}
     current: Table = {}
     for line in joined_lines(data).splitlines():
-        key, _, value = line.strip().replace(b"\t", b" ", 1).partition(b" ")
+        key, value = [*line.split(maxsplit=1), b"", b""][:2]
         keyword = key.decode("latin-1").lower()
         if keyword == "newmtl":
             current = tables.setdefault(value.strip(), {})

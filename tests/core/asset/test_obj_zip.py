@@ -3,7 +3,7 @@ import re
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from core.asset.budgets import Budgets
@@ -93,6 +93,23 @@ def test_materials_whose_names_are_in_a_code_page_are_told_apart_and_named(page:
     assert set(colors) == {1, 0}
     if page in ("cp1251", "utf-8"):
         assert colors == {1: names[0], 0: names[1]}
+    assert document.warnings == []
+
+
+_NAME = st.binary(min_size=1, max_size=12).filter(
+    lambda name: name == name.strip() and not set(name) & set(b"\r\n\0") and not name.endswith(b"\\")
+)
+
+
+@given(first=_NAME, second=_NAME)
+def test_names_of_any_bytes_are_the_same_in_both_files_and_no_other(first: bytes, second: bytes) -> None:
+    assume(first != second)
+    obj = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl " + first + b"\nf 1 2 3\nusemtl " + second + b"\nf 3 2 1\n"
+    mtl = b"newmtl " + first + b"\nKd 1 0 0\nnewmtl " + second + b"\nKd 0 0 1\n"
+    document = _convert({"a.obj": obj, "a.mtl": mtl})
+    materials = [document.json["materials"][entry["material"]] for entry in document.json["meshes"][0]["primitives"]]
+    colors = [material["pbrMetallicRoughness"]["baseColorFactor"][:3] for material in materials]
+    assert colors == [[1, 0, 0], [0, 0, 1]]
     assert document.warnings == []
 
 
