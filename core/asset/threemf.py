@@ -12,7 +12,7 @@ from core.asset.budgets import Budgets, within
 from core.asset.polygons import Attribute, Float, Int, Material, PolygonMesh, linear
 from core.asset.refusals import malformed, no_faces
 from core.asset.textures import check_pixels, usable_image
-from core.asset.threemf_model import Group, Model, Object
+from core.asset.threemf_model import IDENTITY, Group, Model, Object
 from core.asset.threemf_slicer import OBJECT_TYPES, Tools, read_tools
 from core.asset.xml import parse_xml
 from core.errors import MeshmarkError
@@ -145,9 +145,8 @@ def _built(
             if key[0] == start and (key[1], part.object_id) in tools.parts:
                 left_out[tools.parts[key[1], part.object_id]] += 1
             else:
-                pending.append(
-                    (package.key(part.part, part.object_id, key[0]), product(matrix, part.matrix), depth + 1)
-                )
+                placed = matrix if part.matrix is IDENTITY else product(matrix, part.matrix)
+                pending.append((package.key(part.part, part.object_id, key[0]), placed, depth + 1))
     if not all(np.isfinite(matrix).all() for _, matrix in found):
         raise malformed("The transforms of the 3MF overflow.")
     return found

@@ -1,4 +1,5 @@
 import contextlib
+import re
 
 import numpy as np
 import pytest
@@ -67,6 +68,27 @@ def test_a_transform_that_shears_is_applied_to_the_positions() -> None:
     item = '<item objectid="1" transform="1 0 0 0.5 1 0 0 0 1 0 0 0"/>'
     surface = flatten(_convert(_package(threemf_model(CUBE, item, 'unit="meter"')))).surface
     np.testing.assert_allclose(np.ptp(surface.to_world(surface.positions), axis=0), [3, 2, 2], rtol=1e-6)
+
+
+@pytest.mark.parametrize("own", ["", 'pid="5" pindex="1"'])
+def test_a_model_reads_the_same_however_its_rows_are_written(own: str) -> None:
+    group = '<m:colorgroup id="5"><m:color color="#FF0000"/><m:color color="#00FF00"/></m:colorgroup>'
+    plain = threemf_model(group + f'<object id="1" {own}>{threemf_cube()}</object>', ITEM)
+    others = [
+        plain.replace("/>", " />").replace("<vertex", "\n  <vertex"),
+        plain.replace("<vertices>", "<vertices><!-- <vertices></vertices> -->"),
+        plain.replace("<vertices>", "<vertices >").replace("<triangles>", "<triangles >"),
+        re.sub(r'(x="\S+") (y="\S+")', r"\2 \1", plain),
+        plain.replace('"', "'"),
+    ]
+    expected = _convert(_package(plain)).to_glb()
+    assert [_convert(_package(other)).to_glb() == expected for other in others] == [True] * len(others)
+
+
+def test_errors_behind_long_tables_name_their_line() -> None:
+    model = threemf_model(CUBE, ITEM).replace("/>", "/>\n")
+    broken = model.replace("</build>", "</bild>")
+    assert f"line {1 + broken[: broken.index('</bild>')].count(chr(10))}." in _failure(broken).message
 
 
 def test_objects_that_are_not_built_are_not_drawn() -> None:
