@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from core.asset.assembly import dropped
-from core.asset.names import code_page, decode
+from core.asset.names import decode, texts
 from core.asset.polygons import Material, linear
 from core.asset.text import joined_lines
 from core.asset.textures import usable_image
@@ -66,8 +66,8 @@ def read_mtl(data: bytes, load: Load) -> tuple[dict[bytes, Material], list[Meshm
         elif keyword and not keyword.startswith("#"):
             current[keyword] = value if keyword in (*_CARRIED, *_NOT_CARRIED) else value.partition(b"#")[0]
     warnings: list[MeshmarkError] = []
-    images, page = _Images(load, warnings), code_page(tables)
-    return {name: _material(name.decode(page), table, images, warnings) for name, table in tables.items()}, warnings
+    images, text = _Images(load, warnings), texts(tables)
+    return {name: _material(text[name], table, images, warnings) for name, table in tables.items()}, warnings
 
 
 class _Images:

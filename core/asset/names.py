@@ -3,12 +3,13 @@
 import math
 import unicodedata
 from collections.abc import Iterable, Iterator
+from itertools import islice
 
 # What exporters and packers of the last thirty years wrote, the likelier ones first.
 _SCORED = ("cp1252", "cp1251", "cp866", "cp850", "cp437", "gb18030", "cp932", "cp949", "cp950")
 _UNSCORED = ("cp1250", "cp1253", "cp1254", "cp852", "mac_roman")
 _LONGEST = 1024  # bytes of a name that are looked at: no file system has longer ones
-_SAMPLE = 256  # characters that tell a code page
+_NAMES, _SAMPLE = 256, 256  # names that must be in a code page, and characters of them that tell it
 
 # How often a character of a kind is written: what is read in a wrong code page is full of the rare kinds. The large
 # alphabets count as one over their common characters, times how much rarer such names are among assets.
@@ -25,12 +26,23 @@ _RARE = math.log(1e-6)
 
 def decode(name: bytes) -> str:
     """The text of a name: UTF-8, else in the likeliest code page."""
-    return name.decode(code_page([name]))
+    return texts([name])[name]
+
+
+def texts(names: Iterable[bytes]) -> dict[bytes, str]:
+    """The texts of names by one program; U+FFFD for what is too long, or comes too late, to tell its code page."""
+    distinct = dict.fromkeys(names)
+    page = code_page(distinct)
+    return {name: name.decode(page, "replace") for name in distinct}
 
 
 def code_page(names: Iterable[bytes]) -> str:
-    """The one encoding of several names by the same program, as Python calls it."""
-    joined = b"\n".join(name for name in names if not name.isascii())
+    """The one encoding of several names by the same program, as Python calls it.
+
+    Told by the first of them, so that a later one may be none in it.
+    """
+    telling = (name for name in names if not name.isascii() and len(name) <= _LONGEST)
+    joined = b"\n".join(islice(telling, _NAMES))
     if decoded(joined, "utf-8") is not None:
         return "utf-8"
     possible = [page for page in _SCORED if decoded(joined, page) is not None]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from core.asset.assembly import Assembly, dropped, single
 from core.asset.budgets import Budgets, within
-from core.asset.names import code_page, decode
+from core.asset.names import decode, texts
 from core.asset.polygons import Attribute, Float, Int, Material, PolygonMesh, check_sizes, color_fractions
 from core.asset.refusals import malformed
 from core.asset.text import Lines, joined_lines, parse_numbers, readable_numbers, token_starts, tokens_per_line
@@ -176,10 +176,10 @@ def _materials(
     names: list[bytes], library: Mapping[bytes, Material] | None, warnings: list[MeshmarkError]
 ) -> tuple[Material, ...]:
     """The materials of these names: by their bytes, else by their text, as where only one of the files is UTF-8."""
-    page = code_page(names)
+    text = texts(names)
     by_text = {material.name: material for material in (library or {}).values()}
-    found = [(library or {}).get(name) or by_text.get(name.decode(page)) for name in names]
-    missing = [name.decode(page) for name, material in zip(names, found, strict=True) if name and material is None]
+    found = [(library or {}).get(name) or by_text.get(text[name]) for name in names]
+    missing = [text[name] for name, material in zip(names, found, strict=True) if name and material is None]
     if missing and library is not None:
         some = ", ".join(repr(name[:60]) for name in missing[:3]) + (", ..." if len(missing) > 3 else "")
         warnings.append(
@@ -188,4 +188,4 @@ def _materials(
                 "Write the names alike in both files; capitals matter.",
             )
         )
-    return tuple(material or Material(name.decode(page)) for material, name in zip(found, names, strict=True))
+    return tuple(material or Material(text[name]) for material, name in zip(found, names, strict=True))

@@ -33,6 +33,12 @@ def test_the_names_of_one_file_are_read_in_one_code_page() -> None:
     assert {name.decode(code_page(names)) for name in names} == {"Пол", "Стена", "ДВЕРЬ"}
 
 
+def test_what_is_too_long_or_comes_too_late_to_be_a_name_is_still_a_text() -> None:
+    assert decode(b"\xff" * 5000) == "\ufffd" * 5000
+    late = [b"gr\xfcn"] * 300 + [b"\xff" * 5000, b"\x81"]
+    assert code_page(late) == "cp1252"
+
+
 @given(st.binary(max_size=40))
 def test_any_bytes_are_some_text_and_what_is_shown_is_one_of_the_spellings(name: bytes) -> None:
     assert decode(name) in list(spellings(name))
