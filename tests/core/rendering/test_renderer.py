@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from core.errors import ErrorCode, MeshmarkError
 from core.rendering.renderer import BACKGROUND, Renderer
 from core.rendering.views import fibonacci_directions, view_directions
+from tests.core.asset.ktx2_samples import ETC1S, UASTC
 from tests.core.rendering.glb import (
     CORNERS,
     CUBE_FACES,
@@ -131,6 +132,19 @@ def test_an_image_that_cannot_be_decoded_leaves_the_plain_base_colour(renderer: 
     material = {"pbrMetallicRoughness": {"baseColorFactor": [0, 1, 0, 1], "baseColorTexture": {"index": texture}}}
     picture = shoot(renderer, writer.mesh(QUAD, QUAD_FACES, {"TEXCOORD_0": QUAD_UV}, material).bytes())
     assert set(quadrants(picture)) == {(False, True, False)}
+
+
+@pytest.mark.parametrize("image", [ETC1S, UASTC], ids=["ETC1S", "UASTC"])
+@pytest.mark.parametrize("role", ["baseColorTexture", "emissiveTexture"])
+def test_ktx2_textures_are_shown(renderer: Renderer, image: bytes, role: str) -> None:
+    writer = GlbWriter()
+    source = writer.add("images", {"bufferView": writer.view(image), "mimeType": "image/ktx2"})
+    texture = {"index": writer.add("textures", {"extensions": {"KHR_texture_basisu": {"source": source}}})}
+    material: dict[str, Any] = plain((0, 0, 0, 1), emissiveFactor=[1, 1, 1], emissiveTexture=texture)
+    if role == "baseColorTexture":
+        material = {"pbrMetallicRoughness": {role: texture}}
+    picture = shoot(renderer, writer.mesh(QUAD, QUAD_FACES, {"TEXCOORD_0": QUAD_UV}, material).bytes())
+    assert quadrants(picture) == [hue(np.array(color, dtype=np.uint8)) for color in (RED, GREEN, BLUE, YELLOW)]
 
 
 def test_vertex_colours_are_shown(renderer: Renderer) -> None:
