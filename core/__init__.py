@@ -5,9 +5,8 @@ largest bounding-box side is 30 and centred at the origin, paper supplement "Imp
 name says otherwise.
 """
 
-import os
+from core import process
 
-# onnxruntime reports what it is used for to its makers unless told not to before it is loaded (its docs/Privacy.md).
-os.environ["ORT_DISABLE_TELEMETRY"] = "1"
+process.before_onnxruntime()
 
 __version__ = "0.1.0"

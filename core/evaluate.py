@@ -140,7 +140,7 @@ def evaluate(
         "asset": file_facts(original, admit(original, budgets)) | asset_facts(surface),
         "model": file_facts(watermarked, admit(watermarked, budgets)) | asset_facts(frame),
         "seed": seed,
-        "engine": {"version": __version__, "device": "cpu"},
+        "engine": {"version": __version__, "device": shown[1].device},
         "units": {"model_size": MODEL_SIZE, "scale": surface.scale, "offset": surface.offset.tolist()},
         "watermarks": [mark.model_dump() for mark in watermarks],
         "metrics": measured.report(),

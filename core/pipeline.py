@@ -6,10 +6,10 @@ again calls :func:`preload` first.
 """
 
 import json
+import logging
 import resource
 import sys
 import time
-import traceback
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -46,6 +46,8 @@ if TYPE_CHECKING:
     from core.placement.site import Site
     from core.report import Warnings
     from core.spatial import SpatialIndex
+
+log = logging.getLogger(__name__)
 
 Progress = Callable[[str, float], None]
 Publish = Callable[[str, bytes], None]
@@ -339,7 +341,7 @@ def _render(job: Job) -> None:
     except MeshmarkError as error:
         job.views = error
     except Exception as error:  # drivers fail in ways of their own
-        traceback.print_exc()
+        log.exception("the pictures of this asset could not be drawn")
         job.views = MeshmarkError(
             ErrorCode.RENDERING_UNAVAILABLE,
             f"The pictures of this asset could not be drawn ({type(error).__name__}).",

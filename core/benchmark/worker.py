@@ -1,11 +1,11 @@
 """What a process of the benchmark does: all rows of one asset, told to the parent one by one."""
 
+import logging
 import os
 import platform
 import signal
 import threading
 import time
-import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing import parent_process
@@ -16,6 +16,8 @@ from core.benchmark.datasets import Asset
 from core.benchmark.options import AttackAsked, BenchmarkOptions
 from core.benchmark.rows import Combination, Row, grouped
 from core.errors import ErrorCode, MeshmarkError
+
+log = logging.getLogger(__name__)
 
 
 class Bench(Protocol):
@@ -105,7 +107,7 @@ def failure(error: Exception) -> Row:
     """What a row says where ``error`` kept it from being made."""
     if isinstance(error, MeshmarkError):
         return {"status": "failed", "code": error.code.value, "message": error.message}
-    traceback.print_exception(error)
+    log.error("a row could not be made", exc_info=error)
     return {
         "status": "failed",
         "code": ErrorCode.INTERNAL_ERROR.value,

@@ -1,7 +1,7 @@
 """Every metric of one watermarked asset: its value, what it took, or why there is none."""
 
+import logging
 import time
-import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache, cached_property
@@ -30,6 +30,8 @@ from core.metrics.wps_area import wps_area
 from core.parameters import Evaluate
 from core.placement.boxes import Boxes
 from core.spatial import SpatialIndex
+
+log = logging.getLogger(__name__)
 
 Float = NDArray[np.float64]
 Pictures = NDArray[np.uint8]
@@ -172,7 +174,7 @@ def measure(pair: Pair, level: Evaluate, progress: Callable[[float], None] = lam
             reason = {"code": error.code.value, "message": error.message, "remedy": error.remedy}
             found.missing |= dict.fromkeys(group.metrics, reason)
         except Exception as error:  # the asset is marked: what keeps it from being measured must not take it back
-            traceback.print_exc()
+            log.exception("the metrics of %s could not be measured", group.name)
             found.missing |= dict.fromkeys(group.metrics, _failed(error))
         found.seconds[group.name] = round(time.perf_counter() - start, 4)
     progress(1.0)

@@ -13,6 +13,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from core import process
 from core.placement.boxes import Boxes
 from core.placement.sampling import thin
 from core.spatial import SpatialIndex
@@ -20,8 +21,7 @@ from core.spatial import SpatialIndex
 Float = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
-# The batches are small: a second thread costs more than it brings, and sums would depend on the machine's cores.
-torch.set_num_threads(1)
+process.after_torch()
 
 LOSS_POINTS = 179  # the paper's J
 LOSS_THRESHOLD = 0.005  # the paper's well-aligned box, squared size-30 units

@@ -1,6 +1,5 @@
 """Pictures of a GLB: pyrender behind one small interface, headless through EGL."""
 
-import os
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
@@ -11,6 +10,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from core import process
 from core.asset.pixels import Texture
 from core.errors import ErrorCode, MeshmarkError
 from core.rendering.drawables import Drawable, drawables
@@ -28,12 +28,7 @@ _ARRAYS = ("ctypesarrays", "ctypesparameters", "ctypespointers", "lists", "numpy
 
 def _pyrender() -> ModuleType:
     """pyrender, imported only when something is drawn: ``import core`` must work where there is no OpenGL."""
-    os.environ["PYOPENGL_PLATFORM"] = "egl"
-    os.environ.setdefault("MESA_SHADER_CACHE_DISABLE", "true")  # Mesa warns where it cannot write its cache
-    np.infty = np.inf  # type: ignore[attr-defined]  # pyrender 0.1.45 still uses the name that NumPy 2 dropped
-    import pyglet
-
-    pyglet.options.headless = True  # pyrender imports its viewer as well, which would look for X11's libraries
+    process.before_opengl()
     import pyrender
 
     return pyrender  # type: ignore[no-any-return]

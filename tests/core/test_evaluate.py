@@ -12,6 +12,7 @@ from core.errors import MeshmarkError
 from core.evaluate import evaluate, parse_watermarks
 from core.parameters import Evaluate, Parameters
 from core.pipeline import Result, watermark
+from core.spatial import SpatialIndex
 
 SPOT = Path(__file__).parents[1] / "data" / "spot.glb"
 PLATE = trimesh.creation.box(extents=(2, 2, 0.2))
@@ -53,6 +54,15 @@ def test_files_of_other_tools_are_measured_with_places_from_a_list() -> None:
         6 / 24
     )  # three of each turn are within 45 degrees of it
     assert report["asset"]["format"] == "stl"
+
+
+def test_the_report_names_the_device_that_answered(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Elsewhere(SpatialIndex):
+        device = "cuda"
+
+    monkeypatch.setattr("core.ground.ground.SpatialIndex", Elsewhere)
+    plate = cast(bytes, PLATE.export(file_type="stl"))
+    assert evaluate(plate, plate, [], level=Evaluate.NONE)["engine"]["device"] == "cuda"
 
 
 @pytest.mark.parametrize(

@@ -308,7 +308,7 @@ def test_without_a_renderer_the_asset_is_delivered_and_the_report_says_why_there
 
 
 def test_a_measurement_that_fails_is_null_with_its_reason_and_the_others_are_there(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, capfd: pytest.CaptureFixture[str]
 ) -> None:
     def broken(*_: object) -> float:
         raise ZeroDivisionError("secret detail")
@@ -318,6 +318,8 @@ def test_a_measurement_that_fails_is_null_with_its_reason_and_the_others_are_the
     assert metrics["asset_utility"]["ipe"] is None
     assert metrics["missing"]["ipe"]["code"] == "evaluation_failed"
     assert "secret" not in metrics["missing"]["ipe"]["message"]
+    assert "secret detail" in caplog.text, "the log holds the details"
+    assert capfd.readouterr() == ("", ""), "and nothing is printed"
     assert metrics["asset_utility"]["lce"] < 1e-9
 
 
