@@ -222,6 +222,9 @@ class _Paint:
         key = double_sided, unlit, glows and not unlit, color
         if key not in self._materials:
             self._materials[key] = self._editor.append("materials", letter_material(*key))
+            used = self._editor.json.get("extensionsUsed", [])
+            if unlit and UNLIT not in used:  # the file had forgotten to say so
+                self._editor.json["extensionsUsed"] = [*used, UNLIT]
         return self._materials[key]
 
 
