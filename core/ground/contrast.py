@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.asset.flatten import Scene
+from core.asset.gltf import Document, typed
+from core.asset.materials import UNLIT
 from core.asset.polygons import hex_linear, hex_srgb
 from core.asset.surface import Surface
 from core.ground.base_color import Appearance, appearance
@@ -62,14 +64,23 @@ def letter_colors(
     Raises:
         MeshmarkError: as :func:`core.ground.base_color.appearance`.
     """
-    if not len(boxes):
-        return []
+    if not len(boxes) or not _outshines(scene.document):
+        return [LetterColor(asked, glows=False) if asked else None] * len(boxes)
     across = [(np.arange(count) + 0.5) / count - 0.5 for count in GRID]
     plane = np.stack(np.meshgrid(*across, indexing="ij"), axis=-1).reshape(-1, 2)
     offset = np.einsum("pk,bk,bki->bpi", plane, boxes.size[:, :2], boxes.axes[:, :2])
     _, face, point = index.closest((boxes.center[:, None] + offset).reshape(-1, 3))
     seen = appearance(scene, surface, point, face)
     return [_letter_color(seen[rows], asked) for rows in np.split(np.arange(len(point)), len(boxes))]
+
+
+def _outshines(document: Document) -> bool:
+    """Whether any material of a document is unlit or emits light: nothing else hides shading."""
+    materials = typed(document.json, "materials", list)
+    return any(
+        UNLIT in typed(material, "extensions", dict) or any(typed(material, "emissiveFactor", list))
+        for material in materials
+    )
 
 
 def _letter_color(ground: Appearance, asked: str | None) -> LetterColor | None:

@@ -119,6 +119,13 @@ def test_a_colour_that_is_asked_for_is_kept_and_glows_where_it_would_be_dark_on_
     assert on(square(plain((0, 0, 0, 1), emissiveFactor=[0, 1, 0])), (0, 0), asked=red) == [LetterColor(red, False)]
 
 
+def test_a_file_without_unlit_or_emissive_materials_costs_no_closest_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(SpatialIndex, "closest", None)
+    assert on(square(plain((0.2, 0.2, 0.2, 1))), (0, 0)) == [None]
+    with pytest.raises(TypeError):
+        on(square(plain((0, 0, 0, 1), **UNLIT)), (0, 0))
+
+
 def test_no_marks_need_no_colour() -> None:
     assert on(square(UNLIT)) == []
 
