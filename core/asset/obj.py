@@ -68,7 +68,7 @@ def read_obj_alone(data: bytes, budgets: Budgets) -> Assembly:
     if libraries and any(material.name for material in assembly.bodies[0].materials):
         assembly.warnings.append(
             dropped(
-                f"The materials {decode(libraries[0])[:60]!r} are not in the upload; the faces are grey.",
+                f"The materials {decode(libraries[0])[:60]!r} are not in the upload; its faces go without.",
                 "Send the OBJ in one ZIP archive with its MTL and textures.",
             )
         )
@@ -184,7 +184,7 @@ def _materials(
         some = ", ".join(repr(name[:60]) for name in missing[:3]) + (", ..." if len(missing) > 3 else "")
         warnings.append(
             dropped(
-                f"The OBJ uses {len(missing):,} materials that its MTL does not have: {some}. Their faces are grey.",
+                f"The OBJ uses {len(missing):,} materials that its MTL does not have: {some}. Their faces go without.",
                 "Write the names alike in both files; capitals matter.",
             )
         )
