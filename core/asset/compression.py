@@ -49,6 +49,14 @@ def decode_meshopt(data: bytes, declared: dict[str, Any], where: str) -> bytes:
     return plain
 
 
+def encode_meshopt(rows: NDArray[np.uint8], mode: str) -> bytes:
+    """The compressed bytes of (N, stride) plain rows: "ATTRIBUTES", or "INDICES" of two or four bytes each."""
+    import meshopt
+
+    indices = rows.view(f"<u{rows.shape[1]}")[:, 0] if mode == "INDICES" else rows
+    return bytes(meshopt.encode_gltf_buffer(indices, mode, 0))
+
+
 def decode_draco(data: bytes, faces: int, where: str) -> tuple[NDArray[np.uint32], dict[int, NDArray[Any]]]:
     """The mesh in a Draco stream.
 

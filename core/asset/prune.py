@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.asset.compression import DRACO, MESHOPT, meshopt_of
+from core.asset.compression import DRACO, MESHOPT, encode_meshopt, meshopt_of
 from core.asset.gltf import COMPONENT_TYPES, ELEMENT_TYPES, Document, read_view
 from core.asset.references import INSTANCING, LOD, Reference, accessor_references, accessor_views, view_references
 
@@ -23,7 +23,7 @@ def prune(json: Json, document: Document, payloads: dict[int, bytes]) -> Documen
 
     Accessors and buffer views without a reference go; what replaced them takes their numbers, so that the others keep
     theirs as long as as many come as go. Of a view that only some of its bytes are still referred to in, these are
-    written alone, plain where they were compressed. All bytes end up in the BIN chunk, padded with zeros; a fallback
+    written alone, compressed again where they were. All bytes end up in the BIN chunk, padded with zeros; a fallback
     buffer of meshopt stays while a view refers to it. Extensions that nothing uses any more are taken off both lists.
     Objects of other kinds keep their numbers, used or not: extensions may count them.
 
@@ -42,7 +42,7 @@ def prune(json: Json, document: Document, payloads: dict[int, bytes]) -> Documen
     for number, view in enumerate(json.get("bufferViews", [])):
         was = source[number]
         payload = payloads[was] if was in payloads else _stored_bytes(document, was)
-        owner = view if was in payloads else meshopt_of(view) or view
+        owner = meshopt_of(view) or view
         owner |= {"buffer": 0, "byteOffset": offset}
         padding = -len(payload) % 4
         parts += [payload, bytes(padding)]
@@ -125,7 +125,11 @@ def _cut_views(json: Json, document: Document, payloads: dict[int, bytes]) -> No
         if number in payloads or number in whole:
             continue
         view = document.entry("bufferViews", number)
-        if _is_covered(view, found):
+        covered = _covered(view, found)
+        if covered.all():
+            continue
+        if meshopt_of(view) is not None:
+            _recompress(json, document, payloads, number, covered, [part for _, part in found])
             continue
         written: dict[tuple[Any, ...], int] = {}
         for accessor, part in found:
@@ -149,8 +153,33 @@ def _extent(accessor: Json, part: Json) -> tuple[int, np.dtype[Any], tuple[int, 
     return count, COMPONENT_TYPES[accessor["componentType"]], ELEMENT_TYPES[accessor["type"]]
 
 
-def _is_covered(view: Json, users: Iterable[tuple[Json, Json]]) -> bool:
-    """Whether accessors refer to every byte of a view."""
+def _recompress(
+    json: Json, document: Document, payloads: dict[int, bytes], number: int, covered: Bool, parts: list[Json]
+) -> None:
+    """Compress the rows of a compressed view that are still referred to into a view of their own, and lead the
+    ``parts`` of accessors that refer to it there. Nothing is filtered, and no triangle turned: every byte stays."""
+    view = json["bufferViews"][number]
+    declared = meshopt_of(view)
+    assert declared is not None
+    stride, mode = declared["byteStride"], "ATTRIBUTES" if declared["mode"] == "ATTRIBUTES" else "INDICES"
+    data, start, length = document.view(number)
+    rows = np.where(covered, np.frombuffer(data, np.uint8, length, start), 0).astype(np.uint8).reshape(-1, stride)
+    used = covered.reshape(-1, stride).any(axis=1)
+    row = np.cumsum(used) - 1
+    stream = encode_meshopt(rows[used], mode)
+    entry = {key: value for key, value in declared.items() if key not in ("filter", "byteOffset")}
+    entry |= {"count": int(used.sum()), "mode": mode, "byteLength": len(stream)}
+    name = next(name for name in MESHOPT if name in view["extensions"])
+    extensions = view["extensions"] | {name: entry}
+    json["bufferViews"].append(view | {"byteLength": int(used.sum()) * stride, "extensions": extensions})
+    payloads[len(json["bufferViews"]) - 1] = stream
+    for part in parts:
+        first, within = divmod(part.get("byteOffset", 0), stride)
+        part |= {"bufferView": len(json["bufferViews"]) - 1, "byteOffset": int(row[first]) * stride + within}
+
+
+def _covered(view: Json, users: Iterable[tuple[Json, Json]]) -> Bool:
+    """(byteLength,) the bytes of a view that accessors refer to."""
     covered = np.zeros(view["byteLength"], dtype=bool)
     for accessor, part in users:
         count, dtype, (columns, height) = _extent(accessor, part)
@@ -158,7 +187,7 @@ def _is_covered(view: Json, users: Iterable[tuple[Json, Json]]) -> bool:
         pitch = column if columns == 1 else -(-column // 4) * 4
         stride, offset = view.get("byteStride", columns * pitch), part.get("byteOffset", 0)
         np.ndarray((count, columns, column), bool, covered.data, offset, (stride, pitch, 1))[...] = True
-    return bool(covered.all())
+    return covered
 
 
 def _plain(

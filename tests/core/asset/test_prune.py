@@ -110,7 +110,35 @@ def test_of_a_meshopt_view_that_touched_and_untouched_primitives_share_the_untou
     used = np.unique(CUBE_FACES[30:])
     np.testing.assert_array_equal(read_accessor(result, rest["attributes"]["POSITION"]), np.array(CUBE)[used])
     view = result.json["bufferViews"][result.json["accessors"][rest["attributes"]["POSITION"]]["bufferView"]]
-    assert "extensions" not in view
+    assert "extensions" not in view, "their rows are written anew"
+
+
+@pytest.mark.parametrize("mode", ["TRIANGLES", "INDICES"])
+def test_what_is_left_of_a_compressed_view_stays_compressed(mode: str) -> None:
+    """One view over the positions of both primitives, one over their indices, as gltfpack writes them."""
+    builder = Builder()
+    positions = np.concatenate([CUBE, np.add(CUBE, 5)])
+    both = builder.accessor(positions), builder.accessor([*CUBE_FACES, *CUBE_FACES], "<u2")
+    accessors = builder.json["accessors"]
+    for number, size in zip(both, (12 * 8, 2 * 36), strict=True):
+        whole = accessors[number]
+        halves = [whole | {"count": whole["count"] // 2, "byteOffset": start} for start in (0, size)]
+        accessors += halves
+    for place, number in enumerate((2, 3)):
+        part = positions[8 * place : 8 * place + 8]
+        accessors[number] |= {"min": part.min(axis=0).tolist(), "max": part.max(axis=0).tolist()}
+    primitives = [{"attributes": {"POSITION": 2 + which}, "indices": 4 + which} for which in (0, 1)]
+    document = meshopted(builder.document(meshes=[{"primitives": primitives}]), mode=mode)
+    before = read_accessor(document, 5)
+    result = _marked(document, [0])
+    rest = _primitives(result)[1]
+    np.testing.assert_array_equal(read_accessor(result, rest["attributes"]["POSITION"]), positions[8:])
+    np.testing.assert_array_equal(read_accessor(result, rest["indices"]), before)
+    for accessor in (rest["attributes"]["POSITION"], rest["indices"]):
+        view = result.json["bufferViews"][result.json["accessors"][accessor]["bufferView"]]
+        stream = view["extensions"][MESHOPT]
+        assert view["byteLength"] == stream["count"] * stream["byteStride"]
+        assert view["byteLength"] in (8 * 12, 36 * 2)
 
 
 @pytest.mark.parametrize("extra", [0, 1])
