@@ -16,7 +16,7 @@ from core.asset.attributes import (
     unit,
 )
 from core.asset.edit import Kind, SurfaceEdit
-from core.asset.flatten import SINGULAR, DrawnPrimitive, Scene
+from core.asset.flatten import SINGULAR, DrawnPrimitive, Scene, determinants
 from core.asset.gltf import Document, dequantize, read_accessor
 from core.asset.grouping import group_rows
 from core.asset.skin import blend, influence_sets
@@ -44,7 +44,8 @@ class Patch:
         vertex: (C,) int64 point ids.
         original: (C,) int64, the accessor row that a corner is, or -1.
         wall: (C,) bool.
-        winding: (M,) float64, -1 where the primitive is mirrored, else 1.
+        winding: (M,) float64, -1 where what takes the triangle to the world mirrors it, else 1. A skin may, whatever
+            its node does.
         local: (C, 3) float32 positions in the mesh's own frame; equal ids have equal positions in all of a node.
         values: one dictionary for each of ``maps``: semantic -> (C, n) float64.
     """
@@ -72,7 +73,6 @@ def cut_patches(scene: Scene, edit: SurfaceEdit) -> list[Patch]:
     together: dict[int, list[int]] = {}
     for index in np.union1d(surface.face_primitive[~edit.keep], owner).tolist():
         together.setdefault(scene.primitives[index].first_vertex, []).append(index)
-    mirrored = np.array([drawn.mirrored for drawn in scene.primitives])
     patches = []
     for first_vertex, drawn in together.items():
         triangles = np.flatnonzero(np.isin(owner, drawn))
@@ -90,7 +90,7 @@ def cut_patches(scene: Scene, edit: SurfaceEdit) -> list[Patch]:
             vertex=edit.vertex[triangles].reshape(-1),
             original=np.where(original >= 0, original - first_vertex, -1),
             wall=np.repeat(edit.kind[triangles] == Kind.WALL, 3),
-            winding=np.where(mirrored[owner[triangles]], -1.0, 1.0),
+            winding=np.ones(len(triangles)),
             local=np.empty((0, 3), np.float32),
             values=[{} for _ in maps],
         )
@@ -151,6 +151,7 @@ def _place(scene: Scene, world: Float, patch: Patch) -> None:
             patch.values[0][f"WEIGHTS_{number}"] = weights[:, columns]
         _keep_influences(document, patch, patch.original[first])
     _require_invertible(drawn, matrices)
+    patch.winding *= np.where(determinants(matrices) < 0, -1.0, 1.0)[:: 3 if len(matrices) > 1 else 1]
     local = np.linalg.solve(matrices[:, :, :3], (world - matrices[:, :, 3])[:, :, None])[:, :, 0]
     for weight, target, values in zip(drawn.morph_weights, patch.maps[1:], patch.values[1:], strict=True):
         if "POSITION" in target:

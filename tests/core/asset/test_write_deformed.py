@@ -129,3 +129,16 @@ def test_normals_of_walls_turn_with_a_morph_target() -> None:
     cross = np.cross(positions[faces[:, 1]] - positions[faces[:, 0]], positions[faces[:, 2]] - positions[faces[:, 0]])
     flat = cross / np.linalg.norm(cross, axis=1, keepdims=True)
     np.testing.assert_allclose(normals[faces], np.repeat(flat[:, None], 3, axis=1), atol=1e-5)
+
+
+@pytest.mark.parametrize("node", [1, -1])
+@pytest.mark.parametrize("bone", [1, -1])
+def test_walls_on_a_skin_are_shaded_from_their_front_whatever_mirrors_it(node: int, bone: int) -> None:
+    document = _skinned([[1, 0, 0, 0]] * 4, joints=[[0, 0, 0, 0]] * 4)
+    document.json["nodes"][0]["scale"] = [node, 1, 1]
+    document.json["nodes"][1]["scale"] = [bone, 1, 1]
+    scene = flatten(document)
+    edit = centroid_split(scene, [0, 1], [WALL, WALL], lift=1.0)
+    written = flatten(Document.from_glb(write(scene, edit, [None])))
+    normals = values(written.document, "NORMAL")[written.primitives[0].triangles] * (bone, 1, 1)
+    assert (np.einsum("fi,fci->fc", written.surface.normals, normals) > 0.8).all()
