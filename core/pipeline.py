@@ -153,6 +153,7 @@ def _letter(job: Job) -> None:
 def _place(job: Job) -> None:
     from core.ground.ground import HIDING
     from core.ground.joints import joints
+    from core.ground.opacity import opacity
     from core.ground.regions import regions
     from core.ground.saliency import saliency
     from core.ground.texture import detail
@@ -185,6 +186,7 @@ def _place(job: Job) -> None:
             job.usable,
             ground.part,
             asked,
+            opacity(job.scene, ground.surface, job.usable) if opaque else None,
             job.objective or OBJECTIVE,
         )
         return place(job.site, job.rng, job.report_progress)
@@ -198,8 +200,8 @@ def _place(job: Job) -> None:
         job.warnings.append(
             {
                 "code": "see_through_surface",
-                "message": "Nothing opaque has room for the text; it stands on masked or blended "
-                "materials, where it may be hard to see.",
+                "message": "Nothing opaque has room for the text; it stands on what is seen through, "
+                "where it may be hard to see.",
                 "remedy": "Make the materials opaque, or use a shorter text.",
             }
         )
@@ -236,6 +238,7 @@ def _write(job: Job) -> None:
     """The model, checked: marks that no viewer would draw are taken out, and it is written again without them."""
     from core.embossing.copies import unmarked
     from core.embossing.drawn import drawn_marks
+    from core.embossing.unmarked import unmarked_parts
 
     _write_marks(job)
     ground = job.ground
@@ -247,6 +250,9 @@ def _write(job: Job) -> None:
         _take_out(job, [box for box, seen in zip(job.marks, drawn.tolist(), strict=True) if not seen])
         _write_marks(job)
     job.warnings += unmarked(job.copies)
+    marked = np.unique(ground.surface.face_primitive[edit.source_face])
+    without = unmarked_parts(job.scene, ground.surface, job.saliency, job.site.index, marked)
+    job.warnings += [without] if without else []
     job.publish("model", job.model)
 
 

@@ -177,6 +177,13 @@ def _survivors(
     boxes, loss = boxes[kept], loss[kept]
     left["covered"] = len(boxes)
 
+    if site.opacity is not None:
+        met = Footprint(met.height[kept], met.cosine[kept], met.local[kept], met.face[kept])
+        points = above(boxes, met, 0.0).reshape(-1, 3)
+        kept = np.flatnonzero(site.opacity(points, met.face.ravel()).reshape(met.face.shape).all(axis=1))
+        boxes, loss = boxes[kept], loss[kept]
+    left["opaque"] = len(boxes)
+
     rough = roughness_met(met, site.normals)[kept]
     kept = np.flatnonzero(smooth(rough))
     boxes, loss, rough = boxes[kept], loss[kept], rough[kept]

@@ -171,6 +171,7 @@ REASONS = {
     "aligned": "the surface bends away from it or ends under it",
     "free": "it reaches into a `keep_out` box",
     "covered": "it hangs over an edge, a hole or a second layer",
+    "opaque": "it lies over holes or glass",
     "smooth": "the surface under it is too rough",
     "open": "another part is right in front of it or, for sunken letters, right behind it",
     "seen": "it faces inwards and is seen from no direction",

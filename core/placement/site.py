@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from core.asset.surface import Surface
 from core.errors import ErrorCode, MeshmarkError
 from core.ground.joints import Joints
+from core.ground.opacity import Opacity
 from core.ground.regions import Regions
 from core.ground.saliency import Saliency
 from core.ground.texture import Detail
@@ -40,6 +41,7 @@ class Site:
         detail: of the texture of ``surface``; None where it has one colour.
         joints: of ``surface``; None where it has no skin.
         regions: what the request keeps out of or prefers; None where nothing.
+        opacity: says where the faces that boxes may stand on are opaque; None where they are everywhere.
         lettering: the text.
         parameters: resolved.
         objective: the weights of the objective's terms.
@@ -58,6 +60,7 @@ class Site:
     detail: Detail | None
     joints: Joints | None
     regions: Regions | None
+    opacity: Opacity | None
     lettering: Lettering
     parameters: Parameters
     objective: Objective
@@ -77,6 +80,7 @@ def open_site(
     usable: Bool | None = None,
     part: Int | None = None,
     regions: Regions | None = None,
+    opacity: Opacity | None = None,
     objective: Objective = OBJECTIVE,
 ) -> Site:
     """The site of one text on an asset.
@@ -93,6 +97,7 @@ def open_site(
         usable: (F,) the faces that boxes may stand on; all if None. The others still stand in the way.
         part: (F,) which part each face belongs to; all to one if None.
         regions: what the request keeps out of or prefers; nothing if None.
+        opacity: says where the faces are opaque; None where they are everywhere.
         objective: the weights of its terms.
 
     Raises:
@@ -101,8 +106,8 @@ def open_site(
     if usable is not None and not usable.any():
         raise MeshmarkError(
             ErrorCode.NO_PLACEMENT,
-            f"None of the {len(surface.faces)} faces of this asset can carry a watermark: their nodes flatten them, or "
-            "their materials are masked or blended.",
+            f"None of the {len(surface.faces)} faces of this asset can carry a watermark: they are hidden or "
+            "see-through, or their nodes flatten them.",
             "Send an asset with an opaque surface.",
         )
     # Boxes stand on the ground; a ray that meets any other face meets nothing that looks at it.
@@ -130,6 +135,7 @@ def open_site(
         detail,
         joints,
         regions,
+        opacity,
         lettering,
         parameters,
         objective,

@@ -38,4 +38,4 @@ def test_an_asset_without_usable_faces_says_so() -> None:
     with pytest.raises(MeshmarkError) as caught:
         opened(shape, usable=np.zeros(len(shape.faces), dtype=bool))
     assert caught.value.code is ErrorCode.NO_PLACEMENT
-    assert "masked" in caught.value.message
+    assert "see-through" in caught.value.message

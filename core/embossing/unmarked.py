@@ -1,0 +1,87 @@
+"""Which parts of an asset carry no watermark, by the share of the pictures that they fill."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.asset.flatten import Scene
+from core.asset.surface import Surface
+from core.ground.saliency import Saliency
+from core.rendering.views import view_directions
+from core.spatial import Eye, SpatialIndex
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+LOOKED_AT = 4  # every so manieth of the surface's samples is looked at
+CLEAR = 0.01  # where rays start off the surface, size-30 units
+MISSING, NAMED = 0.25, 8  # share of what is seen that is worth a word, and how many parts it names
+
+
+def unmarked_parts(
+    scene: Scene, surface: Surface, samples: Saliency, index: SpatialIndex, marked: Int
+) -> dict[str, str] | None:
+    """A warning where much of what is seen of an asset carries no mark: somebody who takes it apart has it clean.
+
+    Parts are what its nodes draw; where there is one node only, what its materials cover.
+
+    Args:
+        scene: the asset.
+        surface: the scene's, with all normals that may looking out.
+        samples: of ``surface``, evenly.
+        index: over it, for the eyes that look at it.
+        marked: the drawn primitives that carry a mark.
+    """
+    names = _names(scene)
+    if len(set(names)) < 2:
+        return None
+    seen = np.bincount(
+        surface.face_primitive[samples.face[::LOOKED_AT]],
+        weights=_seen(surface, samples, index),
+        minlength=len(scene.primitives),
+    )
+    shares: dict[str, float] = {}
+    for name, share in zip(names, (seen / max(float(seen.sum()), np.finfo(float).tiny)).tolist(), strict=True):
+        shares[name] = shares.get(name, 0.0) + share
+    carrying = {names[number] for number in marked.tolist()}
+    left = {name: share for name, share in shares.items() if name not in carrying and share > 0}
+    total = sum(left.values())
+    if total < MISSING:
+        return None
+    largest = sorted(left, key=lambda name: -left[name])
+    named = ", ".join(f"{name} ({left[name]:.0%})" for name in largest[:NAMED])
+    more = len(largest) - NAMED
+    return {
+        "code": "unmarked_parts",
+        "message": f"{total:.0%} of what is seen of this asset belongs to parts that carry no watermark: {named}"
+        + (f" and {more} more." if more > 0 else "."),
+        "remedy": "Name what matters most under `prefer`, ask for a larger `count`, or mark these parts by themselves.",
+    }
+
+
+def _names(scene: Scene) -> list[str]:
+    """The part that each drawn primitive belongs to, as the file calls it."""
+    document = scene.document
+    if len({drawn.node for drawn in scene.primitives}) > 1:
+        return [_name(document.entry("nodes", drawn.node), f"nodes[{drawn.node}]") for drawn in scene.primitives]
+    found = []
+    for drawn in scene.primitives:
+        primitive = document.entry("meshes", drawn.mesh)["primitives"][drawn.primitive]
+        number = primitive.get("material")
+        found.append("" if number is None else _name(document.entry("materials", number), f"materials[{number}]"))
+    return found
+
+
+def _name(entry: dict[str, object], number: str) -> str:
+    name = entry.get("name")
+    return repr(name[:60]) if isinstance(name, str) and name else number
+
+
+def _seen(surface: Surface, samples: Saliency, index: SpatialIndex) -> Float:
+    """(S,) how much of the paper's views the surface around each sample fills, that is not hidden in them."""
+    points, normals = samples.points[::LOOKED_AT], surface.normals[samples.face[::LOOKED_AT]]
+    directions, _ = view_directions()
+    facing = np.einsum("si,vi->sv", normals, directions)
+    sample, view = np.nonzero(facing > 0)
+    _, face = index.first_hit(points[sample] + CLEAR * normals[sample], directions[view], Eye.FAR)
+    weight = np.where(face < 0, facing[sample, view], 0.0)
+    return np.asarray(np.bincount(sample, weights=weight, minlength=len(points)), dtype=np.float64)

@@ -1,0 +1,45 @@
+"""Where faces that are opaque in part are opaque: a picture with holes leaves places for text between them."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.asset.attributes import Points
+from core.asset.flatten import Scene
+from core.asset.surface import Surface
+from core.asset.viewer import Look
+from core.ground.base_color import barycentric
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+Bool = NDArray[np.bool_]
+
+Opacity = Callable[[Float, Int], Bool]
+
+
+def opacity(scene: Scene, surface: Surface, usable: Bool) -> Opacity | None:
+    """What says whether points (N, 3) on faces (N,) of a scene's surface hide what is behind them.
+
+    Args:
+        scene: the asset.
+        surface: the scene's, in which faces may be wound the other way round.
+        usable: (F,) the faces that are asked about; where all of them are opaque everywhere, there is nothing to ask.
+    """
+    mixed = usable & (scene.viewed.opacity < 1)
+    if not mixed.any():
+        return None
+    look = Look(scene.document)
+
+    def opaque(points: Float, face: Int) -> Bool:
+        found = np.ones(len(points), dtype=bool)
+        asked = np.flatnonzero(mixed[face])
+        owner = surface.face_primitive[face[asked]]
+        for number in np.unique(owner).tolist():
+            mine, drawn = asked[owner == number], scene.primitives[number]
+            corners = surface.faces[face[mine]]
+            inside = barycentric(surface.positions[corners], points[mine])
+            found[mine] = look.opaque_at(drawn, Points(corners - drawn.first_vertex, inside))
+        return found
+
+    return opaque
