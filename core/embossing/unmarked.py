@@ -36,7 +36,7 @@ def unmarked_parts(
         return None
     seen = np.bincount(
         surface.face_primitive[samples.face[::LOOKED_AT]],
-        weights=_seen(surface, samples, index),
+        weights=_seen(scene, surface, samples, index),
         minlength=len(scene.primitives),
     )
     shares: dict[str, float] = {}
@@ -76,12 +76,14 @@ def _name(entry: dict[str, object], number: str) -> str:
     return repr(name[:60]) if isinstance(name, str) and name else number
 
 
-def _seen(surface: Surface, samples: Saliency, index: SpatialIndex) -> Float:
-    """(S,) how much of the paper's views the surface around each sample fills, that is not hidden in them."""
-    points, normals = samples.points[::LOOKED_AT], surface.normals[samples.face[::LOOKED_AT]]
+def _seen(scene: Scene, surface: Surface, samples: Saliency, index: SpatialIndex) -> Float:
+    """(S,) how much of the paper's views the surface around each sample fills, that is not hidden in them; glass fills
+    nothing."""
+    faces = samples.face[::LOOKED_AT]
+    points, normals, solid = samples.points[::LOOKED_AT], surface.normals[faces], scene.viewed.opacity[faces]
     directions, _ = view_directions()
     facing = np.einsum("si,vi->sv", normals, directions)
     sample, view = np.nonzero(facing > 0)
     _, face = index.first_hit(points[sample] + CLEAR * normals[sample], directions[view], Eye.FAR)
-    weight = np.where(face < 0, facing[sample, view], 0.0)
+    weight = np.where(face < 0, facing[sample, view] * solid[sample], 0.0)
     return np.asarray(np.bincount(sample, weights=weight, minlength=len(points)), dtype=np.float64)

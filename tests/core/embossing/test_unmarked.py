@@ -63,3 +63,8 @@ def test_of_one_node_the_materials_are_named() -> None:
     assert said is not None
     assert "'cloth' (" in said["message"]
     assert "skin" not in said["message"]
+
+
+def test_glass_needs_no_mark() -> None:
+    glass = plain((1, 1, 1, 0.2), alphaMode="BLEND")
+    assert _said(GlbWriter().mesh(CORNERS, CUBE_FACES).mesh(CORNERS * 2, CUBE_FACES, material=glass), 0) is None
