@@ -37,7 +37,7 @@ def _centers(report: dict[str, Any]) -> Float:
 
 def _facing(report: dict[str, Any]) -> Float:
     """(B,) positive where a mark looks away from the origin."""
-    return np.einsum("bi,bi->b", _centers(report), [mark["normal"] for mark in report["watermarks"]])
+    return np.asarray(np.einsum("bi,bi->b", _centers(report), [mark["normal"] for mark in report["watermarks"]]))
 
 
 @pytest.mark.parametrize("mode", [Mode.EMBOSS, Mode.DEBOSS])
