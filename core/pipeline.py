@@ -250,7 +250,7 @@ def _write(job: Job) -> None:
         _take_out(job, [box for box, seen in zip(job.marks, drawn.tolist(), strict=True) if not seen])
         _write_marks(job)
     job.warnings += unmarked(job.copies)
-    marked = np.unique(ground.surface.face_primitive[edit.source_face])
+    marked = ground.surface.face_primitive[edit.source_face[np.unique(edit.mark, return_index=True)[1]]]
     without = unmarked_parts(job.scene, ground.surface, job.saliency, job.site.index, marked)
     job.warnings += [without] if without else []
     job.publish("model", job.model)

@@ -15,12 +15,16 @@ Int = NDArray[np.int64]
 LOOKED_AT = 4  # every so manieth of the surface's samples is looked at
 CLEAR = 0.01  # where rays start off the surface, size-30 units
 MISSING, NAMED = 0.25, 8  # share of what is seen that is worth a word, and how many parts it names
+# A part counts from this share of what is seen. Marks crowd where they stand on at most so many of the parts, in the
+# mean so many on each: on a stage and nothing else.
+SOME, FEW, CROWD = 0.01, 0.25, 2
 
 
 def unmarked_parts(
     scene: Scene, surface: Surface, samples: Saliency, index: SpatialIndex, marked: Int
 ) -> dict[str, str] | None:
-    """A warning where much of what is seen of an asset carries no mark: somebody who takes it apart has it clean.
+    """A warning where the marks crowd on a few parts of many, such as a stage or the ground, and much of what is seen
+    of the asset carries none: somebody who takes it apart has that clean.
 
     Parts are what its nodes draw; where there is one node only, what its materials cover.
 
@@ -29,7 +33,7 @@ def unmarked_parts(
         surface: the scene's, with all normals that may looking out.
         samples: of ``surface``, evenly.
         index: over it, for the eyes that look at it.
-        marked: the drawn primitives that carry a mark.
+        marked: (N,) the drawn primitive that each mark stands on.
     """
     names = _names(scene)
     if len(set(names)) < 2:
@@ -45,7 +49,8 @@ def unmarked_parts(
     carrying = {names[number] for number in marked.tolist()}
     left = {name: share for name, share in shares.items() if name not in carrying and share > 0}
     total = sum(left.values())
-    if total < MISSING:
+    parts = sum(share >= SOME for share in shares.values())
+    if total < MISSING or len(carrying) > FEW * parts or len(marked) < CROWD * len(carrying):
         return None
     largest = sorted(left, key=lambda name: -left[name])
     named = ", ".join(f"{name} ({left[name]:.0%})" for name in largest[:NAMED])
