@@ -1,7 +1,8 @@
 """`make fuzz`: mutated files through the whole engine, each in a process that is watched.
 
-A case passes when it ends within its limits in a watermarked GLB, as valid as its input was, or in one of our error
-codes. Anything else (another exception, a crash, a hang, too much memory, an invalid result) is a finding.
+A case passes when it ends within its limits in one of our error codes or in a watermarked GLB: as valid as its input
+was, with nothing left in it of what it no longer draws, and with marks that a viewer draws. Anything else (another
+exception, a crash, a hang, too much memory) is a finding.
 """
 
 import argparse
@@ -118,27 +119,44 @@ def _property(data: bytes, rng: random.Random) -> bytes:
 
 
 def outcome(number: int) -> str:
-    """What becomes of a case: "marked", an error code, or "FOUND: ..." with what is wrong."""
+    """What becomes of a case: "marked", an error code, or "FOUND: ..." with what is wrong.
+
+    "marked, unjudged" is a result that carries damage of its input by which the judges, unlike viewers, stumble.
+    """
+    from core.asset.formats import to_document
+    from core.asset.gate import admit
     from core.errors import MeshmarkError
     from core.parameters import Evaluate, Parameters
     from core.pipeline import watermark
+    from tests.drawn import undrawn
+    from tests.residue import residue
     from tests.validator import ValidatorBrokenError, error_counts
 
     data = mutate(number)
     asked = Parameters(text="ab", count=2, evaluate=Evaluate.NONE)
     try:
-        model = watermark(data, asked, preview=False).model
+        result = watermark(data, asked, preview=False)
     except MeshmarkError as error:
         return error.code.value if error.message and error.remedy else f"FOUND: {error.code} without words"
     except Exception as error:
         return f"FOUND: {type(error).__name__}: {error}"
+    model = result.model
     is_gltf = data[:4] == b"glTF" or data.lstrip()[:1] == b"{"
     try:
         known = set(error_counts(data)) if is_gltf else set()
     except ValidatorBrokenError:
         return "marked"  # the validator itself breaks on some broken inputs: there is nothing to compare with
     new = set(error_counts(model)) - known
-    return f"FOUND: invalid result: {sorted(new)}" if new else "marked"
+    if new:
+        return f"FOUND: invalid result: {sorted(new)}"
+    before = to_document(data, admit(data)).to_glb()
+    try:
+        left, unseen = residue(model, before), undrawn(model, result.report["watermarks"], before)
+    except (KeyError, IndexError, TypeError, ValueError, OSError):
+        return "marked, unjudged"
+    if left:
+        return f"FOUND: the result still holds something: {left[0]}"
+    return f"FOUND: no viewer draws the marks {unseen}" if unseen else "marked"
 
 
 @dataclass

@@ -207,10 +207,9 @@ def _old_bytes(file: GlbFile, before: GlbFile) -> list[str]:
     """What touched primitives had, and that stands somewhere still, whether or not anything refers to it."""
     gone = touched(file, before)
     old = {text: name for primitive in gone for name, text in _texts(before, primitive)}
-    for primitive in before.primitives():
-        if primitive not in gone:
-            for _, text in _texts(before, primitive):
-                old.pop(text, None)
+    # Two primitives may have corners in common: what one that is as it was has, it may keep.
+    kept = [text for one in before.primitives() if one not in gone for _, text in _texts(before, one)]
+    old = {text: name for text, name in old.items() if not any(text in mine for mine in kept)}
     places = list(_places(file))
     return [f"{name} stands in {place}" for text, name in old.items() for place, data in places if text in data]
 
