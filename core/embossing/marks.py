@@ -5,10 +5,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from core.embossing.emboss import Mark, emboss
 from core.embossing.mesh import WorkingMesh
-from core.embossing.refusal import CHEAP, Refusal
+from core.embossing.patch import patches
+from core.embossing.refusal import CHEAP, EXPLAINED, Refusal
 from core.embossing.stamp import Stamp
 from core.errors import ErrorCode, MeshmarkError
 from core.parameters import Parameters
@@ -17,13 +19,19 @@ from core.placement.objective import Placement
 from core.placement.place import place_more
 from core.placement.selection import select
 from core.placement.site import Site
+from core.products import product
 from core.spatial import SpatialIndex
+
+Float = NDArray[np.float64]
 
 FAILED_CUTS = 10  # for each mark that is asked for: a cut is the costly part; after so many the rest is no better
 MAX_SEARCHES = 4
 # Of what the marks were to be worth. Where refused cuts leave less than the first, places are searched for again, and
 # once more while the last search regained the second.
 REGAINED, WORTHWHILE = 0.9, 0.02
+DOUBTS = 4  # refused doubtful places for each mark that is asked for, after which the others are not tried
+SAME_SIDE = 0.8  # cosine between boxes from which on the same edges are in their way
+ALONG = np.linspace(0, 1, 9)  # where an edge is looked at
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,9 +76,9 @@ def emboss_marks(
 ) -> Marks:
     """Embosses the best choice of boxes.
 
-    Where one is refused, the choice is made again among those not tried yet. When these are used up, more are searched
-    for where nothing is seen, while much of what the marks were to be worth is missing and each search regains some of
-    it.
+    Where one is refused, the choice is made again among those not tried yet, and of these first among such as have no
+    edge under them that was under a refused one. When these are used up, more are searched for where nothing is seen,
+    while much of what the marks were to be worth is missing and each search regains some of it.
 
     Args:
         mesh: the asset, changed in place.
@@ -88,16 +96,23 @@ def emboss_marks(
     marks: dict[int, Mark] = {}
     refusals: Counter[str] = Counter()
     dead: set[int] = set()
+    obstacles: list[tuple[Float, Float]] = []
     cuts_left = FAILED_CUTS * count
     hoped, last = placement.value(placement.start), -np.inf
     enough, worthwhile = hoped - (1 - REGAINED) * abs(hoped), WORTHWHILE * abs(hoped)
     for searches in range(MAX_SEARCHES + 1):
         chosen = list(placement.start)
+        doubtful = {box for known in obstacles for box in _over(placement.boxes, *known)} - marks.keys()
+        doubting, doubts_left = False, DOUBTS * count
         while cuts_left > 0:
-            chosen = select(placement, count, fixed=list(marks), dead=dead, start=chosen)
+            chosen = select(placement, count, fixed=list(marks), dead=dead | doubtful, start=chosen)
             fresh = np.array([box for box in chosen if box not in marks], dtype=np.int64)
             if not len(fresh):
-                break
+                if not doubtful or doubts_left <= 0 or placement.value(list(marks)) >= hoped - worthwhile:
+                    break
+                doubtful.clear()
+                doubting = True
+                continue
             outcomes = emboss_boxes(mesh, placement.boxes[fresh], letters, site.parameters, site.index)
             for box, outcome in zip(fresh.tolist(), outcomes, strict=True):
                 if isinstance(outcome, Mark):
@@ -105,26 +120,49 @@ def emboss_marks(
                 else:
                     refusals[outcome.value] += 1
                     dead.add(box)
+                    obstacles.append(_obstacles(mesh, placement.boxes[np.array([box])]))
+                    doubtful |= _over(placement.boxes, *obstacles[-1]) - marks.keys()
+                    doubts_left -= doubting
                     cuts_left -= outcome not in CHEAP
                 progress(len(marks) / count)
         value = placement.value(list(marks))
         if not dead or cuts_left <= 0 or value >= enough or value - last <= worthwhile or searches == MAX_SEARCHES:
             break
         last = value
-        placement = place_more(site, placement, list(marks), dead, rng)
+        placement = place_more(site, placement, list(marks), dead | doubtful, rng)
     if not marks:
         raise _nothing_embossed(refusals)
     return Marks(placement, marks, refusals)
 
 
+def _obstacles(mesh: WorkingMesh, box: Boxes) -> tuple[Float, Float]:
+    """What may have kept the one ``box`` from being embossed: (K, 3) points on the edges under it at which a piece of
+    surface ends, its own middle among them, size-30 units; and (3,) the side that they were seen from."""
+    found = [box.center]
+    for patch in patches(mesh, box) or []:
+        start, end = patch.points[patch.boundary].transpose(1, 0, 2)
+        points = (start[:, None] + ALONG[:, None] * (end - start)[:, None]).reshape(-1, 3) * box.size[0, 0]
+        under = points[(np.abs(points) <= box.size[0] / 2).all(axis=1)]
+        found.append(box.center + product(under, box.axes[0]))
+    return np.concatenate(found), box.axes[0, 2]
+
+
+def _over(boxes: Boxes, points: Float, normal: Float) -> set[int]:
+    """The boxes that any of the ``points`` (K, 3) lies under, on the side of ``normal`` (3,): letters can hardly stand
+    there."""
+    beside = np.flatnonzero(product(boxes.axes[:, 2], normal[:, None])[:, 0] > SAME_SIDE)
+    local = np.einsum("bki,bji->bkj", points - boxes.center[beside, None], boxes.axes[beside])
+    inside = (np.abs(local) <= boxes.size[beside, None] / 2).all(axis=2).any(axis=1)
+    return set(beside[inside].tolist())
+
+
 def _nothing_embossed(refusals: Counter[str]) -> MeshmarkError:
-    reasons = ", ".join(f"{count} {reason}" for reason, count in refusals.most_common())
-    coarse = refusals.most_common(1)[0][0] == Refusal.TOO_FINE
+    worst, times = refusals.most_common(1)[0]
+    reason, remedy = EXPLAINED[Refusal(worst)]
+    tried = refusals.total()
     return MeshmarkError(
         ErrorCode.NO_PLACEMENT,
-        f"The text could not be cut whole into any of the {refusals.total()} places found ({reasons})."
-        + (" The file's 32-bit coordinates are too coarse for letters this far from the origin." * coarse),
-        "Move the model to the origin of its own coordinates."
-        if coarse
-        else "Ask for a smaller `size` or `relief`, or use a shorter text.",
+        f"The text could not be cut into any of the {tried} places found, "
+        f"{'' if times == tried else f'most of them ({times}) '}because {reason}.",
+        remedy,
     )

@@ -28,3 +28,31 @@ class Refusal(StrEnum):
 
 CHEAP = (Refusal.NOT_WHOLE,)
 """Refusals that come before any costly work."""
+
+SMALLER = "Ask for a smaller `size`, or use a shorter text."
+EXPLAINED: dict[Refusal, tuple[str, str]] = {
+    Refusal.NOT_WHOLE: ("a letter would cross an edge of the surface, of a part, or a fold", SMALLER),
+    Refusal.CUT_FAILED: ("the surface there has no clean cut along the letters", SMALLER),
+    Refusal.SECOND_LAYER: (
+        "another surface lies within reach of the letters",
+        "Ask for a smaller `relief` or `size`, or remove doubled surfaces.",
+    ),
+    Refusal.THIN_WALL: (
+        "the wall is so thin that sunken letters would come through its back",
+        'Ask for raised letters (`mode` "emboss"), or for a smaller `relief`.',
+    ),
+    Refusal.FOLDED: (
+        "the surface is too strongly curved for letters of this relief",
+        "Ask for a smaller `relief` or `size`.",
+    ),
+    Refusal.TOO_FINE: (
+        "the file's 32-bit coordinates are too coarse for letters this far from the origin",
+        "Move the model to the origin of its own coordinates.",
+    ),
+    Refusal.TOO_DENSE: (
+        "more triangles or parts lie under the text than can be cut in reasonable time",
+        "Ask for a smaller `size`, or reduce the number of triangles.",
+    ),
+    Refusal.NOT_CLOSED: ("the surface there touches or crosses itself", SMALLER),
+}
+"""What to tell of each: why letters cannot stand there, and what helps."""

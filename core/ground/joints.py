@@ -21,9 +21,11 @@ class Joints(Samples):
     """What moves each of some samples of a surface.
 
     Attributes:
-        weights: (N, J) float64, each row sums to 1: how much of a sample follows each joint.
+        joints: (N, K) int64, the nodes that move each sample; one may be named several times.
+        weights: (N, K) float64, each row sums to 1: how much of a sample follows each of these.
     """
 
+    joints: Int
     weights: Float
 
     def under(self, boxes: Boxes) -> Float:
@@ -31,7 +33,15 @@ class Joints(Samples):
         weights. 0 where all of the text follows one joint. Where two share it half and half it is 0.5, whether one
         moves the left half and the other the right (the text breaks) or both move all of it (blended rotations
         shrink)."""
-        return np.asarray(np.clip(1 - (self.means_under(boxes, self.weights) ** 2).sum(axis=1), 0, 1))
+        owner, which = self.pairs_under(boxes)
+        box = np.repeat(owner, self.joints.shape[1])
+        joint, weight = self.joints[which].ravel(), self.weights[which].ravel()
+        nodes = int(self.joints.max()) + 1
+        pair, same = np.unique(box * nodes + joint, return_inverse=True)
+        count = np.bincount(owner, minlength=len(boxes))
+        share = np.bincount(same, weights=weight) / count[pair // nodes]
+        squared = np.bincount(pair // nodes, weights=share**2, minlength=len(boxes))
+        return np.asarray(np.clip(1 - squared, 0, 1))
 
 
 def joints(scene: Scene, surface: Surface, points: Float, face: Int) -> Joints | None:
@@ -45,18 +55,20 @@ def joints(scene: Scene, surface: Surface, points: Float, face: Int) -> Joints |
     owner = surface.face_primitive[face]
     corners = surface.faces[face]
     share = barycentric(surface.positions[corners], points)
-    weights = np.zeros((len(points), len(scene.document.json["nodes"])))
+    most = 3 * max(found[0].shape[1] for found in skinned if found is not None)
+    moved, weights = np.zeros((len(points), most), dtype=np.int64), np.zeros((len(points), most))
     for number in np.unique(owner).tolist():
         drawn, found = scene.primitives[number], skinned[number]
         mine = np.flatnonzero(owner == number)
         if found is None:
-            weights[mine, drawn.node] = 1.0
+            moved[mine, 0], weights[mine, 0] = drawn.node, 1.0
             continue
         nodes, strength = found
         rows = corners[mine] - drawn.first_vertex
-        np.add.at(weights, (mine[:, None, None], nodes[rows]), share[mine][:, :, None] * strength[rows])
-    used = weights.any(axis=0)
-    return Joints(points, surface.normals[face], weights[:, used])
+        columns = 3 * nodes.shape[1]
+        moved[mine, :columns] = nodes[rows].reshape(len(mine), columns)
+        weights[mine, :columns] = (share[mine][:, :, None] * strength[rows]).reshape(len(mine), columns)
+    return Joints(points, surface.normals[face], moved, weights)
 
 
 def _influences(scene: Scene, drawn: DrawnPrimitive) -> tuple[Int, Float] | None:

@@ -33,7 +33,14 @@ class Samples:
         return cKDTree(self.points)
 
     def means_under(self, boxes: Boxes, values: Float) -> Float:
-        """(B, K) means of ``values`` (N, K) over the samples inside each of B boxes.
+        """(B, K) means of ``values`` (N, K) over the samples under each of B boxes: see :meth:`pairs_under`."""
+        owner, which = self.pairs_under(boxes)
+        count = np.maximum(np.bincount(owner, minlength=len(boxes)), 1)
+        total = [np.bincount(owner, weights=column[which], minlength=len(boxes)) for column in values.T]
+        return np.column_stack(total) / count[:, None]
+
+    def pairs_under(self, boxes: Boxes) -> tuple[Int, Int]:
+        """Pairs of a box and a sample under it: (P,), (P,).
 
         Points whose normals look away from the box belong to the far side of a thin part and do not count. A box
         that fewer than 8 points lie in, smaller than the spacing of the samples, is judged by the 8 nearest to its
@@ -47,9 +54,7 @@ class Samples:
             nearest = self._nearest(boxes[few])
             owner = np.concatenate([owner[kept], np.repeat(few, nearest.shape[1])])
             which = np.concatenate([which[kept], nearest.ravel()])
-        count = np.maximum(np.bincount(owner, minlength=len(boxes)), 1)
-        total = [np.bincount(owner, weights=column[which], minlength=len(boxes)) for column in values.T]
-        return np.column_stack(total) / count[:, None]
+        return owner, which
 
     def _inside(self, boxes: Boxes) -> tuple[Int, Int]:
         """Pairs of a box and a point inside it that looks at it: (P,), (P,)."""

@@ -193,11 +193,12 @@ def _survivors(
     met = footprint(boxes, index, site.normals, relief, SIGHT_GRID, margin=0.0)
     sight = above(boxes, met, LIFT * relief)
     blocked = occluded(boxes, sight, index, reach=SIGHT * boxes.size[:, 1])
+    left["open"] = int((~blocked).sum())
     if parameters.mode is Mode.DEBOSS:
         blocked |= thin_walled(boxes, above(boxes, met, -SKIN), index, depth=LIFT * relief)
+    left["thick"] = int((~blocked).sum())
     visible = np.zeros((len(boxes), len(site.served.directions)), dtype=bool)
     visible[~blocked] = visibility(boxes[~blocked], sight[~blocked], index, site.served.directions)
-    left["open"] = int((~blocked).sum())
     kept = np.flatnonzero(visible.any(axis=1))
     left["seen"] = len(kept)
     met = Footprint(met.height[kept], met.cosine[kept], met.local[kept], met.face[kept])

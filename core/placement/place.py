@@ -167,14 +167,23 @@ def _pool(one: Placement, other: Placement) -> Placement:
     )
 
 
+# Why boxes are dropped at each stage, and what helps.
+SMALLER = "Ask for a `size` below {narrowest:.3g}, or use a shorter text."
 REASONS = {
-    "aligned": "the surface bends away from it or ends under it",
-    "free": "it reaches into a `keep_out` box",
-    "covered": "it hangs over an edge, a hole or a second layer",
-    "opaque": "it lies over holes or glass",
-    "smooth": "the surface under it is too rough",
-    "open": "another part is right in front of it or, for sunken letters, right behind it",
-    "seen": "it faces inwards and is seen from no direction",
+    "aligned": ("the surface bends away from it or ends under it", SMALLER),
+    "free": ("it reaches into a `keep_out` region", "Keep less of the asset out, or use a shorter text."),
+    "covered": ("it hangs over an edge, a hole or a second layer", SMALLER),
+    "opaque": ("it lies over holes or glass", SMALLER),
+    "smooth": ("the surface under it is too rough", SMALLER),
+    "open": ("another part is right in front of it", SMALLER),
+    "thick": (
+        "the wall under it is so thin that sunken letters would come through its back",
+        'Ask for raised letters (`mode` "emboss"), or for a smaller `relief`.',
+    ),
+    "seen": (
+        "it faces inwards and is seen from no direction",
+        "Turn the faces outwards (recalculate the normals), or use a smaller `size`.",
+    ),
 }
 
 
@@ -184,7 +193,9 @@ def _no_placement(widths: list[float], left: list[dict[str, int]]) -> MeshmarkEr
         for before, after in pairwise(counts):
             if after in REASONS:
                 removed[after] += counts[before] - counts[after]
-    worst = max(removed, key=lambda stage: removed[stage])
+    # What a thin wall alone keeps from being placed came further than all else.
+    worst = "thick" if removed["thick"] else max(removed, key=lambda stage: removed[stage])
+    reason, remedy = REASONS[worst]
     tried = sum(counts["candidates"] for counts in left)
     if tried == 0:
         return MeshmarkError(
@@ -196,9 +207,7 @@ def _no_placement(widths: list[float], left: list[dict[str, int]]) -> MeshmarkEr
     sizes = " to ".join(f"{width:.3g}" for width in sorted({widths[0], widths[-1]}, reverse=True))
     return MeshmarkError(
         ErrorCode.NO_PLACEMENT,
-        f"No place for the text was found on this asset: {tried} boxes of width {sizes} were tried, and most "
-        f"({removed[worst]}) were dropped because {REASONS[worst]}.",
-        f"Ask for a `size` below {min(widths):.3g}, or use a shorter text."
-        if worst != "seen"
-        else "Turn the faces outwards (recalculate the normals), or use a smaller `size`.",
+        f"No place for the text was found on this asset: {tried} boxes of width {sizes} were tried, and "
+        f"{'the last' if worst == 'thick' else 'most'} ({removed[worst]}) were dropped because {reason}.",
+        remedy.format(narrowest=min(widths)),
     )

@@ -5,11 +5,13 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from manifold3d import Manifold, OpType
 
 from core.embossing import emboss, marks
 from core.embossing.emboss import Mark
 from core.embossing.mesh import WorkingMesh
-from core.embossing.refusal import Refusal
+from core.embossing.refusal import EXPLAINED, Refusal
+from core.errors import ErrorCode, MeshmarkError
 from core.parameters import Evaluate, Parameters
 from core.pipeline import watermark
 from core.placement import place
@@ -83,3 +85,54 @@ def test_however_much_each_search_regains_there_are_only_so_many(monkeypatch: py
     monkeypatch.setattr(marks, "WORTHWHILE", -1.0)
     _, searches = cube_marks(monkeypatch, refused=10_000)
     assert searches == marks.MAX_SEARCHES
+
+
+def lattice(cells: int) -> bytes:
+    """A frame of round bars, united into one surface with the cracks that float32 leaves at the crossings."""
+    bars = [
+        Manifold.cylinder(cells + 0.3, 0.15, 0.15, 24, True)
+        .rotate(([0, 90, 0], [90, 0, 0], [0, 0, 0])[axis])
+        .translate(np.roll([0, one - cells / 2, other - cells / 2], axis))
+        for axis in range(3)
+        for one in range(cells + 1)
+        for other in range(cells + 1)
+    ]
+    mesh = Manifold.batch_boolean(bars, OpType.Add).to_mesh()
+    frame = trimesh.Trimesh(np.asarray(mesh.vert_properties)[:, :3], np.asarray(mesh.tri_verts), process=False)
+    exported = frame.export(file_type="glb")
+    assert isinstance(exported, bytes)
+    return exported
+
+
+def test_what_was_refused_teaches_where_not_to_try(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked, frame = Parameters(text="watermark", evaluate=Evaluate.NONE), lattice(3)
+    taught = watermark(frame, asked, preview=False).report["embossing"]
+    monkeypatch.setattr(marks, "_over", lambda *_: set())
+    untaught = watermark(frame, asked, preview=False).report["embossing"]
+    assert sum(taught["refused"].values()) < 0.9 * sum(untaught["refused"].values())
+    assert taught["verified"] >= untaught["verified"]
+
+
+@pytest.mark.parametrize(
+    ("reason", "said", "advised"),
+    [
+        (Refusal.THIN_WALL, "sunken letters would come through", "`relief`"),
+        (Refusal.TOO_FINE, "32-bit coordinates are too coarse", "Move the model"),
+        (Refusal.TOO_DENSE, "more triangles", "reduce the number"),
+        (Refusal.FOLDED, "too strongly curved", "`relief`"),
+    ],
+)
+def test_where_every_cut_is_refused_the_error_names_the_reason_and_what_helps_against_it(
+    monkeypatch: pytest.MonkeyPatch, reason: Refusal, said: str, advised: str
+) -> None:
+    monkeypatch.setattr("core.embossing.marks.emboss", lambda *_: reason)
+    cube = trimesh.creation.box(extents=(2, 2, 2)).export(file_type="glb")
+    with pytest.raises(MeshmarkError) as caught:
+        watermark(cube, Parameters(text="watermark", count=1, evaluate=Evaluate.NONE), preview=False)
+    assert caught.value.code is ErrorCode.NO_PLACEMENT
+    assert said in caught.value.message
+    assert advised in caught.value.remedy
+
+
+def test_every_reason_for_a_refusal_is_explained() -> None:
+    assert set(EXPLAINED) == set(Refusal)

@@ -12,7 +12,8 @@ from tests.core.asset.builder import Builder, grid
 def made(weights: list[tuple[float, float]]) -> Joints:
     """Samples along x on a plane, each moved by two joints."""
     points = np.column_stack([np.linspace(-4, 4, len(weights)), np.zeros(len(weights)), np.zeros(len(weights))])
-    return Joints(points, np.tile([0.0, 0.0, 1.0], (len(weights), 1)), np.array(weights))
+    normals, joints = np.tile([0.0, 0.0, 1.0], (len(weights), 1)), np.tile([3, 7], (len(weights), 1))
+    return Joints(points, normals, joints, np.array(weights))
 
 
 def under(found: Joints) -> float:
@@ -58,7 +59,8 @@ def test_the_elbow_of_an_arm_is_shared_and_its_ends_and_what_has_no_skin_are_not
     assert found is not None
     assert found.weights.sum(axis=1) == pytest.approx(1)
     world = scene.surface.to_world(points)
-    shared = 1 - (found.weights**2).sum(axis=1)
+    total = [np.where(found.joints == node, found.weights, 0).sum(axis=1) for node in range(4)]
+    shared = 1 - np.square(total).sum(axis=0)
     arm = world[:, 1] < 10
     assert shared[arm & (np.abs(world[:, 0]) > 1.1)] == pytest.approx(0, abs=1e-9)
     assert shared[arm & (np.abs(world[:, 0]) < 0.1)] == pytest.approx(0.5, abs=0.02)

@@ -148,7 +148,9 @@ def test_letters_are_not_sunk_into_a_wall_thinner_than_they_are_deep() -> None:
     with pytest.raises(MeshmarkError) as caught:
         placed(sheet, mode=Mode.DEBOSS)
     assert caught.value.code is ErrorCode.NO_PLACEMENT
-    assert "sunken" in caught.value.message
+    assert "so thin that sunken letters would come through" in caught.value.message
+    assert "raised letters" in caught.value.remedy
+    assert "size" not in caught.value.remedy
 
 
 def test_an_asset_without_room_says_how_many_places_were_tried_and_what_was_wrong_with_them() -> None:
