@@ -54,5 +54,9 @@ EXPLAINED: dict[Refusal, tuple[str, str]] = {
         "Ask for a smaller `size`, or reduce the number of triangles.",
     ),
     Refusal.NOT_CLOSED: ("the surface there touches or crosses itself", SMALLER),
+    Refusal.UNDRAWN: (
+        "no viewer would draw the letters' tops from the side that they are read from",
+        "Turn the faces outwards (recalculate the normals), or make the material double-sided.",
+    ),
 }
 """What to tell of each: why letters cannot stand there, and what helps."""
