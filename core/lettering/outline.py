@@ -17,9 +17,11 @@ Float = NDArray[np.float64]
 
 MAX_POINTS = 20_000
 
-# Chord tolerance of flattened curves, ems: a third of a pixel of the metrics' pictures for text as large as is placed,
-# and a pixel where letters are a hundred high. Half of it takes a fifth more triangles a mark, twice as much is seen.
-TOLERANCE = 0.01
+# Chord tolerance of flattened curves: a share of the text's width, as long text is placed smaller; in ems no more than
+# turns a letter into a polygon one can see, and no less than is seen in a letter two hundred pixels high. Twice as much
+# in "watermark" is seen there, and spares a fifth of its triangles only.
+WIDTH_TOLERANCE = 0.0008
+EM_TOLERANCE = 0.0045, 0.01
 
 # Shares of the text's width. Rings come no closer to each other or to themselves than CLEARANCE: what touches would
 # be cut into a surface as a non-manifold seam.
@@ -86,7 +88,9 @@ def _outlines(glyphs: list[Glyph], font: hb.Font) -> list[list[Float]]:
     width = max(reach) - min(reach) if reach else 0
     if width <= 0:
         return []
-    flat = {glyph_id: _flatten(segments, TOLERANCE * font.face.upem) for glyph_id, segments in drawn.items()}
+    finest, coarsest = (share * font.face.upem for share in EM_TOLERANCE)
+    tolerance = min(max(WIDTH_TOLERANCE * width, finest), coarsest)
+    flat = {glyph_id: _flatten(segments, tolerance) for glyph_id, segments in drawn.items()}
     return [[(contour + np.array([glyph.x, glyph.y])) / width for contour in flat[glyph.id]] for glyph in glyphs]
 
 

@@ -115,6 +115,12 @@ def test_letters_of_a_long_text_stay_round() -> None:
     assert sum(map(len, long.polygons)) / 128 >= 12
 
 
+def test_letters_of_a_short_text_are_no_heavier_than_those_of_a_word() -> None:
+    word = lettering("watermark")
+    assert sum(map(len, lettering("a").polygons)) <= 1.1 * sum(map(len, word.polygons)) / 9 * 2
+    assert sum(map(len, lettering("\u00a9").polygons)) < 110
+
+
 def test_the_same_text_gives_the_same_points() -> None:
     first, second = lettering("Meshmark 42"), lettering("Meshmark 42")
     for a, b in zip(first.polygons, second.polygons, strict=True):
