@@ -65,7 +65,7 @@ def test_a_file_that_ends_early_is_not_shown(data: bytes) -> None:
     assert all(decode_ktx2(data[:length], 16, MANY) is None for length in range(0, len(data) - 1, 7))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(
     st.sampled_from([ETC1S, UASTC]),
     st.lists(st.tuples(st.integers(12, len(UASTC) - 1), st.integers(0, 255)), min_size=1, max_size=8),
