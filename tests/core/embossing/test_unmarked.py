@@ -39,7 +39,7 @@ def test_products_without_a_mark_are_named_where_only_their_stage_has_some() -> 
 
 
 def test_marks_on_several_parts_or_one_on_each_are_as_many_as_one_can_ask_for() -> None:
-    products = [(0.8, {})] * 4
+    products: list[tuple[float, dict[str, Any]]] = [(0.8, {})] * 4
     assert _said(_scene(STAGE, *products), 0) is None
     assert _said(_scene(STAGE, *products), 0, 0, 1, 1, 2, 2) is None
 
