@@ -142,7 +142,7 @@ def _layer(surface: Surface, seen: Viewed, rank: Int, *, turn_backed: bool) -> _
         )
     one_sided, clear = seen.one_sided & ~_backed(surface, seen, sheets), seen.opacity < HIDING
     hides = np.where(one_sided, Hides.FROM_FRONT, Hides.ALWAYS).astype(np.uint8)
-    glazed = spatial_index(surface.positions, surface.faces, np.flatnonzero(distinct), hides)
+    glazed = spatial_index(surface.positions, surface.faces, np.flatnonzero(distinct), hides=hides)
     fixed = one_sided if turn_backed else seen.one_sided
     facing = orient(surface, distinct, fixed, clear, glazed.hiding(_through(hides, clear)), glazed)
     return _Layer(replace(sheets, distinct=distinct), facing, hides, glazed)
