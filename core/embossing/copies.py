@@ -105,7 +105,8 @@ def _embossed(document: Document, copy: Copy, marks: AssetMarks) -> tuple[Docume
     except MeshmarkError:  # what cannot be read or has no faces cannot be marked, and is treated so
         return document, 0
     mesh = WorkingMesh(ground.surface, ground.possible, ground.sheets, ground.resolution)
-    outcomes = list(emboss_boxes(mesh, marks.boxes, marks.letters, marks.parameters, ground.index))
+    index = ground.index if ground.solid.any() else ground.glazed
+    outcomes = list(emboss_boxes(mesh, marks.boxes, marks.letters, marks.parameters, index))
     stand = [number for number, outcome in enumerate(outcomes) if isinstance(outcome, Mark)]
     if not stand:
         return document, 0

@@ -42,7 +42,8 @@ def drawn_marks(
         corners = edit.position[mine]
         slack = ROUNDED * float(resolution[surface.faces[edit.source_face[mine]]].max())
         low, high = corners.min(axis=(0, 1)) - slack, corners.max(axis=(0, 1)) + slack
-        near = np.flatnonzero(((center >= low) & (center <= high)).all(axis=1))
+        # What is not drawn may lie in the same place: a hidden node that shows the same mesh.
+        near = np.flatnonzero(((center >= low) & (center <= high)).all(axis=1) & seen.drawn)
         if not len(near):
             continue
         distance, which = cKDTree(center[near]).query(corners.mean(axis=1), distance_upper_bound=slack)
@@ -50,7 +51,7 @@ def drawn_marks(
         face = near[np.where(there, which, 0)]
         outwards = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         front = np.einsum("ni,ni->n", found.normals[face], outwards) > 0
-        good = there & seen.drawn[face] & (front | ~seen.one_sided[face]) & (seen.opacity[face] >= opaque)
+        good = there & (front | ~seen.one_sided[face]) & (seen.opacity[face] >= opaque)
         area = np.linalg.norm(outwards, axis=1)
         drawn[mark] = area[good].sum() >= ENOUGH * area.sum()
     return drawn
