@@ -172,5 +172,13 @@ class SpatialIndex:
         face = np.asarray(result["primID"], dtype=np.int64)
         return np.where(face >= 0, np.asarray(result["tfar"], dtype=np.float64), np.inf), face
 
+    def normals(self, face: Int) -> Float:
+        """(N, 3) unit normals of the faces ``face`` (N,), as answers name them; zero for collapsed ones."""
+        mine = face if self._ids is None else np.searchsorted(self._ids, face)
+        a, b, c = (self.positions[self.faces[mine, corner]] for corner in range(3))
+        normal = np.cross(b - a, c - a)
+        length = np.linalg.norm(normal, axis=1, keepdims=True)
+        return np.divide(normal, length, out=np.zeros_like(normal), where=length > 0)
+
     def _row(self, face: Int) -> Int:
         return face if self._ids is None else self._ids[face]

@@ -12,16 +12,22 @@ Bool = NDArray[np.bool_]
 
 FIT_ROUNDS = 2  # two are enough: the variance of the distance is then near 1e-14
 MIN_AGREEMENT = 0.3  # cosine; a smooth normal further away from the box normal than this is not trusted
+SAME_GROUND = 0.5  # cosine between a letter's normal and that of the surface its height is measured from
 FOLD_TOLERANCE = 1e-4  # share of the letters' area that may face away after lifting: slivers of rounding errors
 
 
 def lift(feet: Float, normals: Float, relief: float, index: SpatialIndex) -> Float:
     """(N, 3) tops of the ``feet`` (N, 3): ``relief`` along the unit ``normals`` (N, 3), then moved so that their
-    distance to the surface is ``|relief|`` exactly. A negative relief sinks. Size-30 frame."""
+    distance to the surface is ``|relief|`` exactly. A negative relief sinks. Size-30 frame.
+
+    Surface that faces elsewhere is not what the letters stand on: a step beside them, the back of a wall, or a shell
+    around the asset that is drawn from within only.
+    """
     tops = feet + relief * normals
     for _ in range(FIT_ROUNDS):
-        distance, _, nearest = index.closest(tops)
-        away = distance > abs(relief) * 1e-3
+        distance, face, nearest = index.closest(tops)
+        stands_on = np.einsum("ni,ni->n", index.normals(face), normals) > SAME_GROUND
+        away = stands_on & (distance > abs(relief) * 1e-3)
         direction = (tops - nearest) / np.where(away, distance, 1.0)[:, None]
         step = np.where(away, np.clip(abs(relief) - distance, -abs(relief) / 2, abs(relief) / 2), 0.0)
         tops = tops + step[:, None] * direction

@@ -56,3 +56,15 @@ def test_the_back_of_a_plate_is_an_obstruction_for_sunken_letters() -> None:
         plate = box(4.0, 4.0, 1.0)
         index = SpatialIndex(plate.positions, plate.faces)
         assert obstructed(feet, feet + relief * UP, relief, index) is expected
+
+
+def test_surface_that_faces_elsewhere_does_not_bend_letters() -> None:
+    """A wedge over the ground that is wound inside out: eyes look through its backs, and letters stand under it."""
+    ground = np.array([[-9.0, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]])
+    wedge = np.array([[0.2, -9.0, 0.1], [0.2, 9, 0.1], [3, 9, 3], [3, -9, 3]])
+    faces = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])
+    index = SpatialIndex(np.concatenate([ground, wedge]), faces)
+    assert (index.normals(np.arange(4))[:, 2] > 0).tolist() == [True, True, False, False]
+    feet = np.array([[0.0, 0, 0], [0.15, 0, 0], [0.3, 1, 0]])
+    tops = lift(feet, np.tile([0.0, 0, 1], (3, 1)), 0.12, index)
+    np.testing.assert_allclose(tops, feet + [0, 0, 0.12], atol=1e-9)
