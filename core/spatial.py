@@ -178,7 +178,7 @@ class SpatialIndex:
         a, b, c = (self.positions[self.faces[mine, corner]] for corner in range(3))
         normal = np.cross(b - a, c - a)
         length = np.linalg.norm(normal, axis=1, keepdims=True)
-        return np.divide(normal, length, out=np.zeros_like(normal), where=length > 0)
+        return np.asarray(np.divide(normal, length, out=np.zeros_like(normal), where=length > 0))
 
     def _row(self, face: Int) -> Int:
         return face if self._ids is None else self._ids[face]

@@ -67,4 +67,4 @@ def test_surface_that_faces_elsewhere_does_not_bend_letters() -> None:
     assert (index.normals(np.arange(4))[:, 2] > 0).tolist() == [True, True, False, False]
     feet = np.array([[0.0, 0, 0], [0.15, 0, 0], [0.3, 1, 0]])
     tops = lift(feet, np.tile([0.0, 0, 1], (3, 1)), 0.12, index)
-    np.testing.assert_allclose(tops, feet + [0, 0, 0.12], atol=1e-9)
+    np.testing.assert_allclose(tops, feet + np.array([0, 0, 0.12]), atol=1e-9)
