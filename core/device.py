@@ -56,7 +56,7 @@ def spatial_index(
         return SpatialIndex(positions, faces, ids, hides)
     from core.warp_index import WarpIndex
 
-    return WarpIndex(positions, faces, ids, Device.CUDA, hides)
+    return WarpIndex(positions, faces, ids, hides, Device.CUDA)
 
 
 def _obstacle() -> str | None:

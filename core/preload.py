@@ -8,7 +8,8 @@ from core.rendering import renderer
 LATER = (
     *("core.ground.contrast", "core.ground.ground", "core.ground.joints", "core.ground.regions", "core.ground.texture"),
     "core.placement.place",
-    *("core.embossing.marks", "core.embossing.stamp", "core.report", "core.metrics.measure"),
+    *("core.embossing.copies", "core.embossing.drawn", "core.embossing.marks", "core.embossing.stamp"),
+    *("core.embossing.unmarked", "core.report", "core.metrics.measure"),
     *("DracoPy", "meshopt", "manifold3d", "trimesh.exchange.dae", "rapidocr"),
     *("PIL.BmpImagePlugin", "PIL.GifImagePlugin", "PIL.JpegImagePlugin", "PIL.PngImagePlugin", "PIL.PpmImagePlugin"),
     "PIL.WebPImagePlugin",

@@ -33,8 +33,8 @@ class WarpIndex(SpatialIndex):
         positions: Float,
         faces: Int,
         ids: Int | None = None,
-        device: str = "cuda",
         hides: NDArray[np.uint8] | None = None,
+        device: str = "cuda",
     ) -> None:
         super().__init__(positions, faces, ids, hides)
         self.device = device

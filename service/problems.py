@@ -34,6 +34,7 @@ STATUS: dict[ErrorCode, int] = {
     ErrorCode.INDEX_OUT_OF_RANGE: 422,
     ErrorCode.BUDGET_EXCEEDED: 422,
     ErrorCode.EXTERNAL_REFERENCE: 422,
+    ErrorCode.TEXTURE_NOT_DECODED: 422,
     ErrorCode.INVALID_PARAMETERS: 422,
     ErrorCode.EMPTY_TEXT: 422,
     ErrorCode.MISSING_GLYPHS: 422,

@@ -124,7 +124,7 @@ def test_where_boxes_leave_only_edges_the_refusal_names_keep_out() -> None:
         {"box": {"min": [-0.95, -2, -2], "max": [0.95, 2, 2]}},
         {"box": {"min": [-2, -0.95, -2], "max": [2, 0.95, 2]}},
     ]
-    with pytest.raises(MeshmarkError, match="because it reaches into a `keep_out` box") as caught:
+    with pytest.raises(MeshmarkError, match="because it reaches into a `keep_out` region") as caught:
         marked(crate(), size=5.5, keep_out=most)
     assert caught.value.code is ErrorCode.NO_PLACEMENT
 

@@ -211,7 +211,7 @@ def test_a_glb_whose_own_coordinates_are_too_coarse_for_letters_is_told_so_at_on
 def test_duplicates_do_not_keep_letters_from_sinking_but_a_second_layer_does() -> None:
     sunken = FEW.model_copy(update={"mode": Mode.DEBOSS, "evaluate": Evaluate.NONE})
     assert watermark(_file(_duplicates()), sunken, preview=False).report["watermarks"]
-    with pytest.raises(MeshmarkError, match="second_layer"):
+    with pytest.raises(MeshmarkError, match="another surface lies within reach"):
         watermark(_file(_double_sided_shell()), sunken, preview=False)
 
 
@@ -259,6 +259,6 @@ def test_letters_rise_on_all_sides_of_a_plate_that_coincides_with_another() -> N
 
 def test_letters_do_not_sink_into_a_plate_that_coincides_with_another_which_would_hide_them() -> None:
     asked = Parameters(text="watermark", count=6, mode=Mode.DEBOSS, evaluate=Evaluate.NONE)
-    with pytest.raises(MeshmarkError, match="second_layer") as caught:
+    with pytest.raises(MeshmarkError, match="another surface lies within reach") as caught:
         watermark(_coincident_plates(), asked, preview=False)
     assert caught.value.code is ErrorCode.NO_PLACEMENT

@@ -209,7 +209,7 @@ def test_long_thin_triangles_beside_small_ones_are_found(device: str) -> None:
 def test_only_the_rows_that_count_answer_and_under_their_own_numbers(device: str) -> None:
     both = join(sphere(1.0, subdivisions=2), sphere(3.0, subdivisions=2))
     outer = np.arange(len(both.faces) // 2, len(both.faces))
-    index = WarpIndex(both.positions, both.faces, outer, device)
+    index = WarpIndex(both.positions, both.faces, outer, device=device)
     distance, face, _ = index.closest(np.zeros((1, 3)))
     assert distance[0] > 2.5
     assert face[0] in outer
