@@ -48,5 +48,7 @@ def test_a_real_archive_is_marked_without_changing_its_topology(path: Path) -> N
     asset, model = result.report["asset"], result.report["model"]
     assert {fact: asset[fact] for fact in FACTS} == {fact: model[fact] for fact in FACTS}
     assert result.report["metrics"]["asset_utility"]["ipe"] == 0
-    assert result.report["warnings"] == []
+    # The links of a chain have room for small text alone, and the report says so.
+    small = ["small_text"] if path.name in SIZES else []
+    assert [warning["code"] for warning in result.report["warnings"]] == small
     assert not error_counts(result.model)
