@@ -12,7 +12,7 @@ from core.embossing.emboss import Mark
 from core.embossing.marks import emboss_boxes
 from core.embossing.mesh import WorkingMesh
 from core.embossing.stamp import Stamp
-from core.errors import MeshmarkError
+from core.errors import ErrorCode, MeshmarkError
 from core.ground.ground import survey
 from core.parameters import Parameters, UnmarkedCopies
 from core.placement.boxes import Boxes
@@ -102,7 +102,9 @@ def _embossed(document: Document, copy: Copy, marks: AssetMarks) -> tuple[Docume
         scene = scene_of(document, copy)
         scene = replace(scene, surface=scene.surface.in_frame_of(marks.surface))
         ground = survey(scene)
-    except MeshmarkError:  # what cannot be read or has no faces cannot be marked, and is treated so
+    except MeshmarkError as error:  # what cannot be read or has no faces cannot be marked, and is treated so
+        if error.code is ErrorCode.DEVICE_UNAVAILABLE:
+            raise
         return document, 0
     mesh = WorkingMesh(ground.surface, ground.possible, ground.sheets, ground.resolution)
     index = ground.index if ground.solid.any() else ground.glazed
