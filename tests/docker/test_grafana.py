@@ -26,7 +26,9 @@ DOCKER = Path(__file__).parents[2] / "docker"
 DASHBOARD: dict[str, Any] = json.loads((DOCKER / "grafana" / "meshmark.json").read_text())
 EXPRESSIONS = [target["expr"] for panel in DASHBOARD["panels"] for target in panel["targets"]]
 KEDA = [
-    rule["spec"]["triggers"][0]["metadata"]["query"] for rule in yaml.safe_load_all((DOCKER / "keda.yaml").read_text())
+    rule["spec"]["triggers"][0]["metadata"]["query"]
+    for folder in ("base", "gpu")
+    for rule in yaml.safe_load_all((DOCKER / "kubernetes" / folder / "scaling.yaml").read_text())
 ]
 BY_PROMETHEUS = {"le", "job", "instance"}  # what it adds itself, or histograms have
 
