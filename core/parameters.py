@@ -2,7 +2,6 @@
 
 import re
 from enum import StrEnum
-from itertools import groupby
 from typing import Annotated, Any, Self
 
 from pydantic import (
@@ -18,6 +17,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from core.errors import ErrorCode, MeshmarkError
+from core.validation import StrictModel, describe
 
 MAX_TEXT_LENGTH = 64
 MAX_NAME_LENGTH = 256
@@ -77,30 +77,30 @@ Name = Annotated[str, Field(min_length=1, max_length=MAX_NAME_LENGTH)]
 Point = tuple[float, float, float]
 
 
-class NodeRegion(BaseModel):
+class NodeRegion(StrictModel):
     """All nodes of a name, and everything below them. What a bone moves counts as below the bone."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", json_schema_extra={"examples": [{"node": "Head"}]})
+    model_config = ConfigDict(frozen=True, json_schema_extra={"examples": [{"node": "Head"}]})
 
     node: Annotated[Name, Field(description="Name of a node; of a node without one, the name of its mesh.")]
 
 
-class MaterialRegion(BaseModel):
+class MaterialRegion(StrictModel):
     """Everything of one material."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", json_schema_extra={"examples": [{"material": "Glass"}]})
+    model_config = ConfigDict(frozen=True, json_schema_extra={"examples": [{"material": "Glass"}]})
 
     material: Annotated[Name, Field(description="Name of a material.")]
 
 
-class Box(BaseModel):
+class Box(StrictModel):
     """An upright box in the asset's own world coordinates, not in the size-30 frame.
 
     These are the coordinates of the GLB that comes out: glTF's default scene, metres, Y up. A GLB or glTF keeps its
     own; a 3MF or DAE is converted to them.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, allow_inf_nan=False)
 
     min: Annotated[Point, Field(description="The corner with the smallest x, y and z.")]
     max: Annotated[Point, Field(description="The corner with the largest x, y and z.")]
@@ -112,12 +112,11 @@ class Box(BaseModel):
         return self
 
 
-class BoxRegion(BaseModel):
+class BoxRegion(StrictModel):
     """Everything inside a box."""
 
     model_config = ConfigDict(
         frozen=True,
-        extra="forbid",
         json_schema_extra={"examples": [{"box": {"min": [-0.3, 1.4, -0.3], "max": [0.3, 1.9, 0.3]}}]},
     )
 
@@ -141,10 +140,10 @@ Region = Annotated[
 ]
 
 
-class Parameters(BaseModel):
+class Parameters(StrictModel):
     """One watermarking request. ``None`` means "what the preset says"; :meth:`resolved` fills it in."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, allow_inf_nan=False)
 
     text: Annotated[str, Field(max_length=MAX_TEXT_LENGTH, description="The word or words to emboss.")]
     preset: Annotated[Preset, Field(description="Starting values for size, relief, count and solver.")] = (
@@ -173,14 +172,14 @@ class Parameters(BaseModel):
     keep_out: Annotated[
         list[Region],
         Field(max_length=MAX_REGIONS, description="Where no watermark may stand, by node, material or box."),
-    ] = []
+    ] = []  # noqa: RUF012
     prefer: Annotated[
         list[Region],
         Field(
             max_length=MAX_REGIONS,
             description="Where watermarks should rather stand. What is kept out stays out.",
         ),
-    ] = []
+    ] = []  # noqa: RUF012
     solver: Annotated[Solver | None, Field(description="How boxes are fitted to the surface.")] = None
     unmarked_copies: Annotated[
         UnmarkedCopies,
@@ -232,13 +231,8 @@ def parse_parameters(data: dict[str, Any] | str | bytes) -> Parameters:
             return Parameters.model_validate(data)
         return Parameters.model_validate_json(data)
     except ValidationError as error:
-        # A region is reported as keep_out.0.box.box.min: the first "box" is only the kind that was recognised.
-        problems = "; ".join(
-            f"{'.'.join(str(part) for part, _ in groupby(item['loc'])) or 'params'}: {item['msg']}"
-            for item in error.errors()
-        )
         raise MeshmarkError(
             ErrorCode.INVALID_PARAMETERS,
-            f"The parameters are not valid: {problems}.",
+            f"The parameters are not valid: {describe(error.errors(), 'params')}.",
             "Correct the named fields; the README lists every parameter with its range.",
         ) from None

@@ -29,8 +29,10 @@ from service.routes import batch, events, health, hooks, uploads, watermarks, we
 from service.state import AppState
 
 MAX_FIELD_BYTES = 2**16
-JSON_BYTES = 2**21  # of every request that carries no asset
+JSON_BYTES = 2**16  # of every request that is neither an asset nor many things in one
+LIST_BYTES = 2**20  # of a batch, and of a notification about objects
 WITH_ASSET = re.compile("/v1/watermarks|/v1/uploads/[^/]+")
+WITH_LIST = re.compile("/v1/watermarks/batch|/v1/hooks/[^/]+")
 FORM_FIELDS = 6
 # Of a request that is neither asset nor font: fields, part headers, boundaries.
 FORM_OVERHEAD = (FORM_FIELDS + 1) * MAX_FIELD_BYTES
@@ -49,7 +51,8 @@ class DeclaredSizeLimit:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer, or pass the request on."""
-        limit = self.limit if WITH_ASSET.fullmatch(scope.get("path", "")) else JSON_BYTES
+        path = scope.get("path", "")
+        limit = self.limit if WITH_ASSET.fullmatch(path) else LIST_BYTES if WITH_LIST.fullmatch(path) else JSON_BYTES
         declared = dict(scope.get("headers", ())).get(b"content-length", b"0")
         if declared.isdigit() and int(declared) > limit:
             return await problem_response(upload_too_large(limit))(scope, receive, send)
@@ -112,16 +115,17 @@ def create_app(settings: Settings) -> FastAPI:
         "Errors are RFC 9457 problem details with a stable `code` and a `remedy`.",
         version="1",
         lifespan=lifespan,
+        redirect_slashes=False,  # a redirect would lead to whatever host the request names, and without TLS
         # One span a request, where service.tracing is asked for any.
         telemetry={"auto_configure": False, "metrics": False, "logs": False, "operation_spans": False},
         generate_unique_id_function=lambda route: route.name,  # a client generator's method names
         form_limits={"max_files": 2, "max_fields": FORM_FIELDS, "max_part_size": MAX_FIELD_BYTES},
     )
     app.include_router(watermarks.router, max_body_size=body_limit)
-    app.include_router(batch.router, max_body_size=JSON_BYTES)
+    app.include_router(batch.router, max_body_size=LIST_BYTES)
     app.include_router(uploads.router, max_body_size=JSON_BYTES)
     app.include_router(uploads.sending, max_body_size=body_limit)
-    app.include_router(hooks.router, max_body_size=JSON_BYTES)
+    app.include_router(hooks.router, max_body_size=LIST_BYTES)
     app.include_router(events.router)
     app.include_router(webhook_endpoints.router, max_body_size=JSON_BYTES)
     app.include_router(health.router)

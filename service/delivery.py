@@ -12,7 +12,7 @@ from service.jobs.artifacts import ArtifactStore
 from service.jobs.models import Artifact
 from service.problems import problem_response
 
-ENTITY_TAG = re.compile(r'(?:W/)?("[\x21\x23-\x7e\x80-\xff]*")')
+ENTITY_TAG = re.compile(r'(W/)?("[\x21\x23-\x7e\x80-\xff]*")')
 ONE_RANGE = re.compile(r"bytes=\s*(\d{0,18})-(\d{0,18})\s*", re.IGNORECASE)
 
 
@@ -20,17 +20,24 @@ def deliver(request: Request, store: ArtifactStore, artifact: Artifact, headers:
     """The answer to a GET or HEAD for stored content, in the order of RFC 9110, section 13.2.2.
 
     Args:
-        request: its If-None-Match, Range and If-Range are obeyed.
+        request: its If-Match, If-None-Match, Range and If-Range are obeyed.
         store: where the content is.
         artifact: which content.
         headers: of an answer that carries the content, such as its Content-Type.
 
     Raises:
         FileNotFoundError: the content is gone.
+        MeshmarkError: ``precondition_failed``.
         StoreUnavailableError: the store does not answer.
     """
     tag = f'"{artifact.sha256}"'
     always = {"ETag": tag, "Cache-Control": "private, no-cache"}
+    if not is_meant(request.headers.get("If-Match"), tag):
+        raise MeshmarkError(
+            ErrorCode.PRECONDITION_FAILED,
+            "The content is another one than If-Match names.",
+            "Fetch it anew, without If-Match.",
+        )
     if is_held(request.headers.get("If-None-Match"), tag):
         return Response(status_code=status.HTTP_304_NOT_MODIFIED, headers=always)
     headers = {**headers, **always, "Accept-Ranges": "bytes"}
@@ -65,7 +72,12 @@ def is_held(if_none_match: str | None, tag: str) -> bool:
     """Whether If-None-Match names this entity tag (RFC 9110, section 13.1.2: by weak comparison)."""
     if if_none_match is None:
         return False
-    return if_none_match.strip() == "*" or tag in ENTITY_TAG.findall(if_none_match)
+    return if_none_match.strip() == "*" or any(named == tag for _, named in ENTITY_TAG.findall(if_none_match))
+
+
+def is_meant(if_match: str | None, tag: str) -> bool:
+    """Whether If-Match allows content of this entity tag (RFC 9110, section 13.1.1: by strong comparison)."""
+    return if_match is None or if_match.strip() == "*" or ("", tag) in ENTITY_TAG.findall(if_match)
 
 
 def requested_range(header: str | None, size: int) -> tuple[int, int] | None:

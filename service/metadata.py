@@ -1,15 +1,27 @@
 """What clients may note about a job: a few short strings by name, kept and given back as they are."""
 
-from itertools import groupby
 from typing import Annotated, Any
 
-from pydantic import Field, StringConstraints, TypeAdapter, ValidationError
+from pydantic import BeforeValidator, StringConstraints, TypeAdapter, ValidationError
+from pydantic_core import PydanticCustomError
 
 from core.errors import ErrorCode, MeshmarkError
+from core.validation import describe
+
+MOST = 16
 
 Key = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_.-]{1,40}$")]
 Value = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]{0,256}$")]  # PostgreSQL keeps no NUL
-Metadata = Annotated[dict[Key, Value], Field(max_length=16)]
+
+
+def _few(data: object) -> object:
+    """Before its items are looked at, each of which may be wrong."""
+    if isinstance(data, dict) and len(data) > MOST:
+        raise PydanticCustomError("too_many_keys", "Object should have at most 16 keys")
+    return data
+
+
+Metadata = Annotated[dict[Key, Value], BeforeValidator(_few)]
 
 PAIR = r"^[A-Za-z0-9_.-]{1,40}:[^\x00-\x1f\x7f]{0,256}$"  # of both, for OpenAPI
 METADATA = TypeAdapter[dict[str, str]](Metadata)
@@ -26,13 +38,9 @@ def parse_metadata(data: str | dict[str, Any]) -> dict[str, str]:
             return METADATA.validate_python(data, strict=True)
         return METADATA.validate_json(data, strict=True)
     except ValidationError as error:
-        problems = "; ".join(
-            f"{'.'.join(str(part) for part, _ in groupby(item['loc'])) or 'metadata'}: {item['msg']}"
-            for item in error.errors()
-        )
         raise MeshmarkError(
             ErrorCode.INVALID_METADATA,
-            f"The metadata is not valid: {problems}.",
+            f"The metadata is not valid: {describe(error.errors(), 'metadata')}.",
             "Send a JSON object of at most 16 strings of 256 characters, each under a name of at most 40 letters, "
             "digits, dots, hyphens and underscores.",
         ) from None

@@ -15,6 +15,7 @@ from starlette.middleware.body_limit import MAX_BODY_SIZE_SCOPE_KEY
 from starlette.routing import compile_path
 
 from core.errors import ErrorCode, MeshmarkError
+from core.validation import describe, shortened
 from service.metrics import PROBLEMS
 
 MEDIA_TYPE = "application/problem+json"
@@ -82,7 +83,9 @@ STATUS: dict[ErrorCode, int] = {
     ErrorCode.JOB_CANCELED: 409,
     ErrorCode.JOB_EXPIRED: 410,
     ErrorCode.RANGE_NOT_SATISFIABLE: 416,
+    ErrorCode.PRECONDITION_FAILED: 412,
     ErrorCode.INVALID_REQUEST: 400,
+    ErrorCode.REQUEST_TIMEOUT: 408,
     ErrorCode.UNSUPPORTED_MEDIA_TYPE: 415,
     ErrorCode.METHOD_NOT_ALLOWED: 405,
     ErrorCode.SERVICE_UNAVAILABLE: 503,
@@ -131,6 +134,7 @@ HEADERS: dict[ErrorCode, dict[str, str]] = {
     ErrorCode.SERVICE_UNAVAILABLE: {"Retry-After": "5"},
     ErrorCode.UPLOAD_TOO_LARGE: {"Connection": "close"},  # nobody will read what is still being sent
     ErrorCode.UPLOAD_MISMATCH: {"Connection": "close"},
+    ErrorCode.REQUEST_TIMEOUT: {"Connection": "close"},
 }
 
 
@@ -210,37 +214,7 @@ def install_problem_handlers(app: FastAPI, body_limit: int) -> None:
 
     @app.exception_handler(RequestValidationError)
     async def _invalid(request: Request, error: RequestValidationError) -> JSONResponse:
-        in_query = {str(item["loc"][-1]): item["msg"] for item in error.errors() if item["loc"][0] == "query"}
-        if in_query:
-            listed = "; ".join(f"{name}: {message}" for name, message in in_query.items())
-            return problem_response(
-                MeshmarkError(
-                    ErrorCode.INVALID_REQUEST,
-                    f"The address asks for what is not possible: {listed}.",
-                    "Correct the named parameters; /docs tells what each may be.",
-                )
-            )
-        sent_as = request.headers.get("Content-Type", "")
-        if not _takes_form(request):
-            return problem_response(_invalid_json(sent_as, error))
-        if not sent_as.startswith(FORMS):
-            return problem_response(
-                MeshmarkError(
-                    ErrorCode.UNSUPPORTED_MEDIA_TYPE,
-                    f"The body is {sent_as[:100] or 'of no declared type'}, not multipart/form-data.",
-                    HOW_TO_SEND,
-                )
-            )
-        fields = {str(item["loc"][-1]): item["msg"] for item in error.errors()}
-        code = ErrorCode.MISSING_FILE if "file" in fields else ErrorCode.INVALID_REQUEST
-        listed = "; ".join(f"{name}: {message}" for name, message in fields.items())
-        return problem_response(
-            MeshmarkError(
-                code,
-                f"The request is not complete or not of the right form: {listed}.",
-                HOW_TO_SEND,
-            )
-        )
+        return problem_response(_invalid_request(request, error))
 
     @app.exception_handler(HTTPException)
     async def _http(request: Request, error: HTTPException) -> JSONResponse:
@@ -271,15 +245,41 @@ def _takes_form(request: Request) -> bool:
     return body is not None and isinstance(body.field_info, params.Form)
 
 
-def _invalid_json(sent_as: str, error: RequestValidationError) -> MeshmarkError:
-    if sent_as.partition(";")[0].strip().lower() != "application/json":
+def _invalid_request(request: Request, error: RequestValidationError) -> MeshmarkError:
+    """What a route does not take, in our terms."""
+    in_query = [item for item in error.errors() if item["loc"][0] == "query"]
+    if in_query:
         return MeshmarkError(
-            ErrorCode.UNSUPPORTED_MEDIA_TYPE,
-            f"The body is {sent_as[:100] or 'of no declared type'}, not application/json.",
-            HOW_TO_SEND_JSON,
+            ErrorCode.INVALID_REQUEST,
+            f"The address asks for what is not possible: {describe(in_query, 'query', skip=1)}.",
+            "Correct the named parameters; /docs tells what each may be.",
         )
-    listed = "; ".join(f"{'.'.join(map(str, item['loc'][1:])) or 'body'}: {item['msg']}" for item in error.errors())
-    return MeshmarkError(ErrorCode.INVALID_REQUEST, f"The body is not as it should be: {listed}.", HOW_TO_SEND_JSON)
+    sent_as = request.headers.get("Content-Type", "")
+    if _takes_form(request):
+        if not sent_as.startswith(FORMS):
+            return _unsupported(sent_as, "multipart/form-data", HOW_TO_SEND)
+        without_file = any(item["loc"][-1] == "file" for item in error.errors())
+        return MeshmarkError(
+            ErrorCode.MISSING_FILE if without_file else ErrorCode.INVALID_REQUEST,
+            f"The request is not complete or not of the right form: {describe(error.errors(), 'form', skip=1)}.",
+            HOW_TO_SEND,
+        )
+    if sent_as.partition(";")[0].strip().lower() != "application/json":
+        return _unsupported(sent_as, "application/json", HOW_TO_SEND_JSON)
+    first = error.errors()[0]
+    if first["type"] == "json_invalid":
+        told = f"it is not JSON at character {first['loc'][1]} ({first['ctx']['error']})"
+    else:
+        told = describe(error.errors(), "body", skip=1)
+    return MeshmarkError(ErrorCode.INVALID_REQUEST, f"The body is not as it should be: {told}.", HOW_TO_SEND_JSON)
+
+
+def _unsupported(sent_as: str, expected: str, remedy: str) -> MeshmarkError:
+    return MeshmarkError(
+        ErrorCode.UNSUPPORTED_MEDIA_TYPE,
+        f"The body is {shortened(sent_as) or 'of no declared type'}, not {expected}.",
+        remedy,
+    )
 
 
 def _methods_of(app: FastAPI, path: str) -> list[str]:
@@ -294,18 +294,27 @@ def _from_status(request: Request, error: HTTPException, body_limit: int) -> Mes
     match error.status_code:
         case HTTPStatus.NOT_FOUND:
             return MeshmarkError(
-                ErrorCode.NOT_FOUND, f"There is nothing at {request.url.path}.", "See /openapi.json for what there is."
+                ErrorCode.NOT_FOUND,
+                f"There is nothing at {shortened(request.url.path)}.",
+                "See /openapi.json for what there is.",
             )
         case HTTPStatus.METHOD_NOT_ALLOWED:
             return MeshmarkError(
                 ErrorCode.METHOD_NOT_ALLOWED,
-                f"{request.method} is not possible on {request.url.path}.",
+                f"{shortened(request.method)} is not possible on {shortened(request.url.path)}.",
                 "See the Allow header for what is.",
             )
         case HTTPStatus.REQUEST_ENTITY_TOO_LARGE:
             return upload_too_large(request.scope.get(MAX_BODY_SIZE_SCOPE_KEY, body_limit))
+    match error.__cause__:  # of what the framework knows only that it came while the body was read
+        case UnicodeDecodeError():
+            trouble = "it is not UTF-8"
+        case RecursionError():
+            trouble = "it is nested too deeply"
+        case _:
+            trouble = error.detail.rstrip(".")
     return MeshmarkError(
         ErrorCode.INVALID_REQUEST,
-        f"The request could not be read: {error.detail.rstrip('.')}.",
-        HOW_TO_SEND,
+        f"The request could not be read: {trouble}.",
+        HOW_TO_SEND if _takes_form(request) else HOW_TO_SEND_JSON,
     )

@@ -12,7 +12,10 @@ import structlog
 from starlette.datastructures import MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from core.validation import shortened
+
 HEADER = "X-Request-ID"
+LONGEST_PATH = 300  # characters of it that are logged
 VALID = re.compile(r"[A-Za-z0-9._:@+/=-]{1,128}")
 
 log = structlog.get_logger(__name__)
@@ -57,7 +60,7 @@ class RequestId:
                 log.info(
                     "request answered",
                     method=scope["method"],
-                    path=scope["path"],
+                    path=shortened(scope["path"], LONGEST_PATH),
                     status=status,
                     seconds=round(seconds, 4),
                 )

@@ -8,6 +8,7 @@ from sqlalchemy.exc import OperationalError
 
 from core.errors import ErrorCode, MeshmarkError
 from core.parameters import parse_parameters
+from core.validation import StrictModel
 from service import access
 from service.access import Admitted, Client, GuardedRoute, take_request
 from service.idempotency_key import parse_idempotency_key
@@ -32,15 +33,13 @@ REFUSALS = problem_responses(
 )
 
 
-class BatchItem(BaseModel):
+class BatchItem(StrictModel):
     """One job to make: as in POST /v1/watermarks, with the asset sent ahead or at an address."""
-
-    model_config = ConfigDict(extra="forbid")
 
     upload_id: Annotated[str | None, Field(description="The id of an upload, see POST /v1/uploads.")] = None
     source_url: Annotated[str | None, Field(description="Or the asset's https address, where that is allowed.")] = None
     parameters: Annotated[dict[str, Any], Field(description="What to emboss and how: a `Parameters` object.")]
-    metadata: Annotated[dict[str, Any], Field(description="What you want to find the job by.")] = {}
+    metadata: Annotated[dict[str, Any], Field(description="What you want to find the job by.")] = {}  # noqa: RUF012
     priority: Annotated[PriorityName, Field(description="Which of your waiting jobs goes first.")] = "normal"
     webhook: Annotated[
         str | None, Field(description="Where to send a webhook when the job ends, as in POST /v1/watermarks.")
@@ -51,11 +50,10 @@ class BatchItem(BaseModel):
     cache: Annotated[bool, Field(strict=True, description="Whether results will do that exist already.")] = True
 
 
-class Batch(BaseModel):
+class Batch(StrictModel):
     """Jobs to make."""
 
     model_config = ConfigDict(
-        extra="forbid",
         json_schema_extra={
             "examples": [
                 {

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from starlette.requests import ClientDisconnect
 
 from core.errors import ErrorCode, MeshmarkError
+from core.validation import StrictModel
 from service import access
 from service.access import Admitted, GuardedRoute
 from service.jobs import uploads
@@ -42,12 +43,10 @@ SENDING = problem_responses(
 BODY = {"requestBody": {"required": True, "content": {"application/octet-stream": {"schema": {"type": "string"}}}}}
 
 
-class NewUpload(BaseModel):
+class NewUpload(StrictModel):
     """What is going to be sent."""
 
-    model_config = ConfigDict(
-        extra="forbid", json_schema_extra={"examples": [{"filename": "lantern.glb", "size": 9563016}]}
-    )
+    model_config = ConfigDict(json_schema_extra={"examples": [{"filename": "lantern.glb", "size": 9563016}]})
 
     size: Annotated[int, Field(ge=0, strict=True, description="Bytes of the asset.")]
     sha256: Annotated[

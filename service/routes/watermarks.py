@@ -97,6 +97,7 @@ NOT_THERE = problem_responses(
     ErrorCode.JOB_CANCELED,
     ErrorCode.JOB_EXPIRED,
     ErrorCode.RANGE_NOT_SATISFIABLE,
+    ErrorCode.PRECONDITION_FAILED,
     ErrorCode.SERVICE_UNAVAILABLE,
 )
 

@@ -6,6 +6,7 @@ from typing import Annotated, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field
 from pydantic.config import JsonDict
 
+from core.validation import StrictModel
 from service.jobs.models import DeliveryState, DisabledReason, EventType, WebhookAttempt, WebhookDelivery
 from service.jobs.models import WebhookEndpoint as Row
 from service.webhooks.payload import Message
@@ -54,10 +55,8 @@ DELIVERY: JsonDict = {
 }
 
 
-class NewEndpoint(BaseModel):
+class NewEndpoint(StrictModel):
     """A webhook endpoint to be made."""
-
-    model_config = ConfigDict(extra="forbid")
 
     url: Annotated[
         Url | None,
@@ -67,20 +66,16 @@ class NewEndpoint(BaseModel):
     secret: Secret | None = None
 
 
-class EndpointChange(BaseModel):
+class EndpointChange(StrictModel):
     """What to change of a webhook endpoint; what is null or left out stays as it is."""
-
-    model_config = ConfigDict(extra="forbid")
 
     url: Url | None = None
     events: Events | None = None
     disabled: Annotated[bool | None, Field(description="A disabled endpoint is sent nothing.")] = None
 
 
-class NewSecret(BaseModel):
+class NewSecret(StrictModel):
     """Another secret of a webhook endpoint."""
-
-    model_config = ConfigDict(extra="forbid")
 
     secret: Secret | None = None
 

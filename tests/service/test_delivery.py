@@ -188,3 +188,14 @@ def test_a_file_name_cannot_break_out_of_its_header(name: str) -> None:
     assert header.isprintable()
     assert header.count('"') == 2
     assert header.startswith('attachment; filename="')
+
+
+def test_what_the_client_means_is_sent_and_nothing_else(client: Client, url: str) -> None:
+    tag = f'"{sha256(client, url)}"'
+    for meant in (tag, f'"other", {tag}', "*"):
+        assert client.http.get(url, headers={"If-Match": meant}).content == MODEL
+    for meant in ('"other"', f"W/{tag}", ""):
+        for method in ("GET", "HEAD"):
+            answer = client.http.request(method, url, headers={"If-Match": meant, "If-None-Match": tag})
+            assert answer.status_code == 412
+        assert client.http.get(url, headers={"If-Match": meant}).json()["code"] == "precondition_failed"

@@ -154,9 +154,9 @@ def test_a_batch_of_another_form_is_refused_as_a_whole(client: Client, body: Any
 
 def test_a_batch_that_is_no_json_or_too_large_is_refused(client: Client) -> None:
     refused(client.http.post("/v1/watermarks/batch", data={"items": "1"}), 415, "unsupported_media_type")
-    large = b'{"items": [' + b" " * 2**21 + b"]}"
+    large = b'{"items": [' + b" " * 2**20 + b"]}"
     headers = {"Content-Type": "application/json"}
     refused(client.http.post("/v1/watermarks/batch", content=large, headers=headers), 413, "upload_too_large")
     streamed = client.http.post("/v1/watermarks/batch", content=iter([large]), headers=headers)
     refused(streamed, 413, "upload_too_large")
-    assert f"{2**21:,}" in streamed.json()["detail"]
+    assert f"{2**20:,}" in streamed.json()["detail"]
