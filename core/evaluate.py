@@ -143,6 +143,7 @@ def evaluate(
         "engine": {"version": __version__, "device": shown[1].device},
         "units": {"model_size": MODEL_SIZE, "scale": surface.scale, "offset": surface.offset.tolist()},
         "watermarks": [mark.model_dump() for mark in watermarks],
+        "warnings": measured.warnings,
         "metrics": measured.report(),
         "timings": {"evaluating": round(time.perf_counter() - start, 4)},
     }

@@ -68,6 +68,7 @@ class State(StrEnum):
 
     INSTALLED = "installed"
     MISSING = "missing"
+    UNREADABLE = "unreadable"  # it may be there, in a folder that this process is shut off from
     CORRUPT = "corrupt"
 
 
@@ -97,7 +98,7 @@ def listing(folder: Path | None = None) -> list[Listed]:
 
 
 def find(name: str, folder: Path | None = None) -> Path | None:
-    """The file of a model whose content has just been checked, or None where it is not installed.
+    """The file of a model whose content has just been checked, or None where it is not installed or cannot be read.
 
     Args:
         name: a key of ``MODELS``.
@@ -111,12 +112,29 @@ def find(name: str, folder: Path | None = None) -> Path | None:
     match _state(model, path):
         case State.INSTALLED:
             return path
-        case State.MISSING:
+        case State.MISSING | State.UNREADABLE:
             return None
     raise MeshmarkError(
         ErrorCode.MODEL_UNAVAILABLE,
         f"{path} is damaged: it is not the model {name}.",
         f"Run `meshmark models fetch {name}` to replace it.",
+    )
+
+
+def unreadable(name: str, folder: Path | None = None) -> MeshmarkError | None:
+    """Why a model that may be installed is not used, if that is because its file cannot be read.
+
+    Args:
+        name: a key of ``MODELS``.
+        folder: to look in; None for :func:`cache_folder`.
+    """
+    path = _path(_known(name), folder)
+    if _state(MODELS[name], path) is not State.UNREADABLE:
+        return None
+    return MeshmarkError(
+        ErrorCode.MODEL_UNAVAILABLE,
+        f"The model {name} was not used: {path} cannot be read by this process.",
+        "Name a folder that it may read in MESHMARK_MODELS; a worker's jobs may read nothing of the data folder.",
     )
 
 
@@ -173,11 +191,13 @@ def _path(model: Model, folder: Path | None) -> Path:
 
 
 def _state(model: Model, path: Path) -> State:
-    if not path.is_file():
-        return State.MISSING
-    if path.stat().st_size == model.size and _sha256(path) == model.sha256:
-        return State.INSTALLED
-    return State.CORRUPT
+    try:
+        if not path.is_file():
+            return State.MISSING
+        right = path.stat().st_size == model.size and _sha256(path) == model.sha256
+    except OSError:
+        return State.UNREADABLE
+    return State.INSTALLED if right else State.CORRUPT
 
 
 def _sha256(path: Path) -> str:

@@ -111,13 +111,14 @@ def build_report(
 
 
 def with_metrics(report: dict[str, Any], measured: Measurement) -> dict[str, Any]:
-    """The report with its metrics, and the saliency under each mark."""
+    """The report with its metrics, what they warn of, and the saliency under each mark."""
     saliency = measured.box_saliency
     watermarks = [
         mark | {"saliency": None if saliency is None else float(saliency[number])}
         for number, mark in enumerate(report["watermarks"])
     ]
-    return report | {"watermarks": watermarks, "metrics": measured.report()}
+    warnings = [*report["warnings"], *measured.warnings]
+    return report | {"watermarks": watermarks, "warnings": warnings, "metrics": measured.report()}
 
 
 def boxes_of(marks: dict[int, Mark], parameters: Parameters) -> tuple[Boxes, NDArray[np.float64]]:

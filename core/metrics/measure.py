@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from core import models
 from core.asset.surface import Surface
 from core.errors import ErrorCode, MeshmarkError
 from core.ground.saliency import Saliency, saliency
 from core.metrics.coverage import coverage
 from core.metrics.crop_survival import crop_survival
-from core.metrics.features import Extractor, extractor
+from core.metrics.features import Extractor, LayoutDescriptor, extractor
 from core.metrics.ipe import ipe
 from core.metrics.lce import lce
 from core.metrics.ocr import ocr
@@ -132,6 +133,7 @@ class Measurement:
         missing: by metric: ``code``, ``message`` and ``remedy``.
         seconds: by group of metrics.
         semantics: what extracted the features of ``ss``; empty where it was not measured.
+        warnings: what was measured otherwise than it could have been: ``code``, ``message`` and ``remedy``.
         box_saliency: (B,) mean saliency under each mark; None where it was not measured.
     """
 
@@ -139,6 +141,7 @@ class Measurement:
     missing: dict[str, dict[str, str]] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
     semantics: str = ""
+    warnings: list[dict[str, str]] = field(default_factory=list)
     box_saliency: Float | None = None
 
     def report(self) -> dict[str, Any]:
@@ -171,14 +174,17 @@ def measure(pair: Pair, level: Evaluate, progress: Callable[[float], None] = lam
         try:
             found.values |= group.measure(pair, found)
         except MeshmarkError as error:
-            reason = {"code": error.code.value, "message": error.message, "remedy": error.remedy}
-            found.missing |= dict.fromkeys(group.metrics, reason)
+            found.missing |= dict.fromkeys(group.metrics, _said(error))
         except Exception as error:  # the asset is marked: what keeps it from being measured must not take it back
             log.exception("the metrics of %s could not be measured", group.name)
             found.missing |= dict.fromkeys(group.metrics, _failed(error))
         found.seconds[group.name] = round(time.perf_counter() - start, 4)
     progress(1.0)
     return found
+
+
+def _said(error: MeshmarkError) -> dict[str, str]:
+    return {"code": error.code.value, "message": error.message, "remedy": error.remedy}
 
 
 def _not_requested(level: Evaluate) -> dict[str, str]:
@@ -257,6 +263,8 @@ def _semantics(pair: Pair, found: Measurement) -> Values:
     features = _extractor()
     score = ss(before, after, features)
     found.semantics = features.name
+    if isinstance(features, LayoutDescriptor) and (unused := models.unreadable(models.RESNET50.name)):
+        found.warnings.append(_said(unused))
     return {"ss": score}
 
 

@@ -2,6 +2,8 @@ import hashlib
 import http.client
 import os
 import re
+import subprocess
+import sys
 import threading
 import urllib.request
 from collections.abc import Callable, Iterator
@@ -14,7 +16,7 @@ import pytest
 
 from core import models
 from core.errors import ErrorCode, MeshmarkError
-from core.models import MODELS, Model, State, cache_folder, fetch, find, listing
+from core.models import MODELS, Model, State, cache_folder, fetch, find, listing, unreadable
 from tests.worker.waiting import PATIENCE
 
 CONTENT = bytes(range(256)) * 4000
@@ -364,6 +366,37 @@ def test_the_list_tells_installed_missing_and_corrupt(serve: Callable[[Site], Si
     fetch(NAME, tmp_path, serve(Site()).url)
     assert state() is State.INSTALLED
     assert [entry.path.parent for entry in listing(tmp_path)] == [tmp_path] * len(MODELS)
+
+
+@pytest.mark.parametrize("shut", ["folder", "file"])
+def test_a_file_that_cannot_be_read_counts_as_missing_and_it_is_said_why(
+    shut: str, serve: Callable[[Site], Site], tmp_path: Path
+) -> None:
+    """As a worker's jobs, which are shut off from the data folder, find the weights in a home that lies there."""
+    folder = tmp_path / "models"
+    path = fetch(NAME, folder, serve(Site()).url)
+    assert unreadable(NAME, folder) is None
+    script = (
+        "import os, sys, tempfile\n"
+        "from pathlib import Path\n"
+        "from core import models\n"
+        "from worker import sandbox\n"
+        "name, folder, private, size, sha256 = sys.argv[1:]\n"
+        "model = models.Model(name, 'stand-in.onnx', (), sha256, int(size), 'Apache-2.0')\n"
+        "models.MODELS[name] = model\n"
+        "assert models.find(name, Path(folder)) is not None\n"
+        "sandbox.enter(Path(tempfile.mkdtemp()), [Path(private)])\n"
+        "assert models.find(name, Path(folder)) is None\n"
+        "print([entry.state for entry in models.listing(Path(folder)) if entry.model is model][0])\n"
+        "print(models.unreadable(name, Path(folder)))\n"
+    )
+    private = folder if shut == "folder" else path
+    arguments = [NAME, str(folder), str(private), str(len(CONTENT)), hashlib.sha256(CONTENT).hexdigest()]
+    done = subprocess.run([sys.executable, "-c", script, *arguments], capture_output=True, text=True, check=True)
+    state, said = done.stdout.splitlines()
+    assert state == "unreadable"
+    assert said.startswith(f"model_unavailable: The model {NAME} was not used: {path} cannot be read")
+    assert "MESHMARK_MODELS" in said
 
 
 def test_the_cache_folder_is_ours_then_xdg_then_the_home_cache(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -76,6 +76,83 @@ def test_servers_are_on_a_network_without_a_way_out_and_nothing_but_loopback_is_
     assert {name for name, service in SERVICES.items() if "ports" in service} == {"api", "grafana"}
 
 
+def test_their_network_does_not_lead_to_this_machine_either() -> None:
+    """Where the bridge has an address, containers reach whatever listens on it or on all of the machine's."""
+    assert COMPOSE["networks"]["back"]["driver_opts"] == {
+        "com.docker.network.bridge.inhibit_ipv4": "true",  # Docker before 28
+        "com.docker.network.bridge.gateway_mode_ipv4": "isolated",
+    }
+    assert COMPOSE["networks"]["front"] is COMPOSE["networks"]["out"] is None
+    assert "Docker 25.0.5 or newer" in (ROOT / "docker" / "compose.yaml").read_text()
+
+
+def test_no_container_leaves_a_volume_without_a_name_behind() -> None:
+    """Docker makes one where an image declares a volume and nothing is mounted there; nobody finds it again."""
+    declared = {"redis": "/data", "postgres": "/var/lib/postgresql/data", "store": "/data", "bucket": "/data"}
+    named = set(COMPOSE["volumes"])
+    for name, service in SERVICES.items():
+        targets = set()
+        for volume in service.get("volumes", []):
+            if isinstance(volume, dict):
+                assert volume["type"] == "tmpfs"
+                targets.add(volume["target"])
+            else:
+                source, target = volume.split(":")[:2]
+                assert source in named or source.startswith("./")
+                targets.add(target)
+        assert declared.get(name, "/") in targets | {"/"}
+    for name in ("worker", "webhooks"):  # a job's files go with the container that had them
+        assert any(mount.startswith("/var/lib/meshmark:") for mount in SERVICES[name]["tmpfs"])
+        assert "volumes" not in SERVICES[name]
+    assert "api:/var/lib/meshmark" in SERVICES["api"]["volumes"]
+
+
+def test_a_workers_memory_is_enough_for_a_job_and_its_files_and_its_threads_for_its_processors() -> None:
+    worker = SERVICES["worker"]
+    job = int(worker["environment"]["MESHMARK_JOB_MEMORY_LIMIT"])
+    files = sum(int(size) << 30 for mount in worker["tmpfs"] for size in re.findall(r"size=(\d+)g", mount))
+    template = 512 << 20
+    assert job + files + template <= int(worker["mem_limit"].removesuffix("g")) << 30
+    assert worker["environment"]["MESHMARK_JOB_THREADS"] == str(worker["cpus"])
+
+
+def test_the_store_has_time_to_end_and_volumes_on_a_small_disk_too() -> None:
+    store = SERVICES["store"]
+    assert store["stop_grace_period"] == "30s"  # its own -volume.preStopSeconds is 10
+    assert "-master.volumeSizeLimitMB=512" in store["command"]
+    assert "-volume.max=0" in store["command"]
+
+
+@pytest.mark.parametrize(("works_after", "code"), [(0, 0), (3, 0), (None, 1)])
+def test_the_bucket_is_there_or_the_step_fails(works_after: int | None, code: int, tmp_path: Path) -> None:
+    """`weed shell` ends with 0 whatever its command came to."""
+    weed, asked = tmp_path / "weed", tmp_path / "asked"
+    weed.write_text(
+        "#!/bin/sh\nread line\n"
+        f'case "$line" in *create*) echo x >>{asked} ;; esac\n'
+        f'[ "$(cat {asked} 2>/dev/null | wc -l)" -lt {60 if works_after is None else works_after} ]'
+        " && { echo 'error: no filer'; exit 0; }\n"
+        """case "$line" in *list*) printf '  another\\tsize:0\\n  meshmark\\tsize:0\\tchunk:0\\n' ;; esac\n"""
+    )
+    weed.chmod(0o755)
+    (tmp_path / "sleep").write_text("#!/bin/sh\n")
+    (tmp_path / "sleep").chmod(0o755)
+    (script,) = SERVICES["bucket"]["command"]
+    script = script.replace("$$", "$").replace("/usr/bin/weed", str(weed))
+    path = f"{tmp_path}:{os.environ['PATH']}"
+    done = subprocess.run(
+        [*SERVICES["bucket"]["entrypoint"], script],
+        env=os.environ | {"PATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == code, done.stderr
+    if code:
+        assert "no bucket named meshmark" in done.stderr
+    assert SERVICES["api"]["depends_on"]["bucket"]["condition"] == "service_completed_successfully"
+
+
 def test_only_the_sender_of_webhooks_calls_others_and_it_does_not_know_the_store() -> None:
     assert [name for name, service in SERVICES.items() if "out" in service["networks"]] == ["webhooks"]
     assert SERVICES["webhooks"]["secrets"] == ["meshmark_database_url", "meshmark_broker_url"]

@@ -1,6 +1,7 @@
 """All metrics of a pair of assets, and why one is missing."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from core.errors import ErrorCode, MeshmarkError
 from core.metrics.measure import HIGHER_IS_BETTER, UNITS, Measurement, Pair, Subject, measure
 from core.parameters import Evaluate
 from core.placement.boxes import Boxes
+from core.report import with_metrics
 from tests.core.metrics.test_ray import on_all_sides
 from tests.core.placement.shapes import cuboid, index_of, join, moved
 
@@ -97,3 +99,18 @@ def test_nothing_is_measured_where_nothing_was_asked_for() -> None:
     found = measure(pair(BLOCK, on_all_sides()), Evaluate.NONE)
     assert found.seconds == {}
     assert set(found.missing) == set(found.values)
+
+
+def test_weights_that_cannot_be_read_are_done_without_and_the_report_warns(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("MESHMARK_MODELS", str(tmp_path / ("a name that is too long" * 20)))
+    pictures = np.full((2, 64, 64, 3), 200, np.uint8)
+    seen = Subject(BLOCK, index_of(BLOCK), pictures)
+    boxes = on_all_sides()
+    found = measure(Pair(seen, seen, boxes, np.full(len(boxes), 0.2), ""), Evaluate.FULL)
+    assert found.values["ss"] == pytest.approx(1)
+    assert found.semantics == "hog-color-layout"
+    (warning,) = with_metrics({"watermarks": [], "warnings": []}, found)["warnings"]
+    assert warning["code"] == "model_unavailable"
+    assert "cannot be read" in warning["message"]
