@@ -20,7 +20,10 @@ from sqlalchemy.exc import OperationalError
 
 from service.app import create_app
 from service.config import Settings, load_settings
+from service.data_folder import keep_private
 from service.dead_jobs import add_jobs_commands, run_jobs_command
+from service.hangup import hangup_handler
+from service.jobs.ledger import UnusableLedgerError
 from service.keys import add_keys_commands, run_keys_command
 from service.logs import configure_logs
 from service.show_settings import show_settings
@@ -90,7 +93,8 @@ class Server(uvicorn.Server):
 
 
 def serve(settings: Settings, *workers: Sequence[str]) -> None:
-    """Run the API, and beside it workers started by these commands, until SIGINT or SIGTERM."""
+    """Run the API, and beside it workers started by these commands, until SIGINT, SIGTERM or SIGHUP."""
+    keep_private(settings)
     configure_logs(settings.log_level)
     configure_tracing("meshmark-api")
     require_own_store(settings)
@@ -108,6 +112,7 @@ def serve(settings: Settings, *workers: Sequence[str]) -> None:
         supervisor.start()
     for number in (signal.SIGINT, signal.SIGTERM):  # uvicorn raises the signal again once it has shut down
         signal.signal(number, lambda *_: sys.exit(0))
+    signal.signal(signal.SIGHUP, hangup_handler())
     try:
         Server(config, app).run()
     finally:
@@ -141,8 +146,8 @@ def main() -> None:
         return
     try:
         run(arguments)
-    except OperationalError as error:
-        print(no_database(error), file=sys.stderr)
+    except (OperationalError, UnusableLedgerError) as error:
+        print(no_database(error) if isinstance(error, OperationalError) else error, file=sys.stderr)
         sys.exit(2)
 
 
@@ -152,16 +157,22 @@ def run(arguments: argparse.Namespace) -> None:
         case "openapi":
             sys.stdout.write(openapi())
         case "keys":
-            sys.exit(run_keys_command(load_settings(), arguments))
+            sys.exit(run_keys_command(_private_settings(), arguments))
         case "jobs":
-            sys.exit(run_jobs_command(load_settings(), arguments))
+            sys.exit(run_jobs_command(_private_settings(), arguments))
         case "adopt-store":
-            sys.exit(run_adopt_store(load_settings()))
+            sys.exit(run_adopt_store(_private_settings()))
         case "api":
             serve(load_settings())
         case _:
             modules = ("worker", "worker.webhooks")
             serve(load_settings(), *([sys.executable, "-m", module, str(os.getpid())] for module in modules))
+
+
+def _private_settings() -> Settings:
+    settings = load_settings()
+    keep_private(settings)
+    return settings
 
 
 if __name__ == "__main__":

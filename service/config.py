@@ -21,6 +21,10 @@ from service.outbound.policy import PORTS, Policy
 
 MIB = 2**20
 PREFIX = "MESHMARK_"
+# More than anybody has, and less than what the arithmetic of times, threads and systems' own limits takes.
+MOST, MOST_BYTES = 10**9, 2**50
+DAY, YEAR = 86_400.0, 365 * 86_400.0  # seconds
+PortNumber = Annotated[int, Field(ge=1, le=65535)]
 SECRETS = Path("/run/secrets")  # where Docker and Kubernetes mount what shall not stand in the environment
 
 
@@ -38,12 +42,14 @@ class Settings(BaseSettings):
         ),
     ] = "none"
     requests_per_minute: Annotated[
-        int, Field(ge=0, description="Requests a minute each API key may make, at once or evenly; 0: any number.")
+        int,
+        Field(ge=0, le=MOST, description="Requests a minute each API key may make, at once or evenly; 0: any number."),
     ] = 6000
     max_active_jobs: Annotated[
         int,
         Field(
             ge=0,
+            le=MOST,
             description="Jobs of a tenant that may wait and run at a time, and uploads it may have; 0: any number.",
         ),
     ] = 10_000
@@ -93,33 +99,43 @@ class Settings(BaseSettings):
         bool,
         Field(description="Let clients download and upload by presigned links to the bucket, which they must reach."),
     ] = False
-    max_upload_bytes: Annotated[int, Field(gt=0, description="Largest asset accepted, in bytes.")] = (
+    max_upload_bytes: Annotated[int, Field(gt=0, le=MOST_BYTES, description="Largest asset accepted, in bytes.")] = (
         DEFAULT_BUDGETS.bytes
     )
     max_unpacked_bytes: Annotated[
-        int, Field(gt=0, description="Largest content of an archive accepted, unpacked, in bytes.")
+        int, Field(gt=0, le=MOST_BYTES, description="Largest content of an archive accepted, unpacked, in bytes.")
     ] = DEFAULT_BUDGETS.unpacked_bytes
-    max_faces: Annotated[int, Field(gt=0, description="Most triangles an asset may draw.")] = DEFAULT_BUDGETS.faces
-    max_vertices: Annotated[int, Field(gt=0, description="Most vertices an asset may draw.")] = DEFAULT_BUDGETS.vertices
+    max_faces: Annotated[int, Field(gt=0, le=MOST, description="Most triangles an asset may draw.")] = (
+        DEFAULT_BUDGETS.faces
+    )
+    max_vertices: Annotated[int, Field(gt=0, le=MOST, description="Most vertices an asset may draw.")] = (
+        DEFAULT_BUDGETS.vertices
+    )
     max_image_pixels: Annotated[
-        int, Field(gt=0, description="Most pixels all textures of an asset may have together.")
+        int, Field(gt=0, le=MOST_BYTES, description="Most pixels all textures of an asset may have together.")
     ] = DEFAULT_BUDGETS.image_pixels
     max_font_bytes: Annotated[int, Field(gt=0, le=MAX_FONT_BYTES, description="Largest font accepted, in bytes.")] = (
         MAX_FONT_BYTES
     )
     max_attempts: Annotated[
-        int, Field(ge=1, description="How often a job is started, when workers die under it, before it fails.")
+        int, Field(ge=1, le=1000, description="How often a job is started, when workers die under it, before it fails.")
     ] = 2
     lease_seconds: Annotated[
-        float, Field(gt=0, description="Silence after which a running job's worker counts as lost.")
+        float, Field(ge=0.1, le=DAY, description="Silence after which a running job's worker counts as lost.")
     ] = 15.0
-    job_time_limit: Annotated[float, Field(gt=0, description="Seconds a job may run.")] = 600.0
-    job_memory_limit: Annotated[int, Field(gt=0, description="Resident bytes a job's process may hold.")] = 8192 * MIB
+    job_time_limit: Annotated[float, Field(gt=0, le=30 * DAY, description="Seconds a job may run.")] = 600.0
+    job_memory_limit: Annotated[
+        int, Field(gt=0, le=MOST_BYTES, description="Resident bytes a job's process may hold.")
+    ] = 8192 * MIB
     shutdown_seconds: Annotated[
         float,
-        Field(ge=0, description="Seconds a worker that is told to stop goes on with its jobs, then gives them back."),
+        Field(
+            ge=0,
+            le=DAY,
+            description="Seconds a worker that is told to stop goes on with its jobs, then gives them back.",
+        ),
     ] = 5.0
-    worker_concurrency: Annotated[int, Field(ge=1, description="Jobs one worker runs at the same time.")] = 1
+    worker_concurrency: Annotated[int, Field(ge=1, le=1000, description="Jobs one worker runs at the same time.")] = 1
     sandbox: Annotated[
         str,
         Field(
@@ -128,16 +144,28 @@ class Settings(BaseSettings):
         ),
     ] = "auto"
     large_asset_bytes: Annotated[
-        int, Field(gt=0, description="Assets of so many bytes wait in the queue `large`, smaller ones in `small`.")
+        int,
+        Field(
+            gt=0,
+            le=MOST_BYTES,
+            description="Assets of so many bytes wait in the queue `large`, smaller ones in `small`.",
+        ),
     ] = 20 * MIB
     gpu_asset_bytes: Annotated[
-        int, Field(ge=0, description="Assets of so many bytes wait in the queue `gpu`; 0: no worker has a GPU.")
+        int,
+        Field(
+            ge=0, le=MOST_BYTES, description="Assets of so many bytes wait in the queue `gpu`; 0: no worker has a GPU."
+        ),
     ] = 0
     job_threads: Annotated[
-        int, Field(ge=0, description="Threads a job may use; 0: the machine's cores divided by worker_concurrency.")
+        int,
+        Field(
+            ge=0, le=1000, description="Threads a job may use; 0: the machine's cores divided by worker_concurrency."
+        ),
     ] = 0
     retention_seconds: Annotated[
-        float, Field(ge=0, description="Seconds after its end at which a job's files are deleted; 0: never.")
+        float,
+        Field(ge=0, le=100 * YEAR, description="Seconds after its end at which a job's files are deleted; 0: never."),
     ] = 0.0
     cache: Annotated[
         bool, Field(description="Answer an asset sent again with the same parameters with the results there are.")
@@ -151,7 +179,9 @@ class Settings(BaseSettings):
         Field(description="Networks beside the public ones that users' addresses may lie in: `10.1.0.0/16,...`."),
     ] = ()
     outbound_ports: Annotated[
-        frozenset[int], NoDecode, Field(description="Ports that users' addresses may have: `80,443,...`.")
+        frozenset[PortNumber],
+        NoDecode,
+        Field(min_length=1, description="Ports that users' addresses may have: `80,443,...`."),
     ] = PORTS
     outbound_http: Annotated[
         bool, Field(description="Let users give addresses that begin with `http://`, unencrypted.")

@@ -2,13 +2,14 @@
 
 import sys
 import time
+from collections.abc import Callable
 from contextlib import closing
 
 from sqlalchemy.exc import OperationalError
 
 from service.config import Settings
 from service.jobs.artifacts import StoreUnavailableError
-from service.jobs.ledger import Ledger
+from service.jobs.ledger import Ledger, UnusableLedgerError
 from service.jobs.ownership import ForeignStoreError, adopt, claim
 from service.jobs.stores import open_store
 
@@ -19,15 +20,24 @@ def require_own_store(settings: Settings, patience: float = PATIENCE) -> None:
     """Claim the store for the ledger; where one of them does not answer, it is waited for: it may only be restarted.
 
     Raises:
-        SystemExit: with code 2 and a sentence on stderr, where the store is another's, or one of them has not answered
-            for so long.
+        SystemExit: with code 2 and a sentence on stderr, where the store is another's, the ledger can be none, or one
+            of them has not answered for so long.
     """
+    _require(settings, lambda ledger: claim(ledger, open_store(settings)), patience)
+
+
+def require_ledger(settings: Settings, patience: float = PATIENCE) -> None:
+    """As :func:`require_own_store`, for who needs no store."""
+    _require(settings, lambda _: None, patience)
+
+
+def _require(settings: Settings, check: Callable[[Ledger], None], patience: float) -> None:
     deadline = time.monotonic() + patience
     while True:
         try:
             with closing(Ledger(settings.ledger_url)) as ledger:
-                return claim(ledger, open_store(settings))
-        except ForeignStoreError as error:
+                return check(ledger)
+        except (ForeignStoreError, UnusableLedgerError) as error:
             sys.exit(_failed(str(error)))
         except StoreUnavailableError as error:
             if time.monotonic() >= deadline:

@@ -1,5 +1,6 @@
 """How the Celery apps that receive messages are set up and started, that of jobs and that of webhooks."""
 
+import signal
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -7,6 +8,9 @@ from typing import Any
 import structlog
 from celery import Celery
 from celery.exceptions import SecurityWarning
+from celery.signals import worker_ready
+
+from service.hangup import hangup_handler
 
 log = structlog.get_logger(__name__)
 
@@ -30,6 +34,9 @@ def receive(app: Celery, concurrency: int) -> None:
         worker_send_task_events=False,
         worker_cancel_long_running_tasks_on_connection_loss=False,  # the ledger decides, not the connection
     )
+    hangup = hangup_handler()
+    # In place of Celery's own, which starts the worker anew, in the background, and heeds no `nohup`.
+    worker_ready.connect(lambda **_: signal.signal(signal.SIGHUP, hangup), weak=False)
 
 
 def required(step: Callable[[], None]) -> Callable[..., None]:

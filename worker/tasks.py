@@ -15,12 +15,12 @@ from typing import TypeVar
 import structlog
 from celery import Celery
 from opentelemetry.trace import SpanKind, StatusCode, get_current_span
-from sqlalchemy.engine import make_url
 from sqlalchemy.exc import OperationalError
 
 from core.errors import ErrorCode, MeshmarkError
 from service.config import SECRETS, Settings
 from service.correlation import on_behalf_of
+from service.data_folder import ledger_files
 from service.hooks.config import secret_files
 from service.jobs import contents, queue, turns
 from service.jobs.artifacts import StoreUnavailableError, writing
@@ -149,8 +149,8 @@ class Worker:
         if source is None:  # canceled between the claim and here
             raise LeaseLostError
         work = Work(
-            input=self._fetch(source, folder, heartbeat),
-            font=self._fetch(font, folder, heartbeat) if font else None,
+            input=self._fetch(job.lease, source, folder, heartbeat),
+            font=self._fetch(job.lease, font, folder, heartbeat) if font else None,
             parameters=job.parameters,
             budgets=self.settings.budgets,
             folder=folder,
@@ -196,9 +196,14 @@ class Worker:
         brought = self.ledger.get(job.id, job.tenant_id)
         return brought.artifact(ArtifactKind.INPUT) if brought else None
 
-    def _fetch(self, artifact: Artifact, folder: Path, heartbeat: Heartbeat) -> Path:
+    def _fetch(self, lease: Lease, artifact: Artifact, folder: Path, heartbeat: Heartbeat) -> Path:
         path = folder / artifact.kind
-        self._patiently(heartbeat, lambda: self.artifacts.fetch(artifact.sha256, artifact.size, path))
+        try:
+            self._patiently(heartbeat, lambda: self.artifacts.fetch(artifact.sha256, artifact.size, path))
+        except FileNotFoundError:
+            if lease in self.ledger.running():
+                raise
+            raise LeaseLostError from None  # deleted by whoever sent it, after the claim
         ARTIFACT_BYTES.labels(artifact.kind).inc(artifact.size)
         return path
 
@@ -251,10 +256,7 @@ def private_folders(settings: Settings) -> tuple[Path, ...]:
     if settings.hooks_file:
         secret = [settings.hooks_file, *secret_files(settings.hooks_file)]  # tokens and keys of buckets
         private += [path.resolve() for path in secret]
-    url = make_url(settings.ledger_url)
-    if url.get_backend_name() == "sqlite" and url.database:
-        private += [Path(url.database + suffix).resolve() for suffix in ("", "-wal", "-shm")]
-    return tuple(private)
+    return (*private, *ledger_files(settings))
 
 
 def scratch_name(lease: Lease) -> str:

@@ -20,11 +20,13 @@ from kombu.exceptions import KombuError
 from sqlalchemy.exc import OperationalError
 
 from service.config import Settings, load_settings
+from service.data_folder import keep_private
 from service.jobs.ledger import Ledger, now
 from service.jobs.queue import create_queue
 from service.logs import configure_logs
 from service.metrics import WEBHOOK_ATTEMPTS, metrics_server
 from service.outbound.client import OutboundClient
+from service.stores import require_ledger
 from service.webhooks import deliveries, queue
 from service.webhooks.deliver import TIMEOUTS, Outcome, deliver, not_made
 from worker.child import die_with_parent
@@ -117,6 +119,7 @@ def create_sender(settings: Settings) -> Celery:
 
     def start() -> None:
         configure_logs(settings.log_level)  # Celery asks for it later only
+        require_ledger(settings)
         figures.enter_context(metrics_server(settings.metrics_host, settings.webhooks_metrics_port))
         threading.Thread(target=sweep_forever, args=(sender(),), name="sweeper", daemon=True).start()
 
@@ -134,7 +137,9 @@ def main(parent: int | None) -> None:
     """Send webhooks until a signal ends it or its parent, where one is given, is gone."""
     if parent is not None:
         die_with_parent(parent)
-    run_until_stopped(create_sender(load_settings()))
+    settings = load_settings()
+    keep_private(settings)
+    run_until_stopped(create_sender(settings))
 
 
 if __name__ == "__main__":

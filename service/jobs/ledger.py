@@ -19,13 +19,15 @@ from datetime import UTC, datetime, timedelta
 from typing import Any, NamedTuple
 
 from sqlalchemy import ColumnElement, Connection, delete, select, text, update
+from sqlalchemy.engine import make_url
+from sqlalchemy.exc import DatabaseError, OperationalError
 from sqlalchemy.orm import Session, sessionmaker
 
 from core.errors import ErrorCode, MeshmarkError
 from service.correlation import correlation
 from service.jobs.database import connect
 from service.jobs.events import record
-from service.jobs.migrations import migrate
+from service.jobs.migrations import NewerSchemaError, migrate
 from service.jobs.models import (
     DEFAULT_TENANT,
     Artifact,
@@ -76,6 +78,10 @@ class Submission:
 BY_DEFAULT = Submission()
 
 
+class UnusableLedgerError(Exception):
+    """The database answers, and cannot be the ledger of this version."""
+
+
 class MissingContentError(Exception):
     """The store does not have the content that a row was to refer to."""
 
@@ -93,6 +99,10 @@ class Ledger:
         retention: seconds after its end at which a job expires; 0: never.
 
     `identity` tells this ledger from every other one.
+
+    Raises:
+        OperationalError: the database does not answer.
+        UnusableLedgerError: it is no ledger, one of a later version, or one that may not be changed.
     """
 
     def __init__(self, url: str, retention: float = 0) -> None:
@@ -104,8 +114,14 @@ class Ledger:
                 _wait_for_turn(connection, {MIGRATION})
                 migrate(connection)
                 self.identity = str(connection.scalar(select(Identity.id)))
-        except BaseException:
+        except BaseException as error:
             self.close()
+            if reason := _why_unusable(error):
+                name = make_url(url).render_as_string(hide_password=True)
+                raise UnusableLedgerError(
+                    f"The database {name} cannot be the ledger: {reason}. "
+                    "Name another one (MESHMARK_DATABASE_URL), or restore it from a copy."
+                ) from error
             raise
 
     @property
@@ -346,6 +362,15 @@ class Ledger:
             update(Job).where(*condition).values(**values).execution_options(synchronize_session=False)
         )
         return bool(result.rowcount == 1)
+
+
+def _why_unusable(error: BaseException) -> str | None:
+    """What is wrong with the database itself; None where it may only not answer, or the fault is another's."""
+    if isinstance(error, NewerSchemaError):
+        return f"it is of a later version of Meshmark, or another program's (schema {error})"
+    if isinstance(error, DatabaseError) and not isinstance(error, OperationalError):
+        return " ".join(str(error.orig).split())
+    return None
 
 
 def _held(lease: Lease) -> tuple[ColumnElement[bool], ...]:

@@ -10,6 +10,7 @@ from pydantic import ValidationError
 from core.asset.budgets import DEFAULT_BUDGETS
 from service.config import Settings, load_settings
 from service.outbound.policy import Policy
+from tests.service.conftest import client_with
 from tests.worker.waiting import PATIENCE
 
 
@@ -72,6 +73,36 @@ def test_a_setting_that_cannot_work_is_refused_at_start(monkeypatch: pytest.Monk
         Settings()
 
 
+NUMBERS = {name for name, field in Settings.model_fields.items() if field.annotation in (int, float)}
+
+
+@pytest.mark.parametrize("name", sorted(NUMBERS))
+def test_every_number_has_a_bound_that_arithmetic_can_take(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    for value in ("1" + "0" * 300, "1e300", "inf", "nan", "-1"):
+        monkeypatch.setenv(f"MESHMARK_{name.upper()}", value)
+        with pytest.raises(ValidationError, match=name):
+            Settings()
+
+
+@pytest.mark.parametrize("ports", ["0", "80,99999", "-1", ","])
+def test_ports_of_others_are_ports(monkeypatch: pytest.MonkeyPatch, ports: str) -> None:
+    monkeypatch.setenv("MESHMARK_OUTBOUND_PORTS", ports)
+    with pytest.raises(ValidationError, match="outbound_ports"):
+        Settings()
+
+
+def test_the_largest_times_can_be_reckoned_with(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path)
+    for name in NUMBERS:
+        bound = next(item.le for item in Settings.model_fields[name].metadata if hasattr(item, "le"))
+        setattr(settings, name, bound)
+    with client_with(settings) as client:
+        url = client.submit()
+        client.run(url)
+        job = client.http.get(url).json()
+        assert (job["state"], job["expires_at"][:3]) == ("succeeded", "212")
+
+
 def test_a_setting_may_stand_in_a_file_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "meshmark_database_url").write_text("postgresql://user:pass@db/jobs\n")
     (tmp_path / "meshmark_port").write_text("9000")
@@ -103,6 +134,12 @@ def test_what_cannot_work_is_told_in_a_line_each_and_nothing_is_started(command:
     lines = ended.stderr.splitlines()
     assert [line.split(":")[0] for line in lines] == ["MESHMARK_PORT", "MESHMARK_DATABASE_URL"]
     assert "less than or equal to 65535" in lines[0]
+
+
+def test_a_number_out_of_bounds_is_told_in_one_sentence_and_nothing_is_started() -> None:
+    ended = start("service api", retention_seconds="1e300")
+    assert (ended.returncode, ended.stderr.count("\n")) == (2, 1)
+    assert ended.stderr.startswith("MESHMARK_RETENTION_SECONDS: Input should be less than or equal to ")
 
 
 def test_settings_that_do_not_go_together_are_refused() -> None:

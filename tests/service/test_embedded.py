@@ -98,13 +98,16 @@ def test_a_job_whose_workers_keep_dying_fails_as_worker_lost(service: Service) -
     assert (job["error"]["code"], job["attempts"]) == ("worker_lost", 2)
 
 
-def test_stopping_ends_api_worker_and_engine_and_the_job_goes_on_at_the_next_start(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])  # the second as a terminal that closes
+def test_stopping_ends_api_worker_and_engine_and_the_job_goes_on_at_the_next_start(
+    number: signal.Signals, tmp_path: Path
+) -> None:
     service, go = Service(tmp_path), tmp_path / "go"
     with service.running(EMBEDDED_COMMAND) as [process]:
         url = service.start_job(wait_for=os.fspath(go))
         wait_until(lambda: service.job(url)["stage"] == "placing")
         family = psutil.Process(process.pid).children(recursive=True)
-        process.send_signal(signal.SIGTERM)
+        process.send_signal(number)
         assert process.wait(PATIENCE) == 0
     assert len(family) == 3  # the worker, the template, and the engine's process
     assert all(map(gone, family))

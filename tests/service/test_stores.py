@@ -2,9 +2,11 @@ import os
 import subprocess
 import sys
 import threading
+from contextlib import closing
 from pathlib import Path
 
 import pytest
+from sqlalchemy import text
 
 from service.config import Settings
 from service.jobs.ledger import Ledger
@@ -50,17 +52,49 @@ def test_a_database_that_does_not_answer_is_named_at_start(tmp_path: Path, capsy
 
 @pytest.mark.parametrize("command", [["keys", "list"], ["jobs", "dead"], ["adopt-store"]])
 def test_commands_say_so_too(command: list[str], tmp_path: Path) -> None:
-    variables = {"MESHMARK_DATA_DIR": os.fspath(tmp_path), "MESHMARK_DATABASE_URL": NOBODY}
-    ended = subprocess.run(
-        [sys.executable, "-m", "service", *command],
+    refused = ended(["service", *command], NOBODY, tmp_path)
+    assert refused.returncode == 2
+    assert refused.stderr.startswith("The database does not answer: ")
+    assert "Traceback" not in refused.stderr
+
+
+EVERYTHING = [
+    *(["service", *words] for words in (["api"], ["keys", "list"], ["jobs", "dead"], ["adopt-store"])),
+    ["worker"],
+    ["worker.webhooks"],
+]
+
+
+def ended(command: list[str], url: str, folder: Path) -> "subprocess.CompletedProcess[str]":
+    variables = {"MESHMARK_DATA_DIR": os.fspath(folder), "MESHMARK_DATABASE_URL": url}
+    return subprocess.run(
+        [sys.executable, "-m", *command],
         env=os.environ | variables,
         capture_output=True,
         text=True,
         timeout=PATIENCE,
     )
-    assert ended.returncode == 2
-    assert ended.stderr.startswith("The database does not answer: ")
-    assert "Traceback" not in ended.stderr
+
+
+@pytest.mark.parametrize("command", EVERYTHING, ids=" ".join)
+def test_a_ledger_that_is_no_database_is_told_in_a_sentence(command: list[str], tmp_path: Path) -> None:
+    (tmp_path / "none").write_bytes(b"not a database " * 1000)
+    url = f"sqlite:///{tmp_path / 'none'}"
+    refused = ended(command, url, tmp_path / "data")
+    assert refused.returncode == 2, refused.stderr
+    assert refused.stderr.splitlines()[-1].startswith(f"The database {url} cannot be the ledger: file is not a ")
+    assert "Traceback" not in refused.stderr
+
+
+def test_a_ledger_of_a_later_version_is_refused_without_its_password(database_url: str, tmp_path: Path) -> None:
+    url = database_url.replace("meshmark@", "meshmark:password-of-the-tests@")
+    with closing(Ledger(url)) as ledger, ledger.sessions.begin() as session:
+        session.execute(text("UPDATE alembic_version SET version_num = '9999'"))
+    refused = ended(["service", "keys", "list"], url, tmp_path)
+    assert refused.returncode == 2
+    assert "schema 9999" in refused.stderr
+    assert "password" not in refused.stderr
+    assert refused.stderr.count("\n") == 1
 
 
 def test_a_database_that_is_back_soon_is_waited_for(tmp_path: Path) -> None:

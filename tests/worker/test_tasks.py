@@ -8,6 +8,7 @@ from io import BytesIO
 from pathlib import Path
 
 import pytest
+from structlog.testing import capture_logs
 
 from service.config import SECRETS, Settings
 from service.jobs import contents, queue
@@ -169,6 +170,32 @@ def test_an_input_that_vanished_from_the_store_is_a_failed_job_and_not_a_stuck_o
     worker.artifacts.remove(source.sha256)
     worker.run(job_id)
     assert (job(worker, job_id).state, job(worker, job_id).error_code) == (JobState.FAILED, "internal_error")
+
+
+@pytest.mark.parametrize("kind", [ArtifactKind.INPUT, ArtifactKind.FONT])
+def test_a_job_that_is_deleted_between_its_claim_and_its_fetch_is_given_up_without_an_error(
+    worker: Worker, kind: ArtifactKind, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with (
+        worker.artifacts.stage(BytesIO(asset()), limit=1000, name="file") as file,
+        worker.artifacts.stage(BytesIO(b"font"), limit=1000, name="font") as font,
+    ):
+        staged = {ArtifactKind.INPUT: file, ArtifactKind.FONT: font}
+        job_id = contents.create_job(worker.ledger, worker.artifacts, "asset.obj", {"text": "HI"}, staged).id
+    fetch = worker.artifacts.fetch
+
+    def delete_and_fetch(sha256: str, size: int, target: Path) -> None:
+        if target.name == kind:
+            worker.ledger.cancel(job_id)
+            contents.discard(worker.ledger, worker.artifacts, worker.ledger.drop_artifacts(job_id))
+        fetch(sha256, size, target)
+
+    monkeypatch.setattr(worker.artifacts, "fetch", delete_and_fetch)
+    with capture_logs() as lines:
+        worker.run(job_id)
+    assert job(worker, job_id).state == JobState.CANCELED
+    assert [line["event"] for line in lines if line["log_level"] in ("error", "critical")] == []
+    assert lines[-1]["event"].startswith("job given up")
 
 
 def test_a_store_that_fails_for_a_while_delays_a_job_and_does_not_end_it(s3: S3, tmp_path: Path) -> None:
