@@ -153,14 +153,17 @@ def test_no_variable_that_kubernetes_makes_of_a_service_is_taken_for_a_setting(o
 
 
 @pytest.mark.parametrize("overlay", OVERLAYS)
-def test_images_command_lines_memory_and_graces_are_those_of_the_compose_file(overlay: str) -> None:
+def test_images_command_lines_and_bounds_are_those_of_the_compose_file(overlay: str) -> None:
     for name, pod in pods(overlay).items():
         only, service = container(pod), service_of(name)
         image, tag = service["image"].split(":")
         assert only["image"].split("/")[-1] == f"{image}:{tag.replace('cpu', 'cuda') if 'gpu' in name else tag}"
         assert only["args"][: len(service["command"])] == service["command"]
         assert "command" not in only, "the image's entrypoint"
-        assert quantity(only["resources"]["limits"]["memory"]) == quantity(service["mem_limit"].upper() + "i")
+        limits, files = only["resources"]["limits"], re.findall(r"size=(\d+[mg])", str(service["tmpfs"]))
+        there = sum(quantity(f"{size.upper()}i") for size in files)  # files that count as memory, as they do not here
+        assert quantity(limits["memory"]) >= quantity(f"{service['mem_limit'].upper()}i") - there
+        assert quantity(limits["cpu"]) == service["cpus"] if "cpus" in service else "cpu" not in limits
         grace = int(service.get("stop_grace_period", "10s").removesuffix("s"))
         assert pod["spec"]["terminationGracePeriodSeconds"] >= grace
 
@@ -262,7 +265,7 @@ def test_probes_outlast_a_store_or_database_that_is_waited_for_at_start() -> Non
 
 @pytest.mark.parametrize("overlay", OVERLAYS)
 def test_what_is_written_lies_in_volumes_of_a_size_that_the_pod_may_use(overlay: str) -> None:
-    (home,) = re.findall(r"^VOLUME (\S+)", STAGES["runtime"][1], re.MULTILINE)
+    (home,) = re.findall(r"MESHMARK_DATA_DIR=(\S+)", STAGES["runtime"][1])
     asset = Settings().max_upload_bytes + Settings().max_unpacked_bytes
     for name, pod in pods(overlay).items():
         sizes = {v["name"]: quantity(v["emptyDir"]["sizeLimit"]) for v in pod["spec"]["volumes"] if "emptyDir" in v}
@@ -323,8 +326,11 @@ def test_there_are_as_many_workers_of_the_size_that_the_readme_says() -> None:
         if name.startswith("worker-"):
             resources = container(pod)["resources"]
             assert quantity(resources["requests"]["cpu"]) == quantity(resources["limits"]["cpu"]) == 2
+            assert int(settings_of("base")["MESHMARK_JOB_THREADS"]) == 2
             job = int(settings_of("base")["MESHMARK_JOB_MEMORY_LIMIT"])
-            assert job < quantity(resources["limits"]["memory"])
+            assert job + 2**30 <= quantity(resources["limits"]["memory"]), (
+                "beside it there are a worker and its template"
+            )
 
 
 def test_the_api_is_scaled_by_its_processor() -> None:
