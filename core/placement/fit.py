@@ -175,7 +175,14 @@ def _survivors(
     met = footprint(boxes, index, site.normals, _relief(site, boxes))
     kept = np.flatnonzero(covered(met, boxes, site.part))
     boxes, loss = boxes[kept], loss[kept]
+    met = Footprint(met.height[kept], met.cosine[kept], met.local[kept], met.face[kept])
     left["covered"] = len(boxes)
+
+    kept = np.arange(len(boxes))
+    if site.rims is not None:
+        kept = np.flatnonzero(~site.rims.crossed(boxes, index))
+        boxes, loss = boxes[kept], loss[kept]
+    left["whole"] = len(boxes)
 
     if site.opacity is not None:
         met = Footprint(met.height[kept], met.cosine[kept], met.local[kept], met.face[kept])

@@ -173,6 +173,7 @@ REASONS = {
     "aligned": ("the surface bends away from it or ends under it", SMALLER),
     "free": ("it reaches into a `keep_out` region", "Keep less of the asset out, or use a shorter text."),
     "covered": ("it hangs over an edge, a hole or a second layer", SMALLER),
+    "whole": ("a letter would cross a sharp edge, a crack or a fold", SMALLER),
     "opaque": ("it lies over holes or glass", SMALLER),
     "smooth": ("the surface under it is too rough", SMALLER),
     "open": ("another part is right in front of it", SMALLER),

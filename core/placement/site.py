@@ -15,6 +15,7 @@ from core.ground.texture import Detail
 from core.lettering.outline import Lettering
 from core.parameters import Parameters
 from core.placement.objective import OBJECTIVE, Columns, Objective, columns
+from core.placement.rims import Rims, rims
 from core.placement.surfels import Surfels
 from core.products import product
 from core.spatial import SpatialIndex
@@ -42,6 +43,7 @@ class Site:
         joints: of ``surface``; None where it has no skin.
         regions: what the request keeps out of or prefers; None where nothing.
         opacity: says where the faces that boxes may stand on are opaque; None where they are everywhere.
+        rims: the edges that no letter can be cut across; None where there are none.
         lettering: the text.
         parameters: resolved.
         objective: the weights of the objective's terms.
@@ -61,6 +63,7 @@ class Site:
     joints: Joints | None
     regions: Regions | None
     opacity: Opacity | None
+    rims: Rims | None
     lettering: Lettering
     parameters: Parameters
     objective: Objective
@@ -110,6 +113,7 @@ def open_site(
             "see-through, or their nodes flatten them.",
             "Send an asset with an opaque surface.",
         )
+    part = np.zeros(len(surface.faces), dtype=np.int64) if part is None else part
     # Boxes stand on the ground; a ray that meets any other face meets nothing that looks at it.
     ground, normals = surface, surface.normals
     if usable is not None and not usable.all():
@@ -128,7 +132,7 @@ def open_site(
         surface,
         ground,
         normals,
-        part if part is not None else np.zeros(len(surface.faces), dtype=np.int64),
+        part,
         surfels,
         index,
         saliency,
@@ -136,6 +140,7 @@ def open_site(
         joints,
         regions,
         opacity,
+        rims(surface, part >= 0, lettering),
         lettering,
         parameters,
         objective,

@@ -104,7 +104,16 @@ def lattice(cells: int) -> bytes:
     return exported
 
 
+def test_hardly_any_cut_is_wasted_on_cracks_and_low_steps() -> None:
+    done = watermark(lattice(4), Parameters(text="watermark", evaluate=Evaluate.NONE), preview=False).report[
+        "embossing"
+    ]
+    assert done["verified"] >= 12  # 1 of 304 that were tried before the edges were looked at
+    assert sum(done["refused"].values()) <= done["verified"]
+
+
 def test_what_was_refused_teaches_where_not_to_try(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("core.placement.site.rims", lambda *_: None)
     asked, frame = Parameters(text="watermark", evaluate=Evaluate.NONE), lattice(3)
     taught = watermark(frame, asked, preview=False).report["embossing"]
     monkeypatch.setattr(marks, "_over", lambda *_: set())

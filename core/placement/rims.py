@@ -1,0 +1,110 @@
+"""Edges that no letter can be cut across: where a surface ends or turns away, or more than two faces meet."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+from scipy.spatial import cKDTree
+
+from core.asset.surface import Surface
+from core.lettering.outline import Lettering
+from core.placement.boxes import Boxes
+from core.placement.filters import FACING
+from core.spatial import Eye, SpatialIndex
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+Bool = NDArray[np.bool_]
+
+SPACING = 0.05  # size-30 units between points of one edge, a twentieth of legible letters; wider where edges are many
+MOST_POINTS = 1_000_000
+TEXELS = 1024  # of the text's width
+CREASE = 0.5  # cosine between the normals of two faces under which one may look away where the other is written on
+UPPERMOST = 1e-3  # size-30 units under what a ray meets first
+
+
+@dataclass(frozen=True, eq=False)
+class Rims:
+    """Points on the edges of a surface that do not join exactly two of its faces, wound alike, and on sharp ones.
+
+    The wall of a low step is seen by no ray of a footprint, and neither is a crack.
+
+    Attributes:
+        tree: over the (N) points, size-30 units.
+        normals: (N, 2, 3) of both faces that meet there; zero where these do not join.
+        ink: (H, W) what of the text's bounding box the letters cover, the first row at the bottom.
+    """
+
+    tree: cKDTree
+    normals: Float
+    ink: Bool
+
+    def crossed(self, boxes: Boxes, index: SpatialIndex) -> Bool:
+        """(B,) boxes in which a letter would be cut across an edge that does not join two faces that look at the box;
+        what another layer hides does not count. ``index`` is over the surface."""
+        found = self.tree.query_ball_point(boxes.center, np.linalg.norm(boxes.size, axis=1) / 2)
+        owner = np.repeat(np.arange(len(boxes)), [len(item) for item in found])
+        which = np.concatenate([np.empty(0, dtype=np.int64), *(np.asarray(item, dtype=np.int64) for item in found)])
+        offset = np.asarray(self.tree.data)[which] - boxes.center[owner]
+        local = np.einsum("ni,nji->nj", offset, boxes.axes[owner]) / boxes.size[owner]
+        apart = (np.einsum("nfi,ni->nf", self.normals[which], boxes.axes[owner, 2]) <= FACING).any(axis=1)
+        inside = np.flatnonzero(apart & (np.abs(local) < 0.5).all(axis=1))
+        column, row = ((local[inside, :2] + 0.5) * self.ink.shape[::-1]).astype(np.int64).T
+        inside = inside[self.ink[row, column]]
+        owner, local = owner[inside], local[inside]
+        normal, thickness = boxes.axes[owner, 2], boxes.size[owner, 2]
+        start = boxes.center[owner] + offset[inside] + ((0.5 - local[:, 2]) * thickness)[:, None] * normal
+        distance, _ = index.first_hit(start, -normal, Eye.ORIGIN)
+        uppermost = distance > (0.5 - local[:, 2]) * thickness - UPPERMOST
+        return np.bincount(owner[uppermost], minlength=len(boxes)) > 0
+
+
+def rims(surface: Surface, distinct: Bool, lettering: Lettering) -> Rims | None:
+    """The :class:`Rims` of the ``distinct`` (F,) faces of a ``surface`` under a text; None where it has none, as a
+    smooth closed manifold."""
+    start, end, normals = _sharp_edges(surface.weld[surface.faces[distinct]], surface.normals[distinct])
+    if not len(start):
+        return None
+    place = np.zeros((int(surface.weld.max()) + 1, 3))
+    place[surface.weld] = surface.positions
+    first, along = place[start], place[end] - place[start]
+    length = np.linalg.norm(along, axis=1)
+    pieces = np.ceil(length / max(SPACING, float(length.sum()) / MOST_POINTS)).astype(np.int64)
+    edge = np.repeat(np.arange(len(start)), pieces)
+    number = np.arange(len(edge)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    share = (number + 0.5) / pieces[edge]
+    return Rims(cKDTree(first[edge] + share[:, None] * along[edge]), normals[edge], _ink(lettering))
+
+
+def _sharp_edges(corners: Int, normals: Float) -> tuple[Int, Int, Float]:
+    """Both vertices (E,), (E,) of each edge of the faces ``corners`` (F, 3), with unit ``normals`` (F, 3), that is
+    sharp or does not join exactly two of them, wound alike; and the normals there, see :class:`Rims`."""
+    count = int(corners.max(initial=0)) + 1
+    a, b = corners.ravel(), np.roll(corners, -1, axis=1).ravel()
+    directed = (np.minimum(a, b) * count + np.maximum(a, b)) * 2 + (a > b)
+    order = np.argsort(directed, kind="stable")
+    key = directed[order]
+    edge, first, uses = np.unique(key >> 1, return_index=True, return_counts=True)
+    pair = np.column_stack([first, np.minimum(first + 1, len(key) - 1)])
+    joined = (uses == 2) & (key[pair[:, 0]] != key[pair[:, 1]])
+    both = np.where(joined[:, None, None], normals[order[pair] // 3], 0.0)
+    sharp = np.einsum("ei,ei->e", both[:, 0], both[:, 1]) < CREASE
+    return edge[sharp] // count, edge[sharp] % count, both[sharp]
+
+
+def _ink(lettering: Lettering) -> Bool:
+    """(H, W) the letters as texels. Rings are disjoint, so an island within a hole is drawn after the hole."""
+    size = TEXELS, max(round(TEXELS * lettering.aspect), 1)
+    picture = Image.new("1", size)
+    draw = ImageDraw.Draw(picture)
+    for ring in sorted(lettering.polygons, key=lambda ring: -abs(_area(ring))):
+        texels = (ring + np.array([0.5, lettering.aspect / 2])) * TEXELS - 0.5
+        draw.polygon([tuple(texel) for texel in texels.tolist()], fill=int(_area(ring) > 0))
+    return np.asarray(picture)
+
+
+def _area(ring: Float) -> float:
+    """Signed area: positive for counter-clockwise rings."""
+    x, y = (ring - ring[0]).T
+    return float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) / 2
