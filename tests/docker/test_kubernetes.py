@@ -265,7 +265,9 @@ def test_probes_outlast_a_store_or_database_that_is_waited_for_at_start() -> Non
 
 @pytest.mark.parametrize("overlay", OVERLAYS)
 def test_what_is_written_lies_in_volumes_of_a_size_that_the_pod_may_use(overlay: str) -> None:
-    (home,) = re.findall(r"MESHMARK_DATA_DIR=(\S+)", STAGES["runtime"][1])
+    (home,) = re.findall(r"\bHOME=(\S+)", STAGES["runtime"][1])
+    folder = Path(settings_of(overlay)["MESHMARK_DATA_DIR"])
+    assert folder.parent == Path(home), "a volume belongs to root and is open to all; what is made in it is the user's"
     asset = Settings().max_upload_bytes + Settings().max_unpacked_bytes
     for name, pod in pods(overlay).items():
         sizes = {v["name"]: quantity(v["emptyDir"]["sizeLimit"]) for v in pod["spec"]["volumes"] if "emptyDir" in v}
