@@ -17,6 +17,7 @@ secret meshmark_s3_access_key_id "$(random)"
 secret meshmark_s3_secret_access_key "$(random)"
 secret meshmark_database_url "postgresql://meshmark:$(cat "$folder/postgres_password")@postgres:5432/meshmark"
 secret meshmark_broker_url "redis://:$(cat "$folder/redis_password")@redis:6379/0"
+secret secrets-key "$(head -c 32 /dev/urandom | base64 | tr '+/' '-_')" # of webhooks' secrets: a Fernet key
 secret redis.conf "requirepass $(cat "$folder/redis_password")
 appendonly yes
 maxmemory-policy noeviction

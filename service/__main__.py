@@ -27,7 +27,7 @@ from service.jobs.ledger import UnusableLedgerError
 from service.keys import add_keys_commands, run_keys_command
 from service.logs import configure_logs
 from service.show_settings import show_settings
-from service.stores import no_database, require_own_store, run_adopt_store
+from service.stores import no_database, require_own_store, require_secrets, run_adopt_store
 from service.tracing import configure_tracing
 
 RESTART_DELAY = 1.0  # seconds; a worker that cannot start shall not be started in a busy loop
@@ -98,6 +98,7 @@ def serve(settings: Settings, *workers: Sequence[str]) -> None:
     configure_logs(settings.log_level)
     configure_tracing("meshmark-api")
     require_own_store(settings)
+    require_secrets(settings)
     app = create_app(settings)
     config = uvicorn.Config(
         app,

@@ -27,6 +27,7 @@ from service.readiness import Readiness
 from service.request_id import RequestId
 from service.routes import batch, events, health, hooks, uploads, watermarks, webhook_endpoints
 from service.state import AppState
+from service.webhooks.vault import Vault, read_keys
 
 MAX_FIELD_BYTES = 2**16
 JSON_BYTES = 2**16  # of every request that is neither an asset nor many things in one
@@ -95,12 +96,13 @@ def create_app(settings: Settings) -> FastAPI:
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         ledger = Ledger(settings.ledger_url, settings.retention_seconds)
         artifacts, queue = open_store(settings), create_queue(settings)
+        vault = Vault(read_keys(settings.secrets_key))
         parts: dict[str, Callable[[], object]] = {
             "ledger": ledger.ping,
             "broker": partial(depth, queue, Queue.SMALL),
             "store": artifacts.ping,
         }
-        state = AppState(settings, ledger, artifacts, queue, Announcer(queue), Readiness(parts))
+        state = AppState(settings, ledger, artifacts, queue, Announcer(queue), Readiness(parts), vault)
         state.artifacts.clear_staging(GRACE)
         app.state.meshmark = state
         with metrics_server(settings.metrics_host, settings.metrics_port, LedgerCollector(ledger.sessions)):

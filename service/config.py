@@ -18,6 +18,7 @@ from core.asset.budgets import DEFAULT_BUDGETS, Budgets
 from core.lettering.fonts import MAX_FONT_BYTES
 from service.hooks.config import HookSource, load_hooks
 from service.outbound.policy import PORTS, Policy
+from service.webhooks.vault import read_keys
 
 MIB = 2**20
 PREFIX = "MESHMARK_"
@@ -186,6 +187,13 @@ class Settings(BaseSettings):
     outbound_http: Annotated[
         bool, Field(description="Let users give addresses that begin with `http://`, unencrypted.")
     ] = False
+    secrets_key: Annotated[
+        Path | None,
+        Field(
+            description="File of the keys that webhooks' secrets are encrypted with, one a line, for API and sender of "
+            "webhooks; empty: in clear."
+        ),
+    ] = None
     hooks_file: Annotated[
         Path | None, Field(description="TOML file of the buckets to watch, for API and workers; empty: none.")
     ] = None
@@ -213,6 +221,12 @@ class Settings(BaseSettings):
     def _can_be_watched(cls, path: Path | None) -> Path | None:
         if path:
             load_hooks(path)
+        return path
+
+    @field_validator("secrets_key")
+    @classmethod
+    def _has_keys(cls, path: Path | None) -> Path | None:
+        read_keys(path)
         return path
 
     @field_validator("database_url")

@@ -12,6 +12,7 @@ from service.event_stream import Streams
 from service.jobs.artifacts import ArtifactStore
 from service.jobs.ledger import Ledger
 from service.readiness import Readiness
+from service.webhooks.vault import Vault
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,7 @@ class AppState:
     queue: Celery
     announcer: Announcer
     readiness: Readiness
+    vault: Vault
     streams: Streams = field(default_factory=Streams)
 
 

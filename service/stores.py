@@ -12,6 +12,7 @@ from service.jobs.artifacts import StoreUnavailableError
 from service.jobs.ledger import Ledger, UnusableLedgerError
 from service.jobs.ownership import ForeignStoreError, adopt, claim
 from service.jobs.stores import open_store
+from service.webhooks.vault import UnreadableSecretError, Vault, read_keys, renew_secrets
 
 PATIENCE, PAUSE = 60.0, 1.0  # seconds
 
@@ -26,9 +27,14 @@ def require_own_store(settings: Settings, patience: float = PATIENCE) -> None:
     _require(settings, lambda ledger: claim(ledger, open_store(settings)), patience)
 
 
-def require_ledger(settings: Settings, patience: float = PATIENCE) -> None:
-    """As :func:`require_own_store`, for who needs no store."""
-    _require(settings, lambda _: None, patience)
+def require_secrets(settings: Settings, patience: float = PATIENCE) -> None:
+    """Encrypt the secrets of webhooks with the key that there is, for who needs them; a ledger is waited for likewise.
+
+    Raises:
+        SystemExit: with code 2 and a sentence on stderr, where one is encrypted with a key that is not known here.
+    """
+    vault = Vault(read_keys(settings.secrets_key))
+    _require(settings, lambda ledger: renew_secrets(ledger.sessions, vault), patience)
 
 
 def _require(settings: Settings, check: Callable[[Ledger], None], patience: float) -> None:
@@ -37,7 +43,7 @@ def _require(settings: Settings, check: Callable[[Ledger], None], patience: floa
         try:
             with closing(Ledger(settings.ledger_url)) as ledger:
                 return check(ledger)
-        except (ForeignStoreError, UnusableLedgerError) as error:
+        except (ForeignStoreError, UnusableLedgerError, UnreadableSecretError) as error:
             sys.exit(_failed(str(error)))
         except StoreUnavailableError as error:
             if time.monotonic() >= deadline:

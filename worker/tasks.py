@@ -253,6 +253,8 @@ def _explained(report: bytes, error: MeshmarkError) -> bytes:
 def private_folders(settings: Settings) -> tuple[Path, ...]:
     """What the engine must not see: the ledger, other jobs' files, the queue, and secrets."""
     private = [settings.data_dir.resolve(), SECRETS]
+    if settings.secrets_key:
+        private.append(settings.secrets_key.resolve())
     if settings.hooks_file:
         secret = [settings.hooks_file, *secret_files(settings.hooks_file)]  # tokens and keys of buckets
         private += [path.resolve() for path in secret]

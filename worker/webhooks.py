@@ -26,9 +26,10 @@ from service.jobs.queue import create_queue
 from service.logs import configure_logs
 from service.metrics import WEBHOOK_ATTEMPTS, metrics_server
 from service.outbound.client import OutboundClient
-from service.stores import require_ledger
+from service.stores import require_secrets
 from service.webhooks import deliveries, queue
 from service.webhooks.deliver import TIMEOUTS, Outcome, deliver, not_made
+from service.webhooks.vault import UnreadableSecretError, Vault, read_keys
 from worker.child import die_with_parent
 from worker.receiving import receive, required, run_until_stopped
 
@@ -50,6 +51,7 @@ class Sender:
     def __post_init__(self) -> None:
         self.ledger = Ledger(self.settings.ledger_url, self.settings.retention_seconds)
         self.client = OutboundClient(self.settings.outbound, TIMEOUTS)
+        self.vault = Vault(read_keys(self.settings.secrets_key))
 
     def send(self, delivery_id: str) -> None:
         """Make one attempt if it is due; a duplicate or unknown id changes nothing."""
@@ -62,13 +64,16 @@ class Sender:
                 if deliveries.settle(self.ledger.sessions, claim, outcome):
                     WEBHOOK_ATTEMPTS.labels(outcome.result).inc()
                     log.info("webhook tried", result=outcome.result.value, status=outcome.status, error=outcome.error)
+        except UnreadableSecretError:  # nothing goes out unsigned: it is found to be due again
+            log.error("the secret of a webhook is encrypted with a key that is not known here", delivery=delivery_id)
         except OperationalError as error:  # it is found to be due again
             log.warning("the job ledger does not answer", delivery=delivery_id, error=str(error.orig))
 
     def _attempt(self, claim: deliveries.Claim) -> Outcome:
         draw = random.random()
+        secrets = [*map(self.vault.unseal, claim.secrets)]
         try:
-            return deliver(self.client, claim.url, claim.secrets, claim.message, claim.attempt, now(), draw)
+            return deliver(self.client, claim.url, secrets, claim.message, claim.attempt, now(), draw)
         except Exception:
             log.exception("the sender failed")
             return not_made(claim.attempt, now(), draw)
@@ -119,7 +124,7 @@ def create_sender(settings: Settings) -> Celery:
 
     def start() -> None:
         configure_logs(settings.log_level)  # Celery asks for it later only
-        require_ledger(settings)
+        require_secrets(settings)
         figures.enter_context(metrics_server(settings.metrics_host, settings.webhooks_metrics_port))
         threading.Thread(target=sweep_forever, args=(sender(),), name="sweeper", daemon=True).start()
 

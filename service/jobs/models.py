@@ -260,7 +260,7 @@ class JobEvent(Base):
 class WebhookEndpoint(Base):
     """Where a tenant wants to be told how jobs end; see :mod:`service.webhooks.endpoints`.
 
-    The secrets stand here as they are: whoever signs needs them.
+    The secrets stand here as :mod:`service.webhooks.vault` stores them: whoever signs needs them.
     """
 
     __tablename__ = "webhook_endpoints"
@@ -269,8 +269,8 @@ class WebhookEndpoint(Base):
     tenant_id: Mapped[str] = mapped_column(String(63), index=True)
     url: Mapped[str | None] = mapped_column(String(2048))  # None: the webhooks that jobs name themselves
     events: Mapped[list[str]]
-    secret: Mapped[str] = mapped_column(String(128))
-    former_secret: Mapped[str | None] = mapped_column(String(128))
+    secret: Mapped[str] = mapped_column(String(255))
+    former_secret: Mapped[str | None] = mapped_column(String(255))
     former_secret_until: Mapped[datetime | None]
     disabled_reason: Mapped[DisabledReason | None]
     created_at: Mapped[datetime]

@@ -55,9 +55,10 @@ def create_webhook_endpoint(
     """Make a webhook endpoint. The answer has the secret by which it verifies what it is sent."""
     if body.url is not None:
         check_address(body.url, state.settings.outbound)
-    row = endpoints.create_endpoint(state.ledger.sessions, client.tenant, body.url, body.events, body.secret)
+    sessions, vault = state.ledger.sessions, state.vault
+    row = endpoints.create_endpoint(sessions, client.tenant, body.url, body.events, body.secret, vault)
     response.headers["Location"] = request.app.url_path_for("read_webhook_endpoint", endpoint_id=row.id)
-    return WebhookEndpointWithSecret.of(row, secret=row.secret)
+    return WebhookEndpointWithSecret.of(row, secret=vault.unseal(row.secret))
 
 
 @router.get("", responses=problem_responses(*READING))
@@ -95,8 +96,8 @@ def rotate_webhook_secret(
 ) -> WebhookEndpointWithSecret:
     """Give an endpoint another secret. For 24 hours, or until the next rotation, messages are signed with both."""
     secret = body.secret if body else None
-    row = endpoints.rotate_secret(state.ledger.sessions, client.tenant, endpoint_id, secret)
-    return WebhookEndpointWithSecret.of(row, secret=row.secret)
+    row = endpoints.rotate_secret(state.ledger.sessions, client.tenant, endpoint_id, secret, state.vault)
+    return WebhookEndpointWithSecret.of(row, secret=state.vault.unseal(row.secret))
 
 
 @router.get("/{endpoint_id}/deliveries", responses=problem_responses(*OF_ONE, ErrorCode.INVALID_REQUEST))

@@ -48,7 +48,7 @@ class Claim:
     endpoint_id: str
     is_endpoints_own: bool  # the URL
     url: str
-    secrets: list[str]
+    secrets: list[str]  # as they are stored
     message: Message
     attempt: int
     since: datetime

@@ -17,9 +17,11 @@ from service.jobs.models import DeliveryState, DisabledReason, Tenant, WebhookDe
 from service.outbound.policy import Policy
 from service.outbound.resolve import check_address
 from service.webhooks.signing import new_secret, parse_secret
+from service.webhooks.vault import Vault
 
 MOST = 20  # endpoints of a tenant
 OVERLAP = timedelta(hours=24)  # for which messages are signed with the former secret too
+IN_CLEAR = Vault([])
 
 Sessions = sessionmaker[Session]
 
@@ -42,9 +44,9 @@ def check_job_webhook(sessions: Sessions, tenant: str, url: str, policy: Policy)
 
 
 def create_endpoint(
-    sessions: Sessions, tenant: str, url: str | None, events: Iterable[str], secret: str | None
+    sessions: Sessions, tenant: str, url: str | None, events: Iterable[str], secret: str | None, vault: Vault = IN_CLEAR
 ) -> WebhookEndpoint:
-    """A new endpoint, whose secret is made where none is given.
+    """A new endpoint, whose secret is made where none is given; the row has it as the vault stores it.
 
     Raises:
         MeshmarkError: ``invalid_secret``, ``endpoint_exists`` or ``too_many_endpoints``.
@@ -54,7 +56,7 @@ def create_endpoint(
         tenant_id=tenant,
         url=url,
         events=sorted(set(events)),
-        secret=_checked(secret),
+        secret=vault.seal(_checked(secret)),
         created_at=now(),
     )
     with sessions.begin() as session:
@@ -133,13 +135,15 @@ def delete_endpoint(sessions: Sessions, tenant: str, endpoint_id: str) -> None:
         session.execute(delete(WebhookEndpoint).where(WebhookEndpoint.id == endpoint_id))
 
 
-def rotate_secret(sessions: Sessions, tenant: str, endpoint_id: str, secret: str | None) -> WebhookEndpoint:
+def rotate_secret(
+    sessions: Sessions, tenant: str, endpoint_id: str, secret: str | None, vault: Vault = IN_CLEAR
+) -> WebhookEndpoint:
     """Give an endpoint another secret; until OVERLAP is over, or the next rotation, messages are signed with both.
 
     Raises:
         MeshmarkError: ``not_found`` or ``invalid_secret``.
     """
-    following = _checked(secret)
+    following = vault.seal(_checked(secret))
     with sessions.begin() as session:
         endpoint = _find(session, tenant, endpoint_id, lock=True)
         endpoint.former_secret, endpoint.former_secret_until = endpoint.secret, now() + OVERLAP
@@ -148,7 +152,7 @@ def rotate_secret(sessions: Sessions, tenant: str, endpoint_id: str, secret: str
 
 
 def secrets_of(endpoint: WebhookEndpoint, moment: datetime) -> list[str]:
-    """What a message to an endpoint is signed with, the newest first."""
+    """What a message to an endpoint is signed with, the newest first, as it is stored."""
     former = endpoint.former_secret if endpoint.former_secret_until and endpoint.former_secret_until > moment else None
     return [endpoint.secret, former] if former else [endpoint.secret]
 

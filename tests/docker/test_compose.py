@@ -155,8 +155,12 @@ def test_the_bucket_is_there_or_the_step_fails(works_after: int | None, code: in
 
 def test_only_the_sender_of_webhooks_calls_others_and_it_does_not_know_the_store() -> None:
     assert [name for name, service in SERVICES.items() if "out" in service["networks"]] == ["webhooks"]
-    assert SERVICES["webhooks"]["secrets"] == ["meshmark_database_url", "meshmark_broker_url"]
-    assert SERVICES["webhooks"]["environment"].keys() == {"MESHMARK_METRICS_HOST", "MESHMARK_WEBHOOKS_METRICS_PORT"}
+    assert SERVICES["webhooks"]["secrets"] == ["meshmark_database_url", "meshmark_broker_url", "secrets-key"]
+    assert SERVICES["webhooks"]["environment"].keys() == {
+        "MESHMARK_METRICS_HOST",
+        "MESHMARK_WEBHOOKS_METRICS_PORT",
+        "MESHMARK_SECRETS_KEY",
+    }
 
 
 def test_what_is_secret_is_in_files_that_the_script_makes_once(secrets: Path) -> None:
@@ -189,6 +193,7 @@ class Machine:
 
     def __init__(self, secrets: Path, postgres: Postgres, s3: S3, redis_port: int) -> None:
         self.metrics = {"api": free_port(), "worker": free_port()}
+        self.folder = os.fspath(secrets)
         content = {path.name: path.read_text() for path in secrets.iterdir()}
         database = re.sub(
             r"(@)[^/]+/.*",
@@ -207,6 +212,8 @@ class Machine:
         """The variables of a container, but for hosts, ports and the folder."""
         given = {key.removeprefix(PREFIX).lower(): value for key, value in SERVICES[name]["environment"].items()}
         given |= self.secrets | {"metrics_host": "127.0.0.1", "data_dir": os.fspath(folder / name)}
+        if "secrets_key" in given:
+            given["secrets_key"] = given["secrets_key"].replace("/run/secrets", self.folder)
         given["metrics_port" if name == "api" else "worker_metrics_port"] = str(self.metrics[name])
         return given | ({"host": "127.0.0.1"} if name == "api" else {})
 

@@ -204,7 +204,7 @@ def test_a_fault_of_ours_is_an_attempt_that_failed_and_not_one_made_for_ever(tmp
         ledger, sessions = sender.ledger, sender.ledger.sessions
         hook = create_endpoint(sessions, "default", "https://shop.example/", ENDINGS, None)
         with sessions.begin() as session:
-            session.execute(update(WebhookEndpoint).values(secret="none"))
+            session.execute(update(WebhookEndpoint).values(secret="whsec_none"))
         ledger.cancel(ledger.create("asset.glb", {}, {}, lambda _: True).id)
         sweep(sender, lost=False)
         assert not queue.is_empty(broker)

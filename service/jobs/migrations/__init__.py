@@ -20,8 +20,8 @@ class NewerSchemaError(Exception):
     """The schema is that of a later version."""
 
 
-def migrate(connection: Connection) -> None:
-    """Bring the schema up to date. Call inside a transaction in which no other process does the same.
+def migrate(connection: Connection, revision: str = "head") -> None:
+    """Bring the schema up to date, or to a step. Call inside a transaction in which no other process does the same.
 
     Tables made before there were migrations are those of the first step: they are adopted with what they hold.
 
@@ -37,4 +37,4 @@ def migrate(connection: Connection) -> None:
     known = {step.revision for step in ScriptDirectory.from_config(config).walk_revisions()}
     if unknown := set(MigrationContext.configure(connection).get_current_heads()) - known:
         raise NewerSchemaError(", ".join(sorted(unknown)))
-    command.upgrade(config, "head")
+    command.upgrade(config, revision)

@@ -33,6 +33,19 @@ INSERT INTO artifacts VALUES ('old', 'input', 'abab', 3)
 """
 
 
+BEFORE_0010 = """
+INSERT INTO jobs (id, state, progress, filename, parameters, created_at, enqueued_at, attempts, lease_token)
+    VALUES ('job', 'succeeded', 1, 'a.glb', '{}', '2026-01-31 12:00:00', '2026-01-31 12:00:00', 1, 1);
+INSERT INTO job_events VALUES ('job', 1, 'watermark.succeeded', '{}', '2026-01-31 12:00:00');
+INSERT INTO webhook_endpoints (id, tenant_id, events, secret, former_secret, created_at)
+    VALUES ('a', 'default', '[]', 'whsec_1', 'whsec_0', '2026-01-31 12:00:00');
+INSERT INTO webhook_endpoints (id, tenant_id, events, secret, created_at)
+    VALUES ('b', 'default', '[]', 'whsec_2', '2026-01-31 12:00:00');
+INSERT INTO webhook_deliveries (id, endpoint_id, job_id, event_number, state, attempts, token, created_at)
+    VALUES ('told', 'a', 'job', 1, 'delivered', 1, 1, '2026-01-31 12:00:00')
+"""
+
+
 @pytest.fixture
 def engine(database_url: str) -> Iterator[Engine]:
     engine = create_engine(database_url)
@@ -68,6 +81,22 @@ def test_a_database_from_before_there_were_migrations_is_adopted_with_its_jobs(
     )
     with engine.connect() as connection:
         assert compare_metadata(MigrationContext.configure(connection), Base.metadata) == []
+
+
+def test_what_refers_to_an_endpoint_outlives_the_widening_of_its_secrets(database_url: str, engine: Engine) -> None:
+    if engine.name == "sqlite":
+        Path(engine.url.database or "").parent.mkdir()
+    with engine.begin() as connection:
+        if engine.name == "sqlite":
+            connection.exec_driver_sql("PRAGMA foreign_keys=ON")
+        migrate(connection, "0009")
+        for statement in BEFORE_0010.split(";"):
+            connection.exec_driver_sql(statement)
+    Ledger(database_url).close()
+    with engine.connect() as connection:
+        rows = connection.exec_driver_sql("SELECT id, secret, former_secret FROM webhook_endpoints ORDER BY id")
+        assert [tuple(row) for row in rows] == [("a", "whsec_1", "whsec_0"), ("b", "whsec_2", None)]
+        assert connection.exec_driver_sql("SELECT id FROM webhook_deliveries").scalar_one() == "told"
 
 
 def test_what_fails_halfway_leaves_the_database_as_it_was(
