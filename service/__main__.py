@@ -59,8 +59,7 @@ class Supervisor:
     def _run(self) -> None:
         while not self._stopping.is_set():
             # A session of its own: Ctrl-C reaches this process only, and this process ends the worker.
-            # Logs go to stderr; on stdout Celery only takes its leave.
-            process = subprocess.Popen(self._command, stdout=subprocess.DEVNULL, start_new_session=True)
+            process = subprocess.Popen(self._command, start_new_session=True)
             while process.poll() is None and not self._stopping.wait(0.2):
                 pass
             if self._stopping.is_set():
@@ -80,16 +79,25 @@ class Supervisor:
 
 
 class Server(uvicorn.Server):
-    """uvicorn, except that it ends open event streams when it stops; by itself it would wait for them."""
+    """uvicorn, except that it ends open event streams when it stops, for which it would wait, and what it says of its
+    own state is two lines of the log."""
 
     def __init__(self, config: uvicorn.Config, app: FastAPI) -> None:
         super().__init__(config)
         self._app = app
 
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Start to listen."""
+        await super().startup(sockets)
+        if self.started:
+            address, port = self.servers[0].sockets[0].getsockname()[:2]
+            log.info("ready", address=address, port=port)
+
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Stop."""
         self._app.state.meshmark.streams.stop()
         await super().shutdown(sockets)
+        log.info("stopped")
 
 
 def serve(settings: Settings, *workers: Sequence[str]) -> None:

@@ -161,7 +161,9 @@ class Settings(BaseSettings):
     job_threads: Annotated[
         int,
         Field(
-            ge=0, le=1000, description="Threads a job may use; 0: the machine's cores divided by worker_concurrency."
+            ge=0,
+            le=1000,
+            description="Threads a job may use; 0: processors, of a container's limit, divided by worker_concurrency.",
         ),
     ] = 0
     retention_seconds: Annotated[

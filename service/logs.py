@@ -2,9 +2,13 @@
 
 import logging
 import sys
+from types import TracebackType
 from typing import Any
 
 import structlog
+
+# They tell every message, connection and start twice: the service logs itself what it does.
+CHATTY = ("alembic", "celery", "kombu", "sqlalchemy", "service.jobs.database.Pool", "uvicorn.error")
 
 
 def configure_logs(level: str) -> None:
@@ -35,6 +39,13 @@ def configure_logs(level: str) -> None:
         )
     )
     logging.basicConfig(handlers=[handler], level=level, force=True)
-    if level != "DEBUG":  # they tell every message twice; the worker logs its jobs itself
-        for chatty in ("alembic", "celery", "kombu"):
+    logging.captureWarnings(True)
+    sys.excepthook = _log_uncaught
+    if level != "DEBUG":
+        for chatty in CHATTY:
             logging.getLogger(chatty).setLevel("WARNING")
+
+
+def _log_uncaught(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+    """What ends a process is in its log, in the log's form."""
+    structlog.get_logger(__name__).critical("the process failed", exc_info=(kind, error, trace))

@@ -7,6 +7,8 @@ job that is made (see :mod:`service.correlation`), and so is in the lines of the
 import re
 import time
 import uuid
+from http import HTTPStatus
+from logging import DEBUG, INFO
 
 import structlog
 from starlette.datastructures import MutableHeaders
@@ -15,6 +17,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from core.validation import shortened
 
 HEADER = "X-Request-ID"
+PROBES = ("/healthz", "/readyz")
 LONGEST_PATH = 300  # characters of it that are logged
 VALID = re.compile(r"[A-Za-z0-9._:@+/=-]{1,128}")
 
@@ -57,7 +60,9 @@ class RequestId:
             try:
                 return await self.app(scope, receive, send_with_id)
             finally:
-                log.info(
+                well = scope["path"] in PROBES and status < HTTPStatus.BAD_REQUEST  # every few seconds, for ever
+                log.log(
+                    DEBUG if well else INFO,
                     "request answered",
                     method=scope["method"],
                     path=shortened(scope["path"], LONGEST_PATH),

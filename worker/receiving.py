@@ -7,8 +7,9 @@ from typing import Any
 
 import structlog
 from celery import Celery
+from celery.apps import worker as celery_worker
 from celery.exceptions import SecurityWarning
-from celery.signals import worker_ready
+from celery.signals import worker_ready, worker_shutdown
 
 from service.hangup import hangup_handler
 
@@ -52,8 +53,23 @@ def required(step: Callable[[], None]) -> Callable[..., None]:
     return handle
 
 
+def _say_ready(**_: Any) -> None:
+    log.info("ready")
+
+
+def _say_stopped(**_: Any) -> None:
+    log.info("stopped")
+
+
+def _say_nothing(*_: Any) -> None:
+    """In place of the plain text in which Celery tells stdout of each signal; the log is JSON."""
+
+
 def run_until_stopped(app: Celery, *options: str) -> None:
     """Receive messages until a signal ends it."""
+    worker_ready.connect(_say_ready)
+    worker_shutdown.connect(_say_stopped)
+    celery_worker.safe_say = _say_nothing
     # Harmless here, where messages are JSON and never pickles; Celery still refuses to start as root with pickles.
     warnings.filterwarnings("ignore", "You're running the worker with superuser privileges", SecurityWarning)
     app.worker_main(["--quiet", "worker", "--without-gossip", "--without-mingle", "--without-heartbeat", *options])

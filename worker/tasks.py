@@ -18,6 +18,7 @@ from opentelemetry.trace import SpanKind, StatusCode, get_current_span
 from sqlalchemy.exc import OperationalError
 
 from core.errors import ErrorCode, MeshmarkError
+from core.processors import available_processors
 from service.config import SECRETS, Settings
 from service.correlation import on_behalf_of
 from service.data_folder import ledger_files
@@ -70,7 +71,7 @@ class Worker:
         self.sources = Sources(self.settings, self.ledger.sessions)
         self.scratch = self.settings.data_dir.resolve() / "scratch"
         self.scratch.mkdir(parents=True, exist_ok=True)
-        threads = self.settings.job_threads or max(1, len(os.sched_getaffinity(0)) // self.settings.worker_concurrency)
+        threads = self.settings.job_threads or max(1, available_processors() // self.settings.worker_concurrency)
         self.template = Template(self.engine, threads)
 
     def close(self) -> None:

@@ -16,6 +16,7 @@ from core.benchmark.options import BenchmarkOptions
 from core.benchmark.rows import Combination, Row
 from core.benchmark.worker import Begun, Done, Open, failure, machine, work
 from core.errors import ErrorCode, MeshmarkError
+from core.processors import available_processors
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -125,9 +126,8 @@ def _end(child: _Child, limit: float | None) -> MeshmarkError:
 @contextmanager
 def _threads(processes: int) -> Iterator[None]:
     """An environment in which numerical libraries of a new process share the cores with the other processes."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, str(max(cores // processes, 1))))
+    os.environ.update(dict.fromkeys(THREADS, str(max(available_processors() // processes, 1))))
     try:
         yield
     finally:

@@ -16,6 +16,7 @@ from core.benchmark.datasets import Asset
 from core.benchmark.options import AttackAsked, BenchmarkOptions
 from core.benchmark.rows import Combination, Row, grouped
 from core.errors import ErrorCode, MeshmarkError
+from core.processors import available_processors
 
 log = logging.getLogger(__name__)
 
@@ -117,9 +118,8 @@ def failure(error: Exception) -> Row:
 
 def machine() -> str:
     """What the seconds of a row were measured on."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     threads = os.environ.get("OMP_NUM_THREADS", "all")
-    return f"{platform.system()} {platform.machine()}, {cores} cores, {threads} a process"
+    return f"{platform.system()} {platform.machine()}, {available_processors()} cores, {threads} a process"
 
 
 class _Clock:

@@ -17,6 +17,8 @@ import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
 
+from core.processors import available_processors
+
 Picture = NDArray[np.uint8]
 Rectangle = tuple[tuple[float, float], tuple[float, float], float]  # centre, size, degrees clockwise in the picture
 
@@ -40,8 +42,8 @@ Colors = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
 def available_threads() -> int:
-    """``OMP_NUM_THREADS`` where it is set, as for torch; else the processors that this process may run on."""
-    return int(os.environ.get("OMP_NUM_THREADS", 0)) or len(os.sched_getaffinity(0))
+    """``OMP_NUM_THREADS`` where it is set, as for torch; else the processors that this process has."""
+    return int(os.environ.get("OMP_NUM_THREADS", 0)) or available_processors()
 
 
 class Reader:

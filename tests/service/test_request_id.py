@@ -70,10 +70,10 @@ def test_a_request_without_an_id_or_with_one_that_could_forge_lines_gets_its_own
         {"X-Request-ID": '"}{"'},
         {"X-Request-ID": "x" * 129},
     ):
-        response = logged.service.client.get("/healthz", headers=headers)
+        response = logged.service.client.get("/v1/watermarks", headers=headers)
         drawn.add(str(uuid.UUID(response.headers["X-Request-ID"])))
     assert len(drawn) == 5
-    wait_until(lambda: all(logged.lines(request=identity, path="/healthz") for identity in drawn))
+    wait_until(lambda: all(logged.lines(request=identity, path="/v1/watermarks") for identity in drawn))
 
 
 def test_a_refusal_and_an_unexpected_error_have_the_id_too(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
