@@ -14,7 +14,7 @@ from core.asset.compression import DRACO
 from core.asset.edit import Kind, SurfaceEdit
 from core.asset.editor import Editor
 from core.asset.flatten import TRIANGLES, Scene
-from core.asset.gltf import Document, read_accessor
+from core.asset.gltf import Document
 from core.asset.hierarchy import hidden_nodes, scene_nodes
 from core.asset.instances import instance_attributes, split_off
 from core.asset.materials import UNLIT
@@ -178,11 +178,9 @@ class _Vertices:
     def _indices(self, source: dict[str, Any], triangles: Int) -> int:
         """The index accessor of some triangles, each from its first row on, in spatial order; where the material is
         blended, which viewers do triangle by triangle, in the order of the triangles they were cut from."""
-        document = self._editor.document
-        smallest = read_accessor(document, source["indices"]).dtype if "indices" in source else np.dtype("<u2")
-        if not _is_blended(document, source):
+        if not _is_blended(self._editor.document, source):
             triangles = triangles[morton_order(self._local[triangles].mean(axis=1))]
-        return self._editor.add_indices(_from_lowest(self._number[triangles]), smallest)
+        return self._editor.add_indices(_from_lowest(self._number[triangles]), np.dtype("<u2"))
 
 
 def _from_lowest(rows: Int) -> Int:
