@@ -23,6 +23,11 @@ class Budgets:
         archive_ratio: how many times as large an entry of an archive may be unpacked; models reach 20.
         unpacked_bytes: of all entries of an archive together, unpacked.
         xml_depth: how deep the elements of a 3MF or DAE may be nested.
+        xml_elements: of all XML parts of a file together, beside the vertices and triangles of a 3MF; an empty one
+            costs a hundred times as much time as its text.
+        xml_attributes: of these elements together.
+        element_attributes: of one element.
+        xml_tag_bytes: of one tag, comment or instruction, which the parser holds whole.
         nodes: nodes that draw something in a 3MF or DAE, instances of instances included.
     """
 
@@ -39,6 +44,10 @@ class Budgets:
     archive_ratio: int = 100
     unpacked_bytes: int = 512 * 2**20
     xml_depth: int = 64
+    xml_elements: int = 2_000_000
+    xml_attributes: int = 4_000_000
+    element_attributes: int = 256
+    xml_tag_bytes: int = 2**20
     nodes: int = 100_000
 
 

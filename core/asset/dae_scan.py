@@ -18,13 +18,13 @@ CONTROLLER_DEPTH = 8  # a skin over a morph has two
 _USES = ("instance_node", "instance_geometry", "instance_controller")
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, slots=True)
 class _Node:
     children: list["_Node"] = field(default_factory=list)
     uses: list[tuple[str, str]] = field(default_factory=list)  # an element of _USES, and the id in it
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, slots=True)
 class _Geometry:
     name: str = ""
     sets: int = 0  # of polygons that are read
@@ -63,7 +63,8 @@ class Scan:
         self._open = [_Node()]  # the nodes around it; the first is the scene
         self._geometry = _Geometry()
         self._stride = 1
-        self._text: list[str] = []
+        self._indices = 0  # since the last <p> ended
+        self._text = ""  # of the up axis, or the last of the piece before this one
         parse_xml(data, "The DAE", budgets, self._start, self._end, self._read_text)
         try:
             self.drawn, triangles = self._count(self._open[0], {})
@@ -117,20 +118,25 @@ class Scan:
         if name == "node":
             self._open.pop()
         elif name == "up_axis" and self._path == ["COLLADA", "asset"]:
-            self.up_axis = "".join(self._text).strip()
+            self.up_axis = self._text.strip()
             if self.up_axis not in ("X_UP", "Y_UP", "Z_UP"):
                 raise malformed(f"The up axis of the DAE is {self.up_axis[:20]!r}.")
-        self._text.clear()
+        elif name == "p":
+            corners = self._indices // self._stride
+            self._geometry.triangles += corners // 3 if "triangles" in self._path else corners
+            self._indices = 0
+        self._text = ""
 
     def _read_text(self, text: str) -> None:
         element = self._path[-1]
-        if element == "float_array" and "geometry" in self._path and "nan" in text.lower():
-            raise non_finite("A geometry of the DAE has values that are not numbers.")  # its loader would take 0
-        if element == "up_axis":
-            self._text.append(text[:20])
+        if element == "float_array" and "geometry" in self._path:
+            if "nan" in (self._text + text).lower():
+                raise non_finite("A geometry of the DAE has values that are not numbers.")  # its loader would take 0
+            self._text = text[-2:]
+        elif element == "up_axis":
+            self._text += text[:20]
         elif element == "p":
-            corners = len(text.split()) // self._stride
-            self._geometry.triangles += corners // 3 if "triangles" in self._path else corners
+            self._indices += len(text.split())  # one that stands in two pieces counts twice
 
     def _count(self, node: _Node, known: dict[int, tuple[int, int] | None]) -> tuple[int, int]:
         """How many sets of polygons and triangles a node draws."""

@@ -1,7 +1,5 @@
 """The admission gate: what a file is and what it declares, before any loader allocates for it."""
 
-import re
-
 from core.asset import off, ply, stl
 from core.asset.archive import Archive
 from core.asset.budgets import DEFAULT_BUDGETS, Budgets, within
@@ -10,7 +8,8 @@ from core.asset.glb_check import check_document, check_glb
 from core.asset.pack import pack_archive, pack_json
 from core.asset.refusals import malformed, no_faces, truncated
 from core.asset.sniff import Format, model_in, sniff
-from core.asset.xml import check_xml
+from core.asset.text import count_lines
+from core.asset.xml import check_xml, count_elements
 from core.errors import ErrorCode, MeshmarkError
 
 
@@ -78,27 +77,13 @@ def _check(data: bytes, file_format: Format, budgets: Budgets) -> None:
 
 
 def _check_obj(data: bytes, budgets: Budgets) -> None:
-    vertices, faces = _count_lines(data, b"v"), _count_lines(data, b"f")
+    vertices, faces = count_lines(data, b"vf")
     if faces == 0:
         raise no_faces(f"The OBJ has {vertices:,} vertices but no face.")
     if vertices == 0:
         raise malformed(f"The OBJ has {faces:,} faces but no vertex.")
     within(vertices, budgets.vertices, "vertices")
     within(faces, budgets.faces, "faces")
-
-
-def _count_lines(data: bytes, word: bytes) -> int:
-    """Lines that start with ``word`` and a blank, nearly always without indentation."""
-    ends = (b"\n", b"\r") if b"\r" in data else (b"\n",)
-    plain = sum(data.count(end + word + blank) for end in ends for blank in (b" ", b"\t"))
-    plain += data.removeprefix(b"\xef\xbb\xbf")[:2] in (word + b" ", word + b"\t")
-    if plain:
-        return plain
-    indented = (
-        rb"[ \t]+" + word + rb"[ \t]"
-    )  # searched after each line end by itself: ten times as fast as after either
-    after = sum(1 for end in (b"\n", b"\r") for _ in re.finditer(end + indented, data))
-    return after + bool(re.match(indented, data))
 
 
 def _check_stl(data: bytes, budgets: Budgets) -> None:
@@ -149,15 +134,17 @@ def _check_ply(data: bytes, budgets: Budgets) -> None:
 
 def _check_3mf(archive: Archive, budgets: Budgets) -> None:
     """Parts may write their elements with a prefix: then only the loader counts them."""
-    vertices = triangles = 0
+    vertices = triangles = elements = 0
     for name in archive.names:
         if name.lower().endswith(".model"):
             part = archive.read(name)
             check_xml(part, f"The 3MF model {name[:60]!r}")
             vertices += part.count(b"<vertex ")
             triangles += part.count(b"<triangle ")
+            elements += count_elements(part)
     within(vertices, budgets.vertices, "vertices")
     within(triangles, budgets.faces, "triangles")
+    within(elements, budgets.vertices + budgets.faces + budgets.xml_elements, "XML elements")
 
 
 def _check_dae(data: bytes, budgets: Budgets) -> None:

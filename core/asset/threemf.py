@@ -14,7 +14,7 @@ from core.asset.refusals import malformed, no_faces
 from core.asset.textures import check_pixels, usable_image
 from core.asset.threemf_model import IDENTITY, Group, Model, Object
 from core.asset.threemf_slicer import OBJECT_TYPES, Tools, read_tools
-from core.asset.xml import parse_xml
+from core.asset.xml import Tally, parse_xml
 from core.errors import MeshmarkError
 from core.products import product
 
@@ -39,7 +39,7 @@ def read_3mf(archive: Archive, budgets: Budgets) -> Assembly:
     start = package.start_part()
     model = package.model(start)
     assembly = Assembly([], [], [], product(_Z_UP, np.diag([model.metres] * 3 + [1.0])))
-    tools, left_out = read_tools(archive, budgets, assembly.warnings), Counter[str]()
+    tools, left_out = read_tools(archive, budgets, package.tally, assembly.warnings), Counter[str]()
     numbers: dict[Key, int] = {}
     faces = 0
     for key, matrix in _built(package, start, tools, left_out, budgets):
@@ -73,6 +73,7 @@ class _Package:
     def __init__(self, archive: Archive, budgets: Budgets) -> None:
         self.archive = archive
         self.budgets = budgets
+        self.tally = Tally()
         self._models: dict[str, Model] = {}
 
     def start_part(self) -> str:
@@ -84,7 +85,8 @@ class _Package:
                 targets.append(attributes.get("Target", ""))
 
         if (relationships := self.archive.find("_rels/.rels", "")) is not None:
-            parse_xml(self.archive.read(relationships), "The list of parts of the 3MF", self.budgets, relationship)
+            text = self.archive.read(relationships)
+            parse_xml(text, "The list of parts of the 3MF", self.budgets, relationship, tally=self.tally)
         for target in (*targets, _USUAL_PART):
             if (found := self.archive.find(target.lstrip("/"), "")) is not None:
                 return found
@@ -93,7 +95,8 @@ class _Package:
     def model(self, part: str) -> Model:
         """The tables of a part; all parts together keep the budget of unpacked bytes."""
         if part not in self._models:
-            self._models[part] = Model(self.archive.read(part), f"The 3MF model {part[:60]!r}", self.budgets)
+            what = f"The 3MF model {part[:60]!r}"
+            self._models[part] = Model(self.archive.read(part), what, self.budgets, self.tally)
         return self._models[part]
 
     def key(self, part: str | None, object_id: str, beside: str) -> Key:

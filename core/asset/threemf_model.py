@@ -12,9 +12,10 @@ import numpy as np
 from core.asset.budgets import Budgets, within
 from core.asset.polygons import Float
 from core.asset.refusals import malformed
-from core.asset.xml import parse_xml
+from core.asset.xml import Tally, parse_xml
 
 METRES = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "inch": 0.0254, "foot": 0.3048, "meter": 1.0}
+ROWS = ("vertex", "triangle")
 GROUPS = ("basematerials", "colorgroup", "texture2dgroup", "compositematerials", "multiproperties")
 
 # Most files hold nothing but millions of these; taken out in one go they cost a third of what a parser's calls do.
@@ -78,7 +79,8 @@ class Model:
     Args:
         data: the XML.
         what: the part in errors.
-        budgets: bounds vertices, triangles, objects and uses of the part.
+        budgets: bounds vertices, triangles, objects, uses and all other elements of the part.
+        tally: of the XML parts of the package.
 
     Attributes:
         metres: the length of its unit.
@@ -89,7 +91,7 @@ class Model:
         MeshmarkError: ``malformed_file``, ``budget_exceeded``, ``unsupported_feature``.
     """
 
-    def __init__(self, data: bytes, what: str, budgets: Budgets) -> None:
+    def __init__(self, data: bytes, what: str, budgets: Budgets, tally: Tally) -> None:
         self.metres = METRES["millimeter"]
         self.objects: dict[str, Object] = {}
         self.groups: dict[str, Group] = {}
@@ -121,7 +123,7 @@ class Model:
                 handle(attributes)
 
         try:
-            parse_xml(data, what, budgets, start)
+            parse_xml(data, what, budgets, start, tally=tally, rows=ROWS)
         except KeyError as error:
             raise malformed(f"An element of {what} lacks its attribute {error}.") from None
         except (ValueError, OverflowError) as error:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from core.asset.archive import Archive
 from core.asset.assembly import dropped
 from core.asset.budgets import Budgets
-from core.asset.xml import parse_xml
+from core.asset.xml import Tally, parse_xml
 from core.errors import MeshmarkError
 
 # Object types of the core specification that are printed beside the model or not at all.
@@ -37,13 +37,20 @@ class Tools:
     parts: dict[tuple[str, str], str] = field(default_factory=dict)
 
 
-def read_tools(archive: Archive, budgets: Budgets, warnings: list[MeshmarkError]) -> Tools:
-    """The tools in a package; settings that cannot be read are warned of, since tools may then pass for parts."""
+def read_tools(archive: Archive, budgets: Budgets, tally: Tally, warnings: list[MeshmarkError]) -> Tools:
+    """The tools in a package; settings that cannot be read are warned of, since tools may then pass for parts.
+
+    Args:
+        archive: the package.
+        budgets: bounds the settings' XML.
+        tally: of the XML parts of the package.
+        warnings: what is not read is appended.
+    """
     tools = Tools()
     for name in archive.names:
         if _SETTINGS.fullmatch(name):
             try:
-                _Reader(tools).read(archive.read(name), budgets)
+                _Reader(tools).read(archive.read(name), budgets, tally)
             except MeshmarkError as error:
                 warnings.append(dropped(f"The slicer's settings in the 3MF are not read: {error.message}"))
     return tools
@@ -57,8 +64,8 @@ class _Reader:
         self._object = ""
         self._range: tuple[int, int] | None = None  # of the volume being read
 
-    def read(self, data: bytes, budgets: Budgets) -> None:
-        parse_xml(data, "The list of volumes", budgets, self._start, self._end)
+    def read(self, data: bytes, budgets: Budgets, tally: Tally) -> None:
+        parse_xml(data, "The list of volumes", budgets, self._start, self._end, tally=tally)
 
     def _start(self, name: str, attributes: dict[str, str]) -> None:
         if name == "object":

@@ -10,6 +10,9 @@ from fontTools.unicodedata import script as script_of
 
 from core.errors import ErrorCode, MeshmarkError
 
+# A font may write a letter as several glyphs (marks, parts of a conjunct), but its rules can also multiply without end.
+GLYPHS_PER_CHARACTER = 32
+
 _JOINERS = "\u200c\u200d"  # zero-width (non-)joiners steer the shaping of Arabic and Indic scripts
 _REFUSED_CATEGORIES = {"Cc": "control", "Cf": "formatting", "Cs": "surrogate", "Zl": "line break", "Zp": "line break"}
 _COMMON_SCRIPTS = ("Zyyy", "Zinh", "Zzzz")  # take the script of the text around them (UAX 24)
@@ -41,7 +44,7 @@ def shape(text: str, font: hb.Font) -> list[Glyph]:
 
     Raises:
         MeshmarkError: ``empty_text`` (nothing visible), ``invalid_parameters`` (control or formatting characters),
-            ``missing_glyphs`` (naming each character that the font lacks).
+            ``missing_glyphs`` (naming each character that the font lacks), ``invalid_font`` (it multiplies glyphs).
     """
     _require_printable(text)
     text = unicodedata.normalize("NFC", text)
@@ -59,7 +62,12 @@ def shape(text: str, font: hb.Font) -> list[Glyph]:
         buffer.direction = "rtl" if level % 2 else "ltr"
         buffer.script = script
         buffer.language = "und"  # never the machine's locale: the same text must give the same letters anywhere
-        hb.shape(font, buffer)
+        try:
+            hb.shape(font, buffer)
+        except MemoryError:  # HarfBuzz bounds by itself what a font may make of a text
+            raise _endless_rules() from None
+        if len(buffer) > GLYPHS_PER_CHARACTER * (stop - start):
+            raise _endless_rules()
         for info, position in zip(buffer.glyph_infos, buffer.glyph_positions, strict=True):
             if info.codepoint == 0:
                 missing.add(text[info.cluster])
@@ -104,6 +112,14 @@ def _missing_glyphs(characters: set[str]) -> MeshmarkError:
         ErrorCode.MISSING_GLYPHS,
         f"The font has no outline for {listed}.",
         "Leave these characters out or send a font that has them.",
+    )
+
+
+def _endless_rules() -> MeshmarkError:
+    return MeshmarkError(
+        ErrorCode.INVALID_FONT,
+        f"The rules of the font make more than {GLYPHS_PER_CHARACTER} glyphs of a letter of this text.",
+        "Send the font as its maker publishes it, or another one.",
     )
 
 

@@ -1,4 +1,5 @@
 import contextlib
+import re
 from unittest import mock
 
 import numpy as np
@@ -285,6 +286,22 @@ def test_triangles_are_counted_whatever_the_file_declares() -> None:
     data = DAE.replace(b'count="12"', b'count="1"')
     with pytest.raises(MeshmarkError, match="12 triangles"):
         Scan(data, Budgets(faces=11))
+
+
+def test_triangles_are_counted_however_their_numbers_are_broken_into_lines() -> None:
+    data = DAE.replace(b"<p>", b"<p>\n").replace(b"</p>", b"\n</p>")
+    lines = re.sub(rb"(?s)<p>.*?</p>", lambda found: found[0].replace(b" ", b"\n"), data)
+    assert lines.count(b"\n") > data.count(b"\n") + 30
+    for also in (lines, lines.replace(b"</p>", b"<extra/><p/></p>")):
+        with pytest.raises(MeshmarkError, match="12 triangles"):
+            Scan(also, Budgets(faces=11))
+
+
+def test_a_value_that_is_no_number_is_found_wherever_the_text_is_cut() -> None:
+    for blanks in range(2**16 - 40, 2**16):
+        with pytest.raises(MeshmarkError) as caught:
+            admit(DAE.replace(b"-1 -1 1", b"%*s nan 1" % (blanks, b"1")))
+        assert caught.value.code is ErrorCode.NON_FINITE_POSITIONS
 
 
 GLASS_SKIN = dae(

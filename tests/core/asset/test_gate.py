@@ -144,6 +144,15 @@ def test_an_obj_without_faces_is_refused(data: bytes) -> None:
     assert _refusal(data).code is ErrorCode.NO_FACES
 
 
+@pytest.mark.parametrize("filling", [b"\n", b"\r", b"\r\n", b"\n  ", b"\nv", b"\n v "])
+def test_an_obj_of_nothing_is_looked_through_in_a_few_steps_for_each_megabyte(filling: bytes) -> None:
+    data = b"v 0 0 0\n" + filling * (8 * 2**20 // len(filling))
+    with cost() as spent:
+        assert _refusal(data).code is ErrorCode.NO_FACES
+    assert spent.calls < 2000
+    assert spent.peak < 32 * 2**20
+
+
 def test_an_obj_without_vertices_is_refused() -> None:
     assert _refusal(b"o cube\nf 1 2 3\n").code is ErrorCode.MALFORMED_FILE
 

@@ -1,11 +1,13 @@
 import contextlib
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from core.asset.budgets import Budgets
 from core.asset.flatten import flatten
 from core.asset.formats import to_document
 from core.asset.gate import admit
@@ -279,6 +281,25 @@ def test_components_that_multiply_without_end_are_refused_at_once() -> None:
         error = _failure(threemf_model(CUBE + doubling, '<item objectid="39"/>'))
     assert error.code is ErrorCode.BUDGET_EXCEEDED
     assert spent.calls < 1_000_000
+
+
+def test_elements_that_are_neither_vertices_nor_triangles_are_bounded_in_all_parts_together() -> None:
+    notes = "".join(f"<metadata name='{number}'/>" for number in range(20))
+    part = threemf_model(CUBE, ITEM).replace("<resources>", f"{notes}<resources>")
+    config = f"<config>{notes}</config>"
+    data = _package(part, **{"Metadata/model_settings.config": config, "Metadata/Slic3r_PE_model.config": config})
+    elements = 20 + len(("model", "resources", "object", "mesh", "vertices", "triangles", "build", "item"))
+    both = elements + 2 * 21
+    assert to_document(data, admit(data), Budgets(xml_elements=both)).warnings == []
+    [warning] = to_document(data, admit(data), Budgets(xml_elements=both - 1)).warnings
+    assert f"{both} XML elements" in warning.message
+    with pytest.raises(MeshmarkError, match=f"{elements} XML elements"):
+        to_document(data, admit(data), Budgets(xml_elements=elements - 1))
+    small = Budgets(vertices=8, faces=12, xml_elements=elements)
+    admit(data, small)
+    with pytest.raises(MeshmarkError, match=f"{elements + 20} XML elements") as caught:
+        admit(data, replace(small, xml_elements=elements - 1))  # where vertices and triangles count alike
+    assert caught.value.code is ErrorCode.BUDGET_EXCEEDED
 
 
 @settings(max_examples=150)

@@ -1,4 +1,8 @@
+from io import BytesIO
+
 import pytest
+from fontTools.feaLib.builder import addOpenTypeFeaturesFromString
+from fontTools.ttLib import TTFont
 
 from core.errors import ErrorCode, MeshmarkError
 from core.lettering.fonts import default_font, load_font
@@ -98,3 +102,25 @@ def test_control_characters_are_refused_by_their_code_and_place(character: str) 
     error = refusal(f"ab{character}c")
     assert error.code == ErrorCode.INVALID_PARAMETERS
     assert f"U+{ord(character):04X} at position 3" in error.message
+
+
+def _growing(levels: int) -> bytes:
+    """A font whose rules make twenty of each "a", so many times over."""
+    font = TTFont(BytesIO(make_font({"a": [SQUARE]})))
+    lookups = "".join(f"lookup L{level} {{ sub uni0061 by {'uni0061 ' * 20}; }} L{level};" for level in range(levels))
+    used = "".join(f"lookup L{level};" for level in range(levels))
+    addOpenTypeFeaturesFromString(font, f"{lookups} feature ccmp {{ {used} }} ccmp;")
+    stream = BytesIO()
+    font.save(stream)
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize("text", ["a", "a" * 60])
+def test_a_font_whose_rules_multiply_letters_is_refused_for_it(text: str) -> None:
+    with pytest.raises(MeshmarkError, match="glyphs of a letter") as caught:
+        shape(text, load_font(_growing(levels=3)))
+    assert caught.value.code is ErrorCode.INVALID_FONT
+
+
+def test_a_font_may_write_a_letter_as_several_glyphs() -> None:
+    assert len(shape("aa", load_font(_growing(levels=1)))) == 40
