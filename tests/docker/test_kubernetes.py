@@ -13,6 +13,7 @@ import kubernetes_validate
 import pytest
 import yaml
 from cloudcoil.models.keda.v1alpha1 import ScaledObject
+from cryptography.fernet import Fernet
 from pydantic import ValidationError
 
 from service.__main__ import STOP_MARGIN
@@ -183,15 +184,17 @@ def test_every_variable_is_a_setting_and_every_process_starts_with_them(
     overlay: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     given = settings_of(overlay)
-    assert given.keys() <= {f"{PREFIX}{name.upper()}" for name in Settings.model_fields}
-    for pod in pods(overlay).values():
-        assert "env" not in container(pod)
-    for name, value in given.items():
-        monkeypatch.setenv(name, value)
-    monkeypatch.setenv("MESHMARK_DATA_DIR", str(tmp_path))
     for name, pod in pods(overlay).items():
         secrets = mounted_secrets(pod, tmp_path / name)
-        settings = load_settings(secrets)
+        own = {item["name"]: item["value"] for item in container(pod).get("env", ())}
+        known = {variable for variable in service_of(name)["environment"] if "SECRETS" in variable}
+        assert own.keys() == known, "who needs the keys of webhooks' secrets, and nobody else"
+        assert given.keys() | own.keys() <= {f"{PREFIX}{name.upper()}" for name in Settings.model_fields}
+        with monkeypatch.context() as process:
+            for variable, value in (given | own).items():
+                process.setenv(variable, value.replace("/run/secrets", str(secrets)))
+            process.setenv("MESHMARK_DATA_DIR", str(tmp_path))
+            settings = load_settings(secrets)
         assert settings.database_url == "postgresql://u:p@db/meshmark"
         assert settings.broker_url == "redis://:p@cache:6379/0"
         assert (settings.s3_access_key_id.get_secret_value() == "key") == (name != "webhooks")
@@ -204,6 +207,7 @@ def mounted_secrets(pod: Manifest, folder: Path) -> Path:
         "meshmark_broker_url": "redis://:p@cache:6379/0\n",
         "meshmark_s3_access_key_id": "key\n",
         "meshmark_s3_secret_access_key": "secret\n",
+        "secrets-key": f"{Fernet.generate_key().decode()}\n",
     }
     assert {"name": "secrets", "mountPath": "/run/secrets", "readOnly": True} in container(pod)["volumeMounts"]
     (volume,) = (volume["projected"] for volume in pod["spec"]["volumes"] if volume["name"] == "secrets")
