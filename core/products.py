@@ -1,8 +1,8 @@
-"""Products of matrices in a fixed order of additions.
+"""Products and inverses of matrices in a fixed order of additions.
 
-BLAS adds in an order, and fuses multiplications and additions, as suits the processor: the last bits differ from one
-kind of processor to another, and with them whatever is decided by comparing results. Here each sum is taken in the
-order of its terms, by operations that IEEE 754 rounds the same way everywhere.
+BLAS and LAPACK add in an order, and fuse multiplications and additions, as suits the processor: the last bits differ
+from one kind of processor to another, and with them whatever is decided by comparing results. Here each sum is taken
+in the order of its terms, by operations that IEEE 754 rounds the same way everywhere.
 """
 
 from typing import Any
@@ -21,3 +21,13 @@ def product(a: NDArray[Any], b: NDArray[Any]) -> Float:
         np.multiply(a[..., :, k : k + 1], b[..., k : k + 1, :], out=term)
         total += term
     return np.asarray(total)
+
+
+def solved(matrices: Float, right: Float) -> Float:
+    """(..., 3) the x with ``matrices @ x = right``, for (..., 3, 3) and (..., 3), by Cramer's rule; not finite where a
+    matrix is singular."""
+    x, y, z = (matrices[..., :, axis] for axis in range(3))
+    by_row = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=-2)
+    determinant = product(by_row[..., :1, :], x[..., None])[..., 0]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        return np.asarray(product(by_row, right[..., None])[..., 0] / determinant)

@@ -21,6 +21,7 @@ from core.asset.gltf import Document, dequantize, read_accessor
 from core.asset.grouping import group_rows
 from core.asset.skin import blend, influence_sets
 from core.errors import ErrorCode, MeshmarkError
+from core.products import solved
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -152,7 +153,7 @@ def _place(scene: Scene, world: Float, patch: Patch) -> None:
         _keep_influences(document, patch, patch.original[first])
     _require_invertible(drawn, matrices)
     patch.winding *= np.where(determinants(matrices) < 0, -1.0, 1.0)[:: 3 if len(matrices) > 1 else 1]
-    local = np.linalg.solve(matrices[:, :, :3], (world - matrices[:, :, 3])[:, :, None])[:, :, 0]
+    local = solved(matrices[:, :, :3], world - matrices[:, :, 3])
     for weight, target, values in zip(drawn.morph_weights, patch.maps[1:], patch.values[1:], strict=True):
         if "POSITION" in target:
             delta = interpolate_attribute(document, "POSITION", target["POSITION"], points).astype(np.float32)
@@ -220,7 +221,7 @@ def _first_of_each(vertex: Int, original: Int) -> Int:
 def _require_invertible(drawn: DrawnPrimitive, matrices: Float) -> None:
     linear = matrices[:, :, :3]
     volume = np.linalg.norm(linear, axis=1).prod(axis=1)
-    if not (np.abs(np.linalg.det(linear)) > SINGULAR * volume).all():
+    if not (np.abs(determinants(matrices)) > SINGULAR * volume).all():
         raise MeshmarkError(
             ErrorCode.UNSUPPORTED_FEATURE,
             f"nodes[{drawn.node}] flattens its mesh, so that no letter can be put back into the mesh's own frame.",

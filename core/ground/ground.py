@@ -13,6 +13,7 @@ from core.device import spatial_index
 from core.errors import ErrorCode, MeshmarkError
 from core.ground.orientation import Orientation, orient
 from core.ground.sheets import Sheets, find_sheets
+from core.products import solved
 from core.spatial import Hides, SpatialIndex
 
 Float = NDArray[np.float64]
@@ -173,7 +174,7 @@ def _resolution(scene: Scene) -> Float:
         stretch = 1.0
         if len(drawn.matrices) == 1 and drawn.invertible:
             matrix, shift = drawn.matrices[0, :, :3], drawn.matrices[0, :, 3]
-            local = np.asarray(np.linalg.solve(matrix, (local - shift).T).T, dtype=np.float64)
+            local = solved(matrix, local - shift)
             stretch = float(np.linalg.norm(matrix, axis=0).max())
         largest = np.abs(local).max(axis=1).astype(np.float32)
         spacing[rows] = np.spacing(largest).astype(np.float64) * (stretch * surface.scale)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from core.products import product
+from core.products import product, solved
 
 
 @pytest.mark.parametrize(
@@ -18,3 +18,14 @@ def test_terms_are_added_one_after_the_other() -> None:
     assert product(a, np.ones((3, 1))) == 0.0
     assert product(a[:, ::-1], np.ones((3, 1))) == 0.0
     assert product(a[:, [0, 2, 1]], np.ones((3, 1))) == 1.0
+
+
+def test_what_was_multiplied_is_solved_again() -> None:
+    rng = np.random.default_rng(1)
+    matrices, x = rng.normal(size=(50, 3, 3)) + 2 * np.eye(3), rng.normal(size=(50, 3))
+    assert np.allclose(solved(matrices, (matrices @ x[..., None])[..., 0]), x, rtol=1e-9)
+    assert np.allclose(solved(matrices[0], x @ matrices[0].T), x, rtol=1e-9)
+
+
+def test_a_singular_matrix_has_no_solution() -> None:
+    assert not np.isfinite(solved(np.zeros((3, 3)), np.ones(3))).any()
