@@ -8,8 +8,10 @@ from typing import Annotated, Any
 from fastapi import Depends, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.routing import APIRoute
+from sqlalchemy.exc import OperationalError
 
 from core.errors import ErrorCode
+from service.jobs.artifacts import StoreUnavailableError
 from service.jobs.limits import spend
 from service.jobs.models import DEFAULT_TENANT
 from service.jobs.tenants import Scope, authenticate, note_use
@@ -45,9 +47,18 @@ class GuardedRoute(APIRoute):
         """What answers a request."""
         answer = super().get_route_handler()
 
-        async def guarded(request: Request) -> Response:
+        async def admitted(request: Request) -> Response:
             request.state.client = await run_in_threadpool(let_in, request)
             return await answer(request)
+
+        async def guarded(request: Request) -> Response:
+            try:
+                return await admitted(request)
+            except (OperationalError, StoreUnavailableError):
+                reserve = state_of(request).artifacts.reserve
+                if request.method != "DELETE" or not await run_in_threadpool(reserve.give_up):
+                    raise
+                return await admitted(request)  # on a full disk, what makes room gets the room that is kept for it
 
         return guarded
 

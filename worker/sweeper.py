@@ -77,6 +77,7 @@ def sweep_files_forever(worker: Worker) -> None:
                 sweep_store(worker, share)
         except Exception:
             log.exception("sweep of the store failed")
+            worker.artifacts.reserve.give_up()  # on a full disk, what has expired goes by the room that is kept for it
 
 
 def start_sweeper(worker: Worker) -> None:

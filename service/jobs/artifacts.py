@@ -19,8 +19,10 @@ from typing import BinaryIO, NamedTuple
 import structlog
 
 from core.errors import ErrorCode, MeshmarkError
+from service.jobs.reserve import Reserve
 
 CHUNK = 2**20
+BLOCK = 2**16  # bytes written to see whether there is room
 DRAFT = ".staged-"
 MARKER = "meshmark-ledger"  # names the ledger whose the store is: see service.jobs.ownership
 NAME = re.compile("[0-9a-f]{64}")  # what else lies in a store was not put there by us
@@ -66,6 +68,9 @@ class ArtifactStore(ABC):
     def __init__(self, staging: Path) -> None:
         self._staging = staging
         staging.mkdir(parents=True, exist_ok=True)
+        self.reserve = Reserve(staging)
+        with suppress(OSError):  # whoever stores something, or asks whether that is possible, is told
+            self.reserve.keep()
 
     @abstractmethod
     def has(self, sha256: str) -> bool:
@@ -107,9 +112,14 @@ class ArtifactStore(ABC):
     def link(self, sha256: str) -> str | None:
         """An address, good for some minutes, where anyone may fetch the content; None where there is no such thing."""
 
-    @abstractmethod
     def ping(self) -> None:
-        """Raise StoreUnavailableError where the store does not answer or does not exist."""
+        """Raise StoreUnavailableError where the store does not answer or does not exist, or the local disk is full."""
+        with writing():
+            self.reserve.keep()
+            with tempfile.TemporaryFile(dir=self._staging) as file:
+                file.write(bytes(BLOCK))
+                file.flush()
+                os.fsync(file.fileno())
 
     @abstractmethod
     def put_upload(self, name: str, staged: Staged) -> None:
@@ -143,6 +153,7 @@ class ArtifactStore(ABC):
     def stage_chunks(self, chunks: Iterable[bytes], *, limit: int, name: str) -> Iterator[Staged]:
         """As :meth:`stage`, from chunks."""
         with writing():
+            self.reserve.keep()
             handle, temporary = tempfile.mkstemp(prefix=DRAFT, dir=self._staging)
         path = Path(temporary)
         try:

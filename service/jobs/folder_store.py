@@ -54,11 +54,6 @@ class FolderStore(ArtifactStore):
                 with suppress(FileNotFoundError):
                     yield Stored(path.name, datetime.fromtimestamp(path.stat().st_mtime, UTC))
 
-    def ping(self) -> None:
-        """See whether the folder takes files."""
-        with writing(), tempfile.TemporaryFile(dir=self.root):
-            pass
-
     def owner(self) -> str | None:
         """What the marker file says."""
         try:

@@ -134,9 +134,9 @@ class Ledger:
         self._engine.dispose()
 
     def ping(self) -> None:
-        """Raise OperationalError where the database does not answer."""
-        with self._engine.connect() as connection:
-            connection.execute(text("SELECT 1"))
+        """Raise an error where the database does not answer, or takes nothing, as on a full disk."""
+        with self._engine.begin() as connection:
+            connection.execute(update(Identity).values(id=Identity.id))
 
     def create(
         self,

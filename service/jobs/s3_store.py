@@ -80,6 +80,7 @@ class S3Store(ArtifactStore):
 
     def ping(self) -> None:
         """Look whether the bucket lists anything; whether one object is there would not tell of a missing bucket."""
+        super().ping()
         with _asking():
             next(iter(obstore.list(self._bucket, "ping", chunk_size=1)), None)
 

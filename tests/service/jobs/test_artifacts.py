@@ -32,7 +32,7 @@ def names(store: ArtifactStore) -> list[str]:
 
 
 def local_files(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.rglob("*") if path.is_file())
+    return sorted(path for path in folder.rglob("*") if path.is_file() and path.name != "reserve")
 
 
 @pytest.mark.parametrize("content", [b"", b"1", bytes(range(256)) * 100, b"x" * (20 * 2**20 + 1)], ids=len)
