@@ -19,6 +19,7 @@ from fastapi import FastAPI
 from sqlalchemy.exc import OperationalError
 
 from service.app import create_app
+from service.background import in_background
 from service.config import Settings, load_settings
 from service.data_folder import keep_private
 from service.dead_jobs import add_jobs_commands, run_jobs_command
@@ -42,11 +43,10 @@ class Supervisor:
     def __init__(self, command: Sequence[str], stop_timeout: float) -> None:
         self._command, self._stop_timeout = command, stop_timeout
         self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="supervisor", daemon=True)
 
     def start(self) -> None:
         """Start the process and watch it."""
-        self._thread.start()
+        self._thread = in_background("supervisor", self._run)
 
     def stop(self) -> None:
         """Have the process asked to end, and killed if it does not."""

@@ -8,6 +8,7 @@ client.
 """
 
 import platform
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -16,6 +17,7 @@ from prometheus_client import REGISTRY, CollectorRegistry, Counter, Histogram, I
 from prometheus_client.registry import Collector
 
 from core import __version__
+from service.background import in_background
 
 REQUEST_SECONDS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0)
 WORK_SECONDS = (0.1, 0.25, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 30.0, 60.0, 120.0, 300.0, 600.0)
@@ -67,9 +69,23 @@ def metrics_server(host: str, port: int, *collectors: Collector) -> Iterator[Non
     except OSError as error:
         log.error("the port of the metrics cannot be opened", host=host, port=port, error=str(error))
         raise SystemExit(2) from error  # Celery would go on after anything less
+    over = threading.Event()
+    in_background("metrics", _require, thread, over)
     try:
         yield
     finally:
+        over.set()
         server.shutdown()
         server.server_close()
         thread.join()
+
+
+def _require(thread: threading.Thread, over: threading.Event) -> None:
+    """Wait for a thread that somebody else has started.
+
+    Raises:
+        RuntimeError: it ended too early.
+    """
+    thread.join()
+    if not over.is_set():
+        raise RuntimeError("the metrics are not served any more")

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck
@@ -11,7 +12,7 @@ from hypothesis import settings as hypothesis_settings
 from service.config import Settings
 from tests.service.conftest import Client, client_with
 from tests.service.postgres import Postgres, postgres_server
-from tests.service.s3 import S3, s3_server
+from tests.service.s3 import S3, bucket_settings, s3_server
 from tests.service.watched import Watched
 
 # The only place for what depends on the clock: an example, or making it, may take as long as a busy machine needs.
@@ -55,8 +56,14 @@ def hooked(watched: Watched, tmp_path: Path) -> Iterator[Client]:
 
 
 @pytest.fixture
-def hooked_on_both(watched: Watched, database_url: str, tmp_path: Path) -> Iterator[Client]:
-    """The same on each database."""
-    hooks = watched.hooks_file(tmp_path)
-    with client_with(Settings(data_dir=tmp_path, database_url=database_url, hooks_file=hooks)) as client:
+def hooked_on_both(
+    request: pytest.FixtureRequest, watched: Watched, database_url: str, tmp_path: Path
+) -> Iterator[Client]:
+    """The same on each database: beside SQLite with artifacts in a folder, beside PostgreSQL in a bucket."""
+    more: dict[str, Any] = {"database_url": database_url, "hooks_file": watched.hooks_file(tmp_path)}
+    if database_url.startswith("sqlite"):
+        settings = Settings(data_dir=tmp_path, **more)
+    else:
+        settings = bucket_settings(request.getfixturevalue("s3").new_bucket(), tmp_path, **more)
+    with client_with(settings) as client:
         yield client

@@ -1,7 +1,6 @@
 """Build the Celery app that runs jobs."""
 
 import sys
-import threading
 from contextlib import ExitStack
 from functools import cache
 from logging import INFO, WARNING
@@ -11,6 +10,7 @@ import structlog
 from celery import Celery
 from celery.signals import setup_logging, task_postrun, task_prerun, worker_init, worker_shutdown, worker_shutting_down
 
+from service.background import in_background
 from service.config import Settings
 from service.jobs.queue import TASK, create_queue
 from service.logs import configure_logs
@@ -20,7 +20,7 @@ from service.tracing import configure_tracing
 from worker import sandbox
 from worker.hook_outputs import start_writer
 from worker.pulse import Pulse
-from worker.receiving import receive, required
+from worker.receiving import receive, required, take
 from worker.sweeper import start_sweeper
 from worker.tasks import Worker, private_folders
 
@@ -70,8 +70,7 @@ def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
         require_own_store(settings)
         worker().template.start()  # it loads its libraries while all else gets ready
         require_sandbox(worker())
-        beating = threading.Thread(target=pulse().beat_until, args=(worker().stopping,), name="pulse", daemon=True)
-        beating.start()
+        in_background("pulse", pulse().beat_until, worker().stopping)
         figures.enter_context(metrics_server(settings.metrics_host, settings.worker_metrics_port))
         start_sweeper(worker())
         start_writer(worker())
@@ -82,7 +81,7 @@ def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
     def end(**_: Any) -> None:
         worker().close()
 
-    app.task(watermark, name=TASK)
+    take(app, TASK, watermark)
     setup_logging.connect(lambda **_: configure_logs(settings.log_level), weak=False)
     worker_init.connect(required(prepare), weak=False)
     task_prerun.connect(lambda **_: pulse().began(), weak=False)

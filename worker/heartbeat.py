@@ -2,13 +2,13 @@
 
 import threading
 import time
-from contextvars import copy_context
 from types import TracebackType
 from typing import Self
 
 import structlog
 from sqlalchemy.exc import OperationalError
 
+from service.background import in_background
 from service.jobs.ledger import Ledger
 from service.jobs.models import Lease
 
@@ -30,10 +30,9 @@ class Heartbeat:
         self._at = ("reading", 0.0)
         self._wake = threading.Event()
         self._over = False
-        self._thread = threading.Thread(target=copy_context().run, args=(self._run,), name="heartbeat", daemon=True)
 
     def __enter__(self) -> Self:
-        self._thread.start()
+        self._thread = in_background("heartbeat", self._run)
         return self
 
     def __exit__(

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
+from pathlib import Path
 from typing import Any, BinaryIO
 
 import obstore
@@ -48,30 +49,18 @@ def read_object(hook: HookSource, key: str, target: BinaryIO, limit: int, check:
         target.write(chunk)
 
 
-def write_object(hook: HookSource, key: str, content: Iterator[bytes], media_type: str) -> None:
-    """Write an object; it appears when it is whole.
+def write_object(hook: HookSource, key: str, content: Path, media_type: str) -> None:
+    """Write a file to an object; it appears when it is whole.
+
+    A file, and nothing that asks the artifact store for its content meanwhile: a bucket's library panics where it is
+    asked for something while it asks for something.
 
     Raises:
         MeshmarkError: it may not be written.
         StoreUnavailableError: the bucket does not answer.
-        Exception: what reading the content raises.
     """
-    failures: list[Exception] = []
-
-    def passed_on() -> Iterator[bytes]:
-        try:
-            yield from content
-        except Exception as error:
-            failures.append(error)
-            raise
-
-    try:
-        with _asking():
-            obstore.put(open_bucket(hook), key, passed_on(), attributes={"Content-Type": media_type})
-    except StoreUnavailableError:
-        if failures:  # it was not the bucket
-            raise failures[0] from None
-        raise
+    with _asking():
+        obstore.put(open_bucket(hook), key, content, attributes={"Content-Type": media_type})
 
 
 def _content(bucket: S3Store, key: str) -> Iterator[bytes]:
@@ -89,12 +78,12 @@ def _asking() -> Iterator[None]:
             ErrorCode.DOWNLOAD_FAILED, "The object is not in the bucket any more.", "Drop it again."
         ) from None
     except REFUSALS as error:
-        log.error("the bucket of a hook does not let this service in", error=str(error)[:500])
+        log.error("the bucket of a hook does not let this service in", error=s3_bucket.said(error))
         raise MeshmarkError(
             ErrorCode.DOWNLOAD_FAILED,
             "The bucket does not let this service in.",
             "Drop the object again once the operator has checked the keys of the hook.",
         ) from None
     except (BaseError, OSError) as error:
-        log.warning("the bucket of a hook does not answer", error=str(error)[:500])
+        log.warning("the bucket of a hook does not answer", error=s3_bucket.said(error))
         raise StoreUnavailableError from error

@@ -4,7 +4,7 @@ A step of its own beside the jobs, in a thread for each hook: a bucket that fail
 bucket. A worker that dies leaves its rows to the others, and what was written twice is the same.
 """
 
-import threading
+from functools import partial
 
 import structlog
 
@@ -15,6 +15,7 @@ from service.jobs.artifacts import ArtifactStore
 from service.jobs.dropped import Output
 from service.jobs.models import ArtifactKind, DroppedObject, Job, JobState
 from worker.hook_bucket import write_object
+from worker.repeating import repeatedly
 from worker.tasks import Worker
 
 INTERVAL = 1.0  # seconds
@@ -56,21 +57,11 @@ def _write(worker: Worker, hook: HookSource, item: DroppedObject) -> Output:
 def _copy(store: ArtifactStore, hook: HookSource, job: Job, key: str) -> None:
     for kind, suffix in SUFFIXES.items():
         if artifact := job.artifact(kind):
-            content = store.read(artifact.sha256, 0, artifact.size)
-            write_object(hook, hook.output_key(key, suffix), content, MEDIA_TYPES[kind])
-
-
-def write_forever(worker: Worker, source: str) -> None:
-    """Write until the worker stops. A failed pass is logged and the next one comes."""
-    while not worker.stopping.wait(INTERVAL):
-        try:
-            write_outputs(worker, source)
-        except Exception:
-            log.exception("writing to the bucket of a hook failed", hook=source)
+            with store.fetched(artifact.sha256, artifact.size) as path:
+                write_object(hook, hook.output_key(key, suffix), path, MEDIA_TYPES[kind])
 
 
 def start_writer(worker: Worker) -> None:
-    """Write in the background, for each hook that there is."""
+    """Write in the background, for each hook that there is, until the worker stops."""
     for source in worker.settings.hooks:
-        name = f"hook-outputs-{source}"
-        threading.Thread(target=write_forever, args=(worker, source), name=name, daemon=True).start()
+        repeatedly(f"hook-outputs-{source}", partial(write_outputs, worker, source), INTERVAL, worker.stopping)

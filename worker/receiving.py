@@ -13,6 +13,8 @@ from celery.signals import worker_ready, worker_shutdown
 
 from service.hangup import hangup_handler
 
+from service.background import end_process
+
 log = structlog.get_logger(__name__)
 
 
@@ -38,6 +40,24 @@ def receive(app: Celery, concurrency: int) -> None:
     hangup = hangup_handler()
     # In place of Celery's own, which starts the worker anew, in the background, and heeds no `nohup`.
     worker_ready.connect(lambda **_: signal.signal(signal.SIGHUP, hangup), weak=False)
+
+
+def take(app: Celery, task: str, work: Callable[[str], None]) -> None:
+    """Do some work for each message of a task, which is an id.
+
+    What is no Exception, such as a panic of a native library, ends the process: Celery would go on without taking
+    messages any more.
+    """
+
+    def run(identifier: str) -> None:
+        try:
+            work(identifier)
+        except Exception:
+            raise  # Celery logs it
+        except BaseException as error:
+            end_process(error)
+
+    app.task(run, name=task)
 
 
 def required(step: Callable[[], None]) -> Callable[..., None]:

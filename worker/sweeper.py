@@ -2,7 +2,6 @@
 
 import random
 import shutil
-import threading
 import time
 
 import structlog
@@ -11,6 +10,7 @@ from service.jobs import contents, events, idempotency, queue, sources, uploads
 from service.jobs.artifacts import GRACE
 from service.jobs.ledger import WORKER_LOST, now
 from service.jobs.models import Queue
+from worker.repeating import repeatedly
 from worker.tasks import Worker, scratch_name
 
 SHARES = 256  # of the store, by the first two digits of the hash; all are swept once in a grace period
@@ -57,30 +57,25 @@ def sweep_store(worker: Worker, share: int) -> None:
         log.warning("content removed: no job refers to it", sha256=sha256)
 
 
-def sweep_forever(worker: Worker) -> None:
-    """Sweep until the worker stops, several times per lease. A failed pass is logged and the next one comes."""
-    while not worker.stopping.wait(worker.settings.lease_seconds / 4):
-        try:
-            sweep(worker)
-        except Exception:
-            log.exception("sweep failed")
+def start_sweeper(worker: Worker) -> None:
+    """Sweep in the background, several times per lease, until the worker stops.
 
-
-def sweep_files_forever(worker: Worker) -> None:
-    """Delete what has expired, and sweep the store, slowly, from a share drawn by chance on, until the worker stops."""
+    In two threads: no lost job waits for a store that is slow to delete. The store is swept slowly, from a share drawn
+    by chance on.
+    """
     share, due = random.randrange(SHARES), time.monotonic()
-    while not worker.stopping.wait(worker.settings.lease_seconds / 4):
+
+    def sweep_files() -> None:
+        nonlocal share, due
         try:
             remove_expired(worker)
             if time.monotonic() >= due:
                 share, due = share + 1, time.monotonic() + GRACE / SHARES
                 sweep_store(worker, share)
         except Exception:
-            log.exception("sweep of the store failed")
             worker.artifacts.reserve.give_up()  # on a full disk, what has expired goes by the room that is kept for it
+            raise
 
-
-def start_sweeper(worker: Worker) -> None:
-    """Sweep in the background, in two threads: no lost job waits for a store that is slow to delete."""
-    for name, run in (("sweeper", sweep_forever), ("file-sweeper", sweep_files_forever)):
-        threading.Thread(target=run, args=(worker,), name=name, daemon=True).start()
+    interval = worker.settings.lease_seconds / 4
+    repeatedly("sweeper", lambda: sweep(worker), interval, worker.stopping)
+    repeatedly("file-sweeper", sweep_files, interval, worker.stopping)

@@ -31,7 +31,8 @@ from service.webhooks import deliveries, queue
 from service.webhooks.deliver import TIMEOUTS, Outcome, deliver, not_made
 from service.webhooks.vault import UnreadableSecretError, Vault, read_keys
 from worker.child import die_with_parent
-from worker.receiving import receive, required, run_until_stopped
+from worker.receiving import receive, required, run_until_stopped, take
+from worker.repeating import repeatedly
 
 CONCURRENCY = 32
 INTERVAL = 0.5  # seconds between two looks for what is due
@@ -91,17 +92,17 @@ def sweep(sender: Sender, lost: bool) -> None:
         raise
 
 
-def sweep_forever(sender: Sender) -> None:
-    """Sweep until the process stops. A failed pass is logged and the next one comes."""
+def start_sweeper(sender: Sender) -> None:
+    """Sweep in the background until the process stops."""
     looked = 0.0
-    while not sender.stopping.wait(INTERVAL):
-        lost = time.monotonic() > looked + PATIENCE
-        try:
-            sweep(sender, lost)
-        except Exception:
-            log.exception("sweep failed")
-        if lost:
+
+    def step() -> None:
+        nonlocal looked
+        if lost := time.monotonic() > looked + PATIENCE:
             looked = time.monotonic()
+        sweep(sender, lost)
+
+    repeatedly("sweeper", step, INTERVAL, sender.stopping)
 
 
 def create_sender(settings: Settings) -> Celery:
@@ -126,12 +127,12 @@ def create_sender(settings: Settings) -> Celery:
         configure_logs(settings.log_level)  # Celery asks for it later only
         require_secrets(settings)
         figures.enter_context(metrics_server(settings.metrics_host, settings.webhooks_metrics_port))
-        threading.Thread(target=sweep_forever, args=(sender(),), name="sweeper", daemon=True).start()
+        start_sweeper(sender())
 
     def stop(**_: Any) -> None:
         sender().stopping.set()
 
-    app.task(send, name=queue.TASK)
+    take(app, queue.TASK, send)
     setup_logging.connect(lambda **_: configure_logs(settings.log_level), weak=False)
     worker_init.connect(required(start), weak=False)
     worker_shutting_down.connect(stop, weak=False)

@@ -195,6 +195,18 @@ class ArtifactStore(ABC):
         if digest.hexdigest() != sha256:
             raise ValueError(f"the stored content {sha256} is damaged")
 
+    @contextmanager
+    def fetched(self, sha256: str, size: int) -> Iterator[Path]:
+        """Content in a file on the local disk, which is removed after the block; raises what :meth:`fetch` does."""
+        with writing():
+            handle, path = tempfile.mkstemp(prefix=DRAFT, dir=self._staging)
+            os.close(handle)
+        try:
+            self.fetch(sha256, size, Path(path))
+            yield Path(path)
+        finally:
+            Path(path).unlink(missing_ok=True)
+
     def clear_staging(self, age: float) -> None:
         """Remove what processes that were killed left on the local disk, once it is so many seconds old."""
         for draft in self._staging.glob(f"{DRAFT}*"):

@@ -22,6 +22,7 @@ from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session, sessionmaker
 
 from core.errors import ErrorCode, MeshmarkError
+from service.background import in_background
 from service.jobs.ledger import now
 from service.jobs.models import IdempotencyKey
 
@@ -95,8 +96,7 @@ def holding(sessions: sessionmaker[Session], reservation: Reservation) -> Iterat
     """Keep a key reserved while something is done with its reservation, and let it be used again at once if that
     fails."""
     over = threading.Event()
-    renewing = threading.Thread(target=_renew_until, args=(over, sessions, reservation), name="key", daemon=True)
-    renewing.start()
+    in_background("key", _renew_until, over, sessions, reservation)
     try:
         yield
     except BaseException:
@@ -118,6 +118,9 @@ def _renew_until(over: threading.Event, sessions: sessionmaker[Session], reserva
                 session.execute(renewed.execution_options(synchronize_session=False))
         except OperationalError as error:
             log.warning("an idempotency key could not be renewed", error=str(error.orig))
+        except Exception:
+            log.exception("an idempotency key cannot be renewed")
+            return
 
 
 def forget(sessions: sessionmaker[Session]) -> None:

@@ -40,3 +40,8 @@ def open_bucket(
         retry_config=retries,
         credential_provider=(lambda: keys) if keys["access_key_id"] else None,
     )
+
+
+def said(error: BaseException) -> str:
+    """What a bucket's library says of an error, in one line, without the pages of structures that follow."""
+    return " ".join(str(error).partition("\n\nDebug source:")[0].split())[:500]

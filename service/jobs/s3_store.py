@@ -11,7 +11,7 @@ from obstore.exceptions import AlreadyExistsError, BaseError
 
 from service.config import Settings
 from service.jobs.artifacts import CHUNK, MARKER, NAME, ArtifactStore, Staged, Stored, StoreUnavailableError
-from service.jobs.s3_bucket import open_bucket
+from service.jobs.s3_bucket import open_bucket, said
 
 PIECE = 8 * 2**20  # bytes asked for at a time: a client that reads slowly holds no connection to the store
 LINK_LIFETIME = timedelta(minutes=5)
@@ -153,5 +153,5 @@ def _asking(*, may_be_missing: bool = False) -> Iterator[None]:
     except (BaseError, OSError) as error:
         if may_be_missing and isinstance(error, FileNotFoundError):
             raise
-        log.warning("the artifact store failed", error=str(error)[:500])
+        log.warning("the artifact store failed", error=said(error))
         raise StoreUnavailableError from error

@@ -4,8 +4,8 @@ import socket
 from collections.abc import Callable, Sequence
 from ipaddress import ip_address
 from queue import Empty, SimpleQueue
-from threading import Thread
 
+from service.background import in_background
 from service.outbound.addresses import Address, refusal
 from service.outbound.errors import Unreachable, address_refused
 from service.outbound.policy import Policy
@@ -63,7 +63,7 @@ def _ask(host: str, resolver: Resolver, seconds: float) -> list[Address]:
         except Exception as error:
             answers.put(error)
 
-    Thread(target=ask, name="resolver", daemon=True).start()  # getaddrinfo knows no time-out
+    in_background("resolver", ask)  # getaddrinfo knows no time-out
     try:
         answer = answers.get(timeout=seconds)
     except Empty:

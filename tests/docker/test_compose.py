@@ -12,7 +12,6 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-import httpx2
 import jsonschema
 import pytest
 import yaml
@@ -20,7 +19,7 @@ import yaml
 from service.config import PREFIX, Settings
 from tests.service.harness import Service, free_port, running
 from tests.service.postgres import Postgres
-from tests.service.s3 import S3
+from tests.service.s3 import S3, s3_server
 from tests.service.test_embedded import CUBE
 from tests.worker.waiting import wait_until
 
@@ -219,8 +218,7 @@ class Machine:
 
 
 @pytest.fixture
-def machine(secrets: Path, postgres: Postgres, s3: S3, tmp_path: Path) -> Iterator[Machine]:
-    assert httpx2.put(f"{s3.url}/meshmark").status_code == 200
+def machine(secrets: Path, postgres: Postgres, tmp_path: Path) -> Iterator[Machine]:
     port = free_port()
     assert SERVICES["redis"]["command"][1:] == ["/run/secrets/redis.conf", "--dir", "/data"]
     redis = [
@@ -233,7 +231,9 @@ def machine(secrets: Path, postgres: Postgres, s3: S3, tmp_path: Path) -> Iterat
         "--bind",
         "127.0.0.1",
     ]
-    with running(redis, {}, quiet=True):
+    identities = json.loads((secrets / "store.json").read_text())["identities"]
+    with running(redis, {}, quiet=True), s3_server(*identities) as s3:
+        s3.new_bucket("meshmark")
         yield Machine(secrets, postgres, s3, port)
 
 

@@ -5,9 +5,8 @@ from dataclasses import dataclass, field
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote, quote_plus
+from urllib.parse import quote_plus
 
-import httpx2
 import obstore
 from httpx2 import Response
 from obstore.store import S3Store
@@ -29,26 +28,18 @@ class Watched:
     url: str  # of the server itself, also where the hook reaches it by another way
     versions: dict[str, str] = field(default_factory=dict)
 
-    def address(self, key: str) -> str:
-        return f"{self.url}/{self.bucket.name}/{quote(key)}"
-
     def drop(self, key: str, content: bytes) -> None:
         self.versions[key] = (obstore.put(self.store, key, content)["e_tag"] or "").strip('"')
 
     @property
     def store(self) -> S3Store:
-        """The bucket with its owner's keys: the server lets nobody else replace an object."""
-        return S3Store(
-            self.bucket.name,
-            endpoint=self.url,
-            access_key_id=KEYS["s3_access_key_id"],
-            secret_access_key=KEYS["s3_secret_access_key"],
-            client_options={"allow_http": True},
-        )
+        return Bucket(self.url, self.bucket.name).open()
 
     def read(self, key: str) -> bytes | None:
-        answer = httpx2.get(self.address(key))
-        return answer.content if answer.status_code == 200 else None
+        try:
+            return bytes(obstore.get(self.store, key).bytes())
+        except FileNotFoundError:
+            return None
 
     def notification(self, *keys: str, name: str = "s3:ObjectCreated:Put") -> dict[str, Any]:
         return {"EventName": name, "Records": [self.record(key, name) for key in keys]}

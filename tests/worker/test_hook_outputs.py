@@ -185,9 +185,10 @@ def test_a_bucket_that_fails_for_a_while_delays_reading_and_writing(
 
 
 def test_with_real_processes_a_dropped_file_comes_back_by_itself(watched: Watched, tmp_path: Path) -> None:
-    """As CloudEvents this time; the worker is killed on the way, and another one brings it to its end."""
+    """As CloudEvents this time, with the artifacts in the same bucket; the worker is killed on the way, and another one
+    brings it to its end."""
     hooks = watched.hooks_file(tmp_path, kind="cloudevents")
-    service = Service(tmp_path, hooks_file=os.fspath(hooks))
+    service = Service(tmp_path, hooks_file=os.fspath(hooks), **watched.bucket.settings)
     go = tmp_path / "go"
     with service.running(EMBEDDED_COMMAND) as [process]:
         watched.drop("incoming/a.obj", asset(wait_for=os.fspath(go)))

@@ -1,0 +1,42 @@
+"""What a worker does again and again beside its jobs."""
+
+import threading
+from collections.abc import Callable
+
+import structlog
+from kombu.exceptions import KombuError
+from sqlalchemy.exc import OperationalError
+
+from service.background import in_background
+from service.jobs.artifacts import StoreUnavailableError
+
+# What is raised while a server or the disk does not answer, which ends without anybody's doing here.
+AWAY = (StoreUnavailableError, OperationalError, KombuError, OSError)
+
+log = structlog.get_logger(__name__)
+
+
+def repeatedly(name: str, step: Callable[[], object], interval: float, stopping: threading.Event) -> threading.Thread:
+    """Take a step in the background again and again, after a pause of so many seconds each, until told to stop.
+
+    A step that fails is logged, and the next one comes. That a server is away is a line, that it is back another one.
+    """
+
+    def run() -> None:
+        away = False
+        while not stopping.wait(interval):
+            try:
+                step()
+            except AWAY as error:
+                reason = " ".join(str(error.orig if isinstance(error, OperationalError) else error).split())
+                if not away:
+                    log.warning("what a thread needs does not answer; it tries again", thread=name, error=reason)
+                away = True
+            except Exception:
+                log.exception("a thread failed; it tries again", thread=name)
+            else:
+                if away:
+                    log.info("what a thread needs answers again", thread=name)
+                away = False
+
+    return in_background(name, run)
