@@ -11,9 +11,8 @@ from celery.apps import worker as celery_worker
 from celery.exceptions import SecurityWarning
 from celery.signals import worker_ready, worker_shutdown
 
-from service.hangup import hangup_handler
-
 from service.background import end_process
+from service.hangup import hangup_handler
 
 log = structlog.get_logger(__name__)
 

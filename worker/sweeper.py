@@ -3,6 +3,7 @@
 import random
 import shutil
 import time
+from functools import partial
 
 import structlog
 
@@ -57,25 +58,30 @@ def sweep_store(worker: Worker, share: int) -> None:
         log.warning("content removed: no job refers to it", sha256=sha256)
 
 
+class FileSweep:
+    """Deletes what has expired, and sweeps the store, slowly, from a share drawn by chance on."""
+
+    def __init__(self, worker: Worker) -> None:
+        self._worker = worker
+        self._share, self._due = random.randrange(SHARES), time.monotonic()
+
+    def step(self) -> None:
+        """One pass."""
+        try:
+            remove_expired(self._worker)
+            if time.monotonic() >= self._due:
+                self._share, self._due = self._share + 1, time.monotonic() + GRACE / SHARES
+                sweep_store(self._worker, self._share)
+        except Exception:
+            self._worker.artifacts.reserve.give_up()  # on a full disk, what has expired goes by the room kept for it
+            raise
+
+
 def start_sweeper(worker: Worker) -> None:
     """Sweep in the background, several times per lease, until the worker stops.
 
-    In two threads: no lost job waits for a store that is slow to delete. The store is swept slowly, from a share drawn
-    by chance on.
+    In two threads: no lost job waits for a store that is slow to delete.
     """
-    share, due = random.randrange(SHARES), time.monotonic()
-
-    def sweep_files() -> None:
-        nonlocal share, due
-        try:
-            remove_expired(worker)
-            if time.monotonic() >= due:
-                share, due = share + 1, time.monotonic() + GRACE / SHARES
-                sweep_store(worker, share)
-        except Exception:
-            worker.artifacts.reserve.give_up()  # on a full disk, what has expired goes by the room that is kept for it
-            raise
-
     interval = worker.settings.lease_seconds / 4
-    repeatedly("sweeper", lambda: sweep(worker), interval, worker.stopping)
-    repeatedly("file-sweeper", sweep_files, interval, worker.stopping)
+    repeatedly("sweeper", partial(sweep, worker), interval, worker.stopping)
+    repeatedly("file-sweeper", FileSweep(worker).step, interval, worker.stopping)

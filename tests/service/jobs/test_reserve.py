@@ -20,7 +20,7 @@ from service.jobs.reserve import SIZE, Reserve
 from service.jobs.tenants import Scope, create_key
 from tests.service.conftest import Client, client_with
 from tests.worker.engines import asset
-from worker import sweeper
+from worker.sweeper import FileSweep
 
 
 def full(*_: Any, **__: Any) -> Any:
@@ -79,9 +79,10 @@ def test_what_has_expired_goes_on_a_full_disk_too(
     url = client.submit()
     client.run(url)
     fill(tmp_path, client, monkeypatch)
-    passes = iter((False, False, True))
-    monkeypatch.setattr(client.worker, "stopping", SimpleNamespace(wait=lambda _: next(passes), is_set=lambda: False))
-    sweeper.sweep_files_forever(client.worker)
+    passes = FileSweep(client.worker)
+    with pytest.raises(OperationalError):
+        passes.step()
+    passes.step()
     job = client.worker.ledger.get(url.rsplit("/", 1)[1])
     assert job is not None
     assert (job.state, job.artifacts) == (JobState.EXPIRED, [])
