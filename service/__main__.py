@@ -6,16 +6,13 @@
 import argparse
 import os
 import signal
-import socket
 import subprocess
 import sys
 import threading
 from collections.abc import Sequence
 
 import structlog
-import uvicorn
 import yaml
-from fastapi import FastAPI
 from sqlalchemy.exc import OperationalError
 
 from service.app import create_app
@@ -24,6 +21,7 @@ from service.config import Settings, load_settings
 from service.data_folder import keep_private
 from service.dead_jobs import add_jobs_commands, run_jobs_command
 from service.hangup import hangup_handler
+from service.http_server import Server
 from service.jobs.ledger import UnusableLedgerError
 from service.keys import add_keys_commands, run_keys_command
 from service.logs import configure_logs
@@ -78,28 +76,6 @@ class Supervisor:
             process.wait()
 
 
-class Server(uvicorn.Server):
-    """uvicorn, except that it ends open event streams when it stops, for which it would wait, and what it says of its
-    own state is two lines of the log."""
-
-    def __init__(self, config: uvicorn.Config, app: FastAPI) -> None:
-        super().__init__(config)
-        self._app = app
-
-    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Start to listen."""
-        await super().startup(sockets)
-        if self.started:
-            address, port = self.servers[0].sockets[0].getsockname()[:2]
-            log.info("ready", address=address, port=port)
-
-    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Stop."""
-        self._app.state.meshmark.streams.stop()
-        await super().shutdown(sockets)
-        log.info("stopped")
-
-
 def serve(settings: Settings, *workers: Sequence[str]) -> None:
     """Run the API, and beside it workers started by these commands, until SIGINT, SIGTERM or SIGHUP."""
     keep_private(settings)
@@ -108,14 +84,6 @@ def serve(settings: Settings, *workers: Sequence[str]) -> None:
     require_own_store(settings)
     require_secrets(settings)
     app = create_app(settings)
-    config = uvicorn.Config(
-        app,
-        settings.host,
-        settings.port,
-        log_config=None,
-        access_log=False,  # service.request_id logs each answer
-        timeout_graceful_shutdown=5,
-    )
     supervisors = [Supervisor(command, settings.shutdown_seconds + STOP_MARGIN) for command in workers]
     for supervisor in supervisors:
         supervisor.start()
@@ -123,7 +91,7 @@ def serve(settings: Settings, *workers: Sequence[str]) -> None:
         signal.signal(number, lambda *_: sys.exit(0))
     signal.signal(signal.SIGHUP, hangup_handler())
     try:
-        Server(config, app).run()
+        Server(app, settings).run()
     finally:
         for supervisor in supervisors:  # all at once: each may take its time
             supervisor.stop()

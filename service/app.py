@@ -12,6 +12,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from service.access import SCHEME
 from service.announcer import Announcer
+from service.bodies import Bodies
 from service.config import Settings
 from service.http_metrics import HttpMetrics
 from service.jobs.artifacts import GRACE
@@ -123,7 +124,8 @@ def create_app(settings: Settings) -> FastAPI:
         generate_unique_id_function=lambda route: route.name,  # a client generator's method names
         form_limits={"max_files": 2, "max_fields": FORM_FIELDS, "max_part_size": MAX_FIELD_BYTES},
     )
-    app.include_router(watermarks.router, max_body_size=body_limit)
+    app.include_router(watermarks.sending, max_body_size=body_limit)
+    app.include_router(watermarks.router, max_body_size=JSON_BYTES)
     app.include_router(batch.router, max_body_size=LIST_BYTES)
     app.include_router(uploads.router, max_body_size=JSON_BYTES)
     app.include_router(uploads.sending, max_body_size=body_limit)
@@ -133,4 +135,5 @@ def create_app(settings: Settings) -> FastAPI:
     app.include_router(health.router)
     install_problem_handlers(app, body_limit)
     app.add_middleware(DeclaredSizeLimit, limit=body_limit)
+    app.add_middleware(Bodies, silence=settings.client_timeout, rate=settings.client_rate)
     return app

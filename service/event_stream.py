@@ -4,7 +4,6 @@ import asyncio
 import json
 import re
 import time
-from collections import Counter
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 
@@ -16,6 +15,7 @@ from sqlalchemy.exc import OperationalError
 from core.errors import ErrorCode, MeshmarkError
 from service.jobs.events import ENDINGS
 from service.jobs.models import JobEvent
+from service.places import Places
 
 EVENT_ID = "^([0-9]{1,9})?$"
 # Open at a time at one API process. Each looks at the ledger twice a second: some six hundred keep a process busy.
@@ -33,7 +33,7 @@ class Streams:
 
     def __init__(self) -> None:
         self.stopping = asyncio.Event()
-        self._open: Counter[str] = Counter()
+        self._open = Places()
 
     def stop(self) -> None:
         """End every stream: the process is about to end, and its clients find another one."""
@@ -41,7 +41,7 @@ class Streams:
 
     def count(self, tenant: str) -> int:
         """How many a tenant has open."""
-        return self._open[tenant]
+        return self._open.count(tenant)
 
     @contextmanager
     def place(self, tenant: str) -> Iterator[None]:
@@ -50,7 +50,7 @@ class Streams:
         Raises:
             MeshmarkError: ``too_many_streams``; ``service_unavailable`` where all tenants together have too many.
         """
-        if self._open[tenant] >= STREAMS_PER_TENANT:
+        if self._open.count(tenant) >= STREAMS_PER_TENANT:
             raise MeshmarkError(
                 ErrorCode.TOO_MANY_STREAMS,
                 f"{STREAMS_PER_TENANT} event streams of yours are open, the most at a time.",
@@ -62,13 +62,8 @@ class Streams:
                 f"{STREAMS} event streams are open here, the most at a time.",
                 "Try again in a few seconds, or ask for the jobs' states or their webhooks instead.",
             )
-        self._open[tenant] += 1
-        try:
+        with self._open.taken(tenant):
             yield
-        finally:
-            self._open[tenant] -= 1
-            if not self._open[tenant]:
-                del self._open[tenant]
 
 
 def parse_last_event_id(text: str | None) -> int:

@@ -218,6 +218,8 @@ def install_problem_handlers(app: FastAPI, body_limit: int) -> None:
 
     @app.exception_handler(HTTPException)
     async def _http(request: Request, error: HTTPException) -> JSONResponse:
+        if isinstance(error.__cause__, MeshmarkError):  # raised while the framework read the body
+            return await _known(request, error.__cause__)
         headers = dict(error.headers or {})
         if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED and (methods := _methods_of(app, request.url.path)):
             headers["Allow"] = ", ".join(methods)

@@ -11,6 +11,7 @@ from service.config import Settings
 from service.event_stream import Streams
 from service.jobs.artifacts import ArtifactStore
 from service.jobs.ledger import Ledger
+from service.places import Places
 from service.readiness import Readiness
 from service.webhooks.vault import Vault
 
@@ -27,6 +28,7 @@ class AppState:
     readiness: Readiness
     vault: Vault
     streams: Streams = field(default_factory=Streams)
+    uploads: Places = field(default_factory=Places)
 
 
 def state_of(request: Request) -> AppState:

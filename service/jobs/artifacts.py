@@ -14,7 +14,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO, NamedTuple, cast
 
 import structlog
 
@@ -141,6 +141,11 @@ class ArtifactStore(ABC):
     def upload_link(self, name: str, lifetime: timedelta) -> str | None:
         """An address to which anyone may PUT an upload for so long; None where there is no such thing."""
 
+    def spool(self) -> BinaryIO:
+        """A file without a name for what arrives, on the disk where content is staged; in memory while it is small."""
+        file = tempfile.SpooledTemporaryFile(max_size=CHUNK, prefix=DRAFT, dir=os.fspath(self._staging))  # noqa: SIM115
+        return cast(BinaryIO, file)
+
     def stage(self, stream: BinaryIO, *, limit: int, name: str) -> AbstractContextManager[Staged]:
         """Copy a stream to the local disk, hashing as it goes; the copy is removed after the block.
 
@@ -221,5 +226,5 @@ def writing() -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        log.warning("the disk cannot be written to", error=str(error))
+        log.error("the disk cannot be written to", error=str(error))
         raise StoreUnavailableError from error

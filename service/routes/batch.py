@@ -29,6 +29,7 @@ REFUSALS = problem_responses(
     ErrorCode.INVALID_REQUEST,
     ErrorCode.UNSUPPORTED_MEDIA_TYPE,
     ErrorCode.UPLOAD_TOO_LARGE,
+    ErrorCode.REQUEST_TIMEOUT,
     ErrorCode.SERVICE_UNAVAILABLE,
 )
 

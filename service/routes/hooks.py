@@ -30,6 +30,7 @@ REFUSALS = problem_responses(
     ErrorCode.NOT_FOUND,
     ErrorCode.INVALID_REQUEST,
     ErrorCode.UPLOAD_TOO_LARGE,
+    ErrorCode.REQUEST_TIMEOUT,
     ErrorCode.TOO_MANY_JOBS,
     ErrorCode.SERVICE_UNAVAILABLE,
 )

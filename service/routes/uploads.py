@@ -1,7 +1,6 @@
 """Uploads: send an asset ahead, then name it in as many requests as you like."""
 
 from datetime import datetime
-from tempfile import SpooledTemporaryFile
 from typing import Annotated, Literal, Self
 
 from fastapi import APIRouter, Request, status
@@ -13,6 +12,7 @@ from core.errors import ErrorCode, MeshmarkError
 from core.validation import StrictModel
 from service import access
 from service.access import Admitted, GuardedRoute
+from service.asset_route import AssetRoute
 from service.jobs import uploads
 from service.jobs.artifacts import CHUNK, writing
 from service.jobs.models import Upload
@@ -21,13 +21,14 @@ from service.state import State
 from service.submission import plain_name
 
 router = APIRouter(prefix="/v1/uploads", tags=["uploads"], route_class=GuardedRoute)
-sending = APIRouter(prefix="/v1/uploads", tags=["uploads"], route_class=GuardedRoute)  # of whole assets
+sending = APIRouter(prefix="/v1/uploads", tags=["uploads"], route_class=AssetRoute)
 
 BEGINNING = problem_responses(
     *access.REFUSALS,
     ErrorCode.INVALID_REQUEST,
     ErrorCode.UNSUPPORTED_MEDIA_TYPE,
     ErrorCode.UPLOAD_TOO_LARGE,
+    ErrorCode.REQUEST_TIMEOUT,
     ErrorCode.TOO_MANY_UPLOADS,
     ErrorCode.SERVICE_UNAVAILABLE,
 )
@@ -38,6 +39,8 @@ SENDING = problem_responses(
     ErrorCode.UPLOAD_TOO_LARGE,
     ErrorCode.UPLOAD_MISMATCH,
     ErrorCode.UPLOAD_EXPIRED,
+    ErrorCode.REQUEST_TIMEOUT,
+    ErrorCode.TOO_MANY_UPLOADS,
     ErrorCode.SERVICE_UNAVAILABLE,
 )
 BODY = {"requestBody": {"required": True, "content": {"application/octet-stream": {"schema": {"type": "string"}}}}}
@@ -112,12 +115,11 @@ def create_upload(request: Request, state: State, client: Admitted, new: NewUplo
 async def send_upload(request: Request, state: State, client: Admitted, upload_id: str) -> None:
     """Send the asset of an upload, as the body of the request; again, where it broke off."""
     upload = await run_in_threadpool(uploads.find, state.ledger.sessions, client.tenant, upload_id)
-    with SpooledTemporaryFile(max_size=CHUNK) as body:
+    with writing(), state.artifacts.spool() as body:
         received = 0
         try:
             async for chunk in request.stream():
-                with writing():
-                    received += await run_in_threadpool(body.write, chunk)
+                received += await run_in_threadpool(body.write, chunk)
                 if received > upload.size:
                     break  # it is told below that this is too much
         except ClientDisconnect:

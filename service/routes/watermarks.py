@@ -9,6 +9,7 @@ from core.errors import ErrorCode, MeshmarkError
 from core.parameters import parse_parameters
 from service import access
 from service.access import Admitted, Client, GuardedRoute
+from service.asset_route import AssetRoute
 from service.delivery import deliver, disposition
 from service.idempotency_key import parse_idempotency_key
 from service.jobs import contents
@@ -22,6 +23,7 @@ from service.state import AppState, State
 from service.submission import submit
 
 router = APIRouter(prefix="/v1/watermarks", tags=["watermarks"], route_class=GuardedRoute)
+sending = APIRouter(prefix="/v1/watermarks", tags=["watermarks"], route_class=AssetRoute)
 
 MEDIA_TYPES = {
     ArtifactKind.MODEL: "model/gltf-binary",
@@ -75,6 +77,8 @@ REFUSALS = problem_responses(
     ErrorCode.IDEMPOTENCY_KEY_IN_USE,
     ErrorCode.IDEMPOTENCY_KEY_REUSED,
     ErrorCode.TOO_MANY_JOBS,
+    ErrorCode.TOO_MANY_UPLOADS,
+    ErrorCode.REQUEST_TIMEOUT,
     ErrorCode.MALFORMED_FILE,
     ErrorCode.TRUNCATED_FILE,
     ErrorCode.NO_FACES,
@@ -178,7 +182,7 @@ CacheQuery = Annotated[
 ]
 
 
-@router.post("", status_code=status.HTTP_202_ACCEPTED, responses=ACCEPTED | REFUSALS)
+@sending.post("", status_code=status.HTTP_202_ACCEPTED, responses=ACCEPTED | REFUSALS)
 def create_watermark(
     request: Request,
     response: Response,

@@ -27,7 +27,12 @@ router = APIRouter(prefix="/v1/webhook-endpoints", tags=["webhooks"], route_clas
 
 READING = (*access.REFUSALS, ErrorCode.SERVICE_UNAVAILABLE)
 OF_ONE = (*READING, ErrorCode.NOT_FOUND)
-WITH_BODY = (ErrorCode.INVALID_REQUEST, ErrorCode.UNSUPPORTED_MEDIA_TYPE, ErrorCode.UPLOAD_TOO_LARGE)
+WITH_BODY = (
+    ErrorCode.INVALID_REQUEST,
+    ErrorCode.UNSUPPORTED_MEDIA_TYPE,
+    ErrorCode.UPLOAD_TOO_LARGE,
+    ErrorCode.REQUEST_TIMEOUT,
+)
 CREATED: dict[int | str, dict[str, Any]] = {
     201: {
         "description": "The new endpoint.",

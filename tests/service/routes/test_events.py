@@ -10,13 +10,12 @@ from typing import Any, NamedTuple
 
 import httpx2
 import pytest
-import uvicorn
 
 from service import event_stream
-from service.__main__ import Server
 from service.app import create_app
 from service.config import Settings
 from service.event_stream import Streams
+from service.http_server import Server
 from service.jobs.ledger import Ledger
 from service.jobs.models import Lease
 from tests.service.harness import API_COMMAND, Service, free_port
@@ -35,7 +34,7 @@ class Api:
 
     def __init__(self, settings: Settings) -> None:
         app = create_app(settings)
-        self.server = Server(uvicorn.Config(app, settings.host, settings.port, log_config=None), app)
+        self.server = Server(app, settings)
         self.thread = threading.Thread(target=self.server.run)
         self.thread.start()
         wait_until(lambda: self.server.started)

@@ -1,0 +1,366 @@
+"""The HTTP server: uvicorn, with bounds on what a connection may take before and beside the application.
+
+Whoever opens connections, with a key or without, gets: a number of them, beyond which the one that has waited longest
+for its request gives way; a time in which headers must come and an answer must be taken; a size of what is no body; and
+no more than RFC 9112 allows. What is refused here is refused with a problem too.
+"""
+
+import asyncio
+import resource
+import socket
+import sys
+from typing import Any
+
+import httptools
+import structlog
+import uvicorn
+from fastapi import FastAPI
+from uvicorn.config import STARTUP_FAILURE
+from uvicorn.protocols.http.flow_control import FlowControl
+from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol
+from uvicorn.server import ServerState
+
+from core.errors import ErrorCode, MeshmarkError
+from service.config import Settings
+from service.problems import problem_response
+
+# Bytes of a request that are no body: its headers, and of a body that comes in chunks the lengths, their extensions and
+# the trailers, which beyond this may be half of the body. A chunk costs the more time for each byte the smaller it is.
+MOST_BESIDE_BODY = 2**16
+BACKLOG = 2048
+LONG, RESTS = 0.001, 3  # seconds of reading a piece after which others come first, and for how many times as long
+MOMENT = 0.5  # seconds that a new connection may take for its request, even where others wait for its place
+PAUSE = 1.0  # seconds between two attempts to accept a connection where that fails, and between two words about it
+DESCRIPTORS = 1024  # for all but connections
+
+log = structlog.get_logger("service")
+
+
+class Server(uvicorn.Server):
+    """uvicorn, which accepts connections itself to bound them, and ends open event streams when it stops."""
+
+    def __init__(self, app: FastAPI, settings: Settings) -> None:
+        super().__init__(
+            uvicorn.Config(
+                app,
+                settings.host,
+                settings.port,
+                http=Connection,
+                ws="none",
+                log_config=None,
+                access_log=False,  # service.request_id logs each answer
+                timeout_graceful_shutdown=5,
+            )
+        )
+        self._app = app
+        self._timeout = settings.client_timeout
+        self._most = connection_limit(settings.max_connections)
+        self._waiting: dict[Connection, float] = {}
+        self._listeners: list[socket.socket] = []
+        self._accepting: list[asyncio.Task[None]] = []
+        self._told = 0.0
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:  # noqa: ARG002
+        """Start the application, then listen."""
+        await super().startup(sockets=[])
+        loop = asyncio.get_running_loop()
+        try:
+            bound = await loop.create_server(asyncio.Protocol, self.config.host, self.config.port, start_serving=False)
+        except OSError as error:
+            log.error("the service cannot listen", error=str(error))
+            await self.lifespan.shutdown()
+            sys.exit(STARTUP_FAILURE)
+        self._listeners = [listener.dup() for listener in bound.sockets]
+        bound.close()
+        for listener in self._listeners:
+            listener.setblocking(False)
+            listener.listen(BACKLOG)
+        self._accepting = [asyncio.create_task(self._accept(listener)) for listener in self._listeners]
+        address, port = self._listeners[0].getsockname()[:2]
+        log.info("ready", address=address, port=port)
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Stop."""
+        for task in self._accepting:
+            task.cancel()
+        for listener in self._listeners:
+            listener.close()
+        self._app.state.meshmark.streams.stop()
+        await super().shutdown(sockets)
+        log.info("stopped")
+
+    async def _accept(self, listener: socket.socket) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            try:
+                accepted, _ = await loop.sock_accept(listener)
+                await self._make_room()
+                await loop.connect_accepted_socket(self._connection, accepted)
+            except ConnectionError:  # the client has left
+                continue
+            except Exception as error:
+                self._tell("a connection could not be accepted", error=str(error))
+                await asyncio.sleep(PAUSE)
+
+    async def _make_room(self) -> None:
+        """Wait for a place for one more connection; where others wait for a request, the one that does so longest goes.
+
+        So connections that send nothing keep nobody out, however many there are.
+        """
+        while len(self.server_state.connections) >= self._most:
+            self._tell("all connections are taken", most=self._most)
+            longest = next(iter(self._waiting), None)
+            if longest is not None and self._waiting[longest] <= asyncio.get_running_loop().time() - MOMENT:
+                longest.give_way()
+                await asyncio.sleep(0)  # it is gone afterwards
+            else:
+                await asyncio.sleep(MOMENT / 10)
+
+    def _connection(self) -> "Connection":
+        return Connection(self.config, self.server_state, self.lifespan.state, self._waiting, self._timeout)
+
+    def _tell(self, event: str, **details: object) -> None:
+        moment = asyncio.get_running_loop().time()
+        if moment >= self._told + PAUSE:
+            self._told = moment
+            log.warning(event, **details)
+
+
+class Flow(FlowControl):
+    """uvicorn's, which can rest: then nothing is read, whatever the application is ready for."""
+
+    def __init__(self, transport: asyncio.Transport) -> None:
+        super().__init__(transport)
+        self._is_resting = False
+
+    def rest(self, loop: asyncio.AbstractEventLoop, seconds: float) -> None:
+        """Read nothing for so long."""
+        self._is_resting = True
+        self._transport.pause_reading()
+        loop.call_later(seconds, self._read_on)
+
+    def resume_reading(self) -> None:
+        """Read on, after the rest if there is one."""
+        if self._is_resting:
+            self.read_paused = False
+        else:
+            super().resume_reading()
+
+    def _read_on(self) -> None:
+        self._is_resting = False
+        if not self.read_paused:
+            self._transport.resume_reading()
+
+
+class Connection(HttpToolsProtocol):
+    """uvicorn's connection, which does not wait for ever and reads nothing that could be read in two ways.
+
+    Args:
+        config: uvicorn's.
+        server_state: uvicorn's.
+        app_state: uvicorn's.
+        waiting: since when connections have waited for a request, the one that has done so longest first.
+        timeout: seconds in which the headers of a request must come, and some of an answer be taken.
+    """
+
+    def __init__(
+        self,
+        config: uvicorn.Config,
+        server_state: ServerState,
+        app_state: dict[str, Any],
+        waiting: dict["Connection", float],
+        timeout: float,
+    ) -> None:
+        super().__init__(config, server_state, app_state)
+        self.parser = httptools.HttpRequestParser(self)  # uvicorn's is lenient
+        self._waiting, self._timeout = waiting, timeout
+        self._headers_due: asyncio.TimerHandle | None = None
+        self._answer_due: asyncio.TimerHandle | None = None
+        self._is_in_headers = self._is_deaf = False
+        self._body_bytes = self._other_bytes = 0
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Wait for the first request."""
+        super().connection_made(transport)
+        self.flow = self._flow = Flow(transport)
+        if connected := transport.get_extra_info("socket"):  # the kernel ends it where nobody takes what was sent
+            connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(self._timeout * 1000))
+        self._wait_for_headers()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Forget it."""
+        self._stop_waiting()
+        self._unset_answer_due()
+        super().connection_lost(exc)
+
+    def give_way(self) -> None:
+        """End at once, for the sake of other connections."""
+        self._stop_waiting()
+        self.transport.abort()
+
+    def data_received(self, data: bytes) -> None:
+        """Read what came. Whoever sends what takes long to read, such as small chunks, is read from more rarely."""
+        self._unset_keepalive_if_required()
+        if not self._is_deaf:
+            began = self.loop.time()
+            self._read(data)
+            if (spent := self.loop.time() - began) > LONG:
+                self._flow.rest(self.loop, RESTS * spent)
+
+    def _read(self, data: bytes) -> None:
+        self._other_bytes += len(data)
+        try:
+            while data:
+                try:
+                    self.parser.feed_data(data)
+                    break
+                except httptools.HttpParserUpgrade as upgrade:
+                    data = self._without_upgrade() + data[upgrade.args[0] :]
+        except httptools.HttpParserError:
+            self._refuse(
+                ErrorCode.INVALID_REQUEST,
+                "The request is not HTTP/1.1 as RFC 9112 describes it.",
+                "Send it with an HTTP client, without a proxy that changes it.",
+            )
+        else:
+            if self._other_bytes > MOST_BESIDE_BODY + self._body_bytes // 2:
+                self._refuse(
+                    ErrorCode.INVALID_REQUEST,
+                    "The headers of the request are too large, or its body comes in chunks that are too small.",
+                    f"Send less than {MOST_BESIDE_BODY:,} bytes of headers, and chunks of some kilobytes.",
+                )
+
+    def on_message_begin(self) -> None:
+        """A request begins."""
+        super().on_message_begin()
+        self._is_in_headers = True
+
+    def on_header(self, name: bytes, value: bytes) -> None:
+        """Take a header; what is called so behind the body is no header."""
+        if self._is_in_headers:
+            super().on_header(name, value)
+
+    def on_headers_complete(self) -> None:
+        """Begin to answer, if it is beyond doubt where the request ends.
+
+        Raises:
+            ValueError: it is not; the parser makes an error of its own of it.
+        """
+        version = self.parser.get_http_version()
+        if self.parser.get_method() == b"CONNECT" or version not in ("1.0", "1.1"):
+            raise ValueError("no request for this service")
+        if self.parser.should_upgrade():  # see `_without_upgrade`
+            return
+        codings = [value.lower() for name, value in self.headers if name == b"transfer-encoding"]
+        hosts = [value for name, value in self.headers if name == b"host"]
+        if codings and (version == "1.0" or codings != [b"chunked"]):
+            raise ValueError("a transfer coding that is not known")
+        if len(hosts) > 1 or (version == "1.1" and not hosts):
+            raise ValueError("not one host")
+        self._is_in_headers = False
+        self._stop_waiting()
+        super().on_headers_complete()
+
+    def on_body(self, body: bytes) -> None:
+        """Take some of the body."""
+        self._body_bytes += len(body)
+        self._other_bytes -= len(body)
+        super().on_body(body)
+
+    def on_message_complete(self) -> None:
+        """The request has come as a whole."""
+        if self.parser.should_upgrade():
+            return
+        self._body_bytes = self._other_bytes = 0
+        super().on_message_complete()
+
+    def on_response_complete(self) -> None:
+        """Go on with the next request, or wait for one."""
+        super().on_response_complete()
+        if self.timeout_keep_alive_task is not None:
+            self._wait_for_headers()
+
+    def pause_writing(self) -> None:
+        """The client is slow to take the answer."""
+        super().pause_writing()
+        self._answer_due = self.loop.call_later(self._timeout, self.transport.abort)
+
+    def resume_writing(self) -> None:
+        """The client has taken some of it."""
+        self._unset_answer_due()
+        super().resume_writing()
+
+    def _without_upgrade(self) -> bytes:
+        """The headers that have come, without the wish for another protocol, for another parser.
+
+        A server may pass over that wish (RFC 9110, section 7.8), but this parser takes what follows for that protocol:
+        the body of the request would be lost, and read as a request where it comes a moment later.
+        """
+        lines = [b"%s %s HTTP/%s" % (self.parser.get_method(), self.url, self.parser.get_http_version().encode())]
+        lines += [b"%s: %s" % (name, value) for name, value in self.headers if name != b"upgrade"]
+        self.parser = httptools.HttpRequestParser(self)
+        return b"\r\n".join([*lines, b"", b""])
+
+    def _wait_for_headers(self) -> None:
+        self._stop_waiting()
+        self._waiting[self] = self.loop.time()
+        self._headers_due = self.loop.call_later(self._timeout, self._give_up)
+
+    def _stop_waiting(self) -> None:
+        self._waiting.pop(self, None)
+        if self._headers_due is not None:
+            self._headers_due.cancel()
+            self._headers_due = None
+
+    def _unset_answer_due(self) -> None:
+        if self._answer_due is not None:
+            self._answer_due.cancel()
+            self._answer_due = None
+
+    def _give_up(self) -> None:
+        if self._is_in_headers:
+            self._refuse(
+                ErrorCode.REQUEST_TIMEOUT,
+                f"The headers of the request did not come within {self._timeout:g} seconds.",
+                "Send the request again, at once as a whole.",
+            )
+        else:  # not a byte came
+            self.give_way()
+
+    def _refuse(self, code: ErrorCode, message: str, remedy: str) -> None:
+        """Hear nothing more on this connection, and answer what is yet to be answered."""
+        self._is_deaf = True
+        self._stop_waiting()
+        current = self.cycle
+        if current is not None and not current.response_complete:
+            if not current.more_body:  # the trouble came after this request, which is answered yet
+                current.keep_alive = False
+                return
+            current.disconnected = True  # the application may go on, but for nobody
+            current.message_event.set()
+            if current.response_started:
+                self.transport.close()
+        if self.transport.is_closing():
+            return
+        response = problem_response(MeshmarkError(code, message, remedy), {"Connection": "close"})
+        headers = [*self.server_state.default_headers, *response.raw_headers]
+        lines = [b"%s: %s\r\n" % (name, value) for name, value in headers]
+        self.transport.write(b"".join([STATUS_LINE[response.status_code], *lines, b"\r\n", bytes(response.body)]))
+        self.transport.close()
+
+
+def connection_limit(wanted: int) -> int:
+    """How many connections can be open at a time, as many as wanted if this process may have the descriptors.
+
+    The soft limit is raised as far as that takes and the hard limit lets it. Half of the descriptors are for other
+    things: an upload has files too.
+    """
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    enough = 2 * wanted + DESCRIPTORS
+    if soft != resource.RLIM_INFINITY and soft < enough:
+        soft = enough if hard == resource.RLIM_INFINITY else min(enough, hard)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+    if soft == resource.RLIM_INFINITY or wanted <= soft // 2:
+        return wanted
+    log.warning("few descriptors are allowed, and so few connections", connections=soft // 2, descriptors=soft)
+    return soft // 2
