@@ -19,7 +19,7 @@ class Bodies:
         rate: bytes a second that must come on average, beyond the first `silence` seconds.
     """
 
-    def __init__(self, app: ASGIApp, silence: float, rate: float) -> None:
+    def __init__(self, app: ASGIApp, silence: float, rate: int) -> None:
         self.app, self.silence, self.rate = app, silence, rate
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -36,7 +36,7 @@ class Bodies:
 
 
 class _Body:
-    def __init__(self, receive: Receive, silence: float, rate: float) -> None:
+    def __init__(self, receive: Receive, silence: float, rate: int) -> None:
         self._receive, self._silence, self._rate = receive, silence, rate
         self._received, self._waited, self._is_complete = 0, 0.0, False
         self.is_answered = False  # then nobody waits for the body any more, only for the client to leave
@@ -70,7 +70,7 @@ class _Body:
                 return await self._receive()
             raise MeshmarkError(
                 ErrorCode.REQUEST_TIMEOUT,
-                f"The body stood still for {self._silence:g} seconds, or came at less than {self._rate:,.0f} bytes a "
+                f"The body stood still for {self._silence:g} seconds, or came at less than {self._rate:,} bytes a "
                 "second.",
                 "Send the request again, over a faster connection; the operator can raise the limits.",
             ) from None

@@ -56,7 +56,7 @@ class Settings(BaseSettings):
     ] = 10_000
     max_uploads_at_once: Annotated[
         int,
-        Field(ge=0, description="Assets of a tenant that one API process takes in at a time; 0: any number."),
+        Field(ge=0, le=MOST, description="Assets of a tenant that one API process takes in at a time; 0: any number."),
     ] = 32
     max_connections: Annotated[
         int, Field(ge=1, le=100_000, description="Connections that one API process has open at a time.")
@@ -64,15 +64,15 @@ class Settings(BaseSettings):
     client_timeout: Annotated[
         float,
         Field(
-            gt=0,
+            ge=0.1,
             le=3600,
             description="Seconds in which a request's headers must come, and for which its body or whoever takes the "
             "answer may stand still.",
         ),
     ] = 30.0
-    client_rate: Annotated[float, Field(gt=0, description="Bytes a second at which a body must come, on average.")] = (
-        4096.0
-    )
+    client_rate: Annotated[
+        int, Field(gt=0, le=MOST, description="Bytes a second at which a body must come, on average.")
+    ] = 4096
     port: Annotated[int, Field(ge=0, le=65535, description="Port the API listens on; 0 takes any free one.")] = 8080
     metrics_host: Annotated[
         str, Field(description="Address of the metrics, which need no key: one that only your Prometheus reaches.")
