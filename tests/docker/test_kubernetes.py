@@ -14,11 +14,13 @@ import pytest
 import yaml
 from cloudcoil.models.keda.v1alpha1 import ScaledObject
 from cryptography.fernet import Fernet
+from fastapi import FastAPI
 from pydantic import ValidationError
 
 from service.__main__ import STOP_MARGIN
 from service.config import PREFIX, Settings, load_settings
 from service.event_stream import PING
+from service.http_server import Server
 from service.jobs.models import Queue
 from service.outbound.addresses import GLOBAL_UNICAST, NOT_PUBLIC_V4, NOT_PUBLIC_V6, refusal
 from service.outbound.policy import PORTS
@@ -367,6 +369,12 @@ def test_the_ingress_takes_whole_what_the_service_takes_and_lets_events_through(
     ]
     assert chosen == ["api"]
     assert port["targetPort"] in {item["name"] for item in container(pods(overlay)["api"])["ports"]}
+
+
+def test_the_readme_says_for_how_long_idle_connections_are_kept() -> None:
+    kept = Server(FastAPI(), Settings()).config.timeout_keep_alive
+    assert f"An API closes a connection that is idle for {kept} seconds" in README
+    assert f'`upstream-keepalive-timeout: "{kept - 1}"`' in README
 
 
 def reaches(overlay: str, name: str, address: str, port: int) -> bool:
