@@ -11,17 +11,21 @@ from core.errors import ErrorCode, MeshmarkError
 from service.jobs.artifacts import ArtifactStore
 from service.jobs.models import Artifact
 from service.problems import problem_response
+from service.store_threads import StoreThreads
 
 ENTITY_TAG = re.compile(r'(W/)?("[\x21\x23-\x7e\x80-\xff]*")')
 ONE_RANGE = re.compile(r"bytes=\s*(\d{0,18})-(\d{0,18})\s*", re.IGNORECASE)
 
 
-def deliver(request: Request, store: ArtifactStore, artifact: Artifact, headers: dict[str, str]) -> Response:
+def deliver(
+    request: Request, store: ArtifactStore, threads: StoreThreads, artifact: Artifact, headers: dict[str, str]
+) -> Response:
     """The answer to a GET or HEAD for stored content, in the order of RFC 9110, section 13.2.2.
 
     Args:
         request: its If-Match, If-None-Match, Range and If-Range are obeyed.
         store: where the content is.
+        threads: where it is waited for while it is sent.
         artifact: which content.
         headers: of an answer that carries the content, such as its Content-Type.
 
@@ -59,7 +63,7 @@ def deliver(request: Request, store: ArtifactStore, artifact: Artifact, headers:
     if part:
         headers["Content-Range"] = f"bytes {start}-{stop - 1}/{artifact.size}"
     code = status.HTTP_206_PARTIAL_CONTENT if part else status.HTTP_200_OK
-    return StreamingResponse(chain([first], chunks), code, headers)
+    return StreamingResponse(threads.each(chain([first], chunks)), code, headers)
 
 
 def disposition(name: str) -> str:

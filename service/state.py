@@ -1,6 +1,7 @@
 """What the routes share."""
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Annotated
 
 from celery import Celery
@@ -13,6 +14,7 @@ from service.jobs.artifacts import ArtifactStore
 from service.jobs.ledger import Ledger
 from service.places import Places
 from service.readiness import Readiness
+from service.store_threads import CONTENT, DELETIONS, StoreThreads
 from service.webhooks.vault import Vault
 
 
@@ -29,6 +31,8 @@ class AppState:
     vault: Vault
     streams: Streams = field(default_factory=Streams)
     uploads: Places = field(default_factory=Places)
+    content: StoreThreads = field(default_factory=partial(StoreThreads, CONTENT))
+    deletions: StoreThreads = field(default_factory=partial(StoreThreads, DELETIONS))
 
 
 def state_of(request: Request) -> AppState:

@@ -1,6 +1,7 @@
 """Uploads: send an asset ahead, then name it in as many requests as you like."""
 
 from datetime import datetime
+from functools import partial
 from typing import Annotated, Literal, Self
 
 from fastapi import APIRouter, Request, status
@@ -128,4 +129,4 @@ async def send_upload(request: Request, state: State, client: Admitted, upload_i
             ) from None
         body.seek(0)
         chunks = iter(lambda: body.read(CHUNK), b"")
-        await run_in_threadpool(uploads.receive, state.artifacts, upload, chunks)
+        await state.content.run(partial(uploads.receive, state.artifacts, upload, chunks))

@@ -1,5 +1,6 @@
 """The watermark jobs: send an asset, follow its job, fetch what came of it, delete it."""
 
+from functools import partial
 from pathlib import PurePath
 from typing import Annotated, Any
 
@@ -263,8 +264,12 @@ def read_watermark(request: Request, state: State, client: Admitted, job_id: str
 
 
 @router.delete("/{job_id}", status_code=status.HTTP_204_NO_CONTENT, responses=UNKNOWN)
-def delete_watermark(state: State, client: Admitted, job_id: str) -> None:
+async def delete_watermark(state: State, client: Admitted, job_id: str) -> None:
     """Cancel the job if it has not ended, and delete the uploaded asset and everything made from it."""
+    await state.deletions.run(partial(_delete, state, client, job_id))
+
+
+def _delete(state: AppState, client: Client, job_id: str) -> None:
     find_job(state, client, job_id)
     state.ledger.cancel(job_id, client.tenant)
     contents.discard(state.ledger, state.artifacts, state.ledger.drop_artifacts(job_id))
@@ -286,23 +291,23 @@ def _download(kind: ArtifactKind) -> dict[str, Any]:
 
 @router.head("/{job_id}/model", name="head_model", **_download(ArtifactKind.MODEL))
 @router.get("/{job_id}/model", **_download(ArtifactKind.MODEL))
-def read_model(request: Request, state: State, client: Admitted, job_id: str) -> Response:
+async def read_model(request: Request, state: State, client: Admitted, job_id: str) -> Response:
     """The watermarked GLB; there from stage `evaluating` on."""
-    return _deliver(request, state, client, job_id, ArtifactKind.MODEL)
+    return await _deliver(request, state, client, job_id, ArtifactKind.MODEL)
 
 
 @router.head("/{job_id}/report", name="head_report", **_download(ArtifactKind.REPORT))
 @router.get("/{job_id}/report", **_download(ArtifactKind.REPORT))
-def read_report(request: Request, state: State, client: Admitted, job_id: str) -> Response:
+async def read_report(request: Request, state: State, client: Admitted, job_id: str) -> Response:
     """Where the watermarks are, and what they measure."""
-    return _deliver(request, state, client, job_id, ArtifactKind.REPORT)
+    return await _deliver(request, state, client, job_id, ArtifactKind.REPORT)
 
 
 @router.head("/{job_id}/preview", name="head_preview", **_download(ArtifactKind.PREVIEW))
 @router.get("/{job_id}/preview", **_download(ArtifactKind.PREVIEW))
-def read_preview(request: Request, state: State, client: Admitted, job_id: str) -> Response:
+async def read_preview(request: Request, state: State, client: Admitted, job_id: str) -> Response:
     """Pictures of the watermarked asset from eight sides, as one PNG."""
-    return _deliver(request, state, client, job_id, ArtifactKind.PREVIEW)
+    return await _deliver(request, state, client, job_id, ArtifactKind.PREVIEW)
 
 
 def find_job(state: AppState, client: Client, job_id: str) -> Job:
@@ -319,7 +324,11 @@ def find_job(state: AppState, client: Client, job_id: str) -> Job:
     return job
 
 
-def _deliver(request: Request, state: AppState, client: Client, job_id: str, kind: ArtifactKind) -> Response:
+async def _deliver(request: Request, state: AppState, client: Client, job_id: str, kind: ArtifactKind) -> Response:
+    return await state.content.run(partial(_delivery, request, state, client, job_id, kind))
+
+
+def _delivery(request: Request, state: AppState, client: Client, job_id: str, kind: ArtifactKind) -> Response:
     job = find_job(state, client, job_id)
     artifact = job.artifact(kind)
     if artifact is None:
@@ -327,7 +336,7 @@ def _deliver(request: Request, state: AppState, client: Client, job_id: str, kin
     name = PurePath(job.filename).stem + ".watermarked" + SUFFIXES[kind]
     headers = {"Content-Type": MEDIA_TYPES[kind], "Content-Disposition": disposition(name)}
     try:
-        return deliver(request, state.artifacts, artifact, headers)
+        return deliver(request, state.artifacts, state.content, artifact, headers)
     except FileNotFoundError:  # deleted since the look at the ledger
         raise _not_there(find_job(state, client, job_id), kind) from None
 
