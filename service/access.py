@@ -15,6 +15,7 @@ from service.jobs.artifacts import StoreUnavailableError
 from service.jobs.limits import spend
 from service.jobs.models import DEFAULT_TENANT
 from service.jobs.tenants import Scope, authenticate, note_use
+from service.json_request import JsonRequest
 from service.problems import ProblemError
 from service.state import AppState, state_of
 
@@ -49,7 +50,7 @@ class GuardedRoute(APIRoute):
 
         async def admitted(request: Request) -> Response:
             request.state.client = await run_in_threadpool(let_in, request)
-            return await answer(request)
+            return await answer(JsonRequest(request.scope, request.receive))
 
         async def guarded(request: Request) -> Response:
             try:

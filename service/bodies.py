@@ -2,11 +2,13 @@
 
 import asyncio
 import time
+from contextlib import suppress
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from core.errors import ErrorCode, MeshmarkError
 
+LINGER, LINGER_BYTES = 2.0, 2**24  # seconds, and what may come in them
 PIECE = 2**16  # bytes; however small the pieces a client sends, work is done for each of these only
 
 
@@ -30,6 +32,10 @@ class Bodies:
 
         async def answer(message: Message) -> None:
             body.is_answered = True
+            if message["type"] == "http.response.body" and not message.get("more_body"):
+                await send({**message, "more_body": True})
+                await body.discard()
+                message = {"type": "http.response.body", "body": b"", "more_body": False}
             await send(message)
 
         return await self.app(scope, body.receive, answer)
@@ -48,15 +54,30 @@ class _Body:
             MeshmarkError: ``request_timeout``.
         """
         if self._is_complete or self.is_answered:
-            return await self._receive()
+            return await self._any()
         piece = bytearray()
         while len(piece) < PIECE and not self._is_complete:
             message = await self._next()
             if message["type"] != "http.request":
                 return message
             piece += message.get("body", b"")
-            self._is_complete = not message.get("more_body", False)
         return {"type": "http.request", "body": bytes(piece), "more_body": not self._is_complete}
+
+    async def discard(self) -> None:
+        """Read for a moment what comes after the answer.
+
+        A line that is closed while the client still sends takes the answer with it (RFC 9112, section 9.6).
+        """
+        left = LINGER_BYTES
+        with suppress(TimeoutError):
+            async with asyncio.timeout(LINGER):
+                while left > 0 and not self._is_complete:
+                    left -= len((await self._any()).get("body", b""))
+
+    async def _any(self) -> Message:
+        message = await self._receive()
+        self._is_complete = not message.get("more_body", False)  # so it is when the client has left, too
+        return message
 
     async def _next(self) -> Message:
         # Only the time in which the client is waited for counts, not what is done with what came.
@@ -64,10 +85,10 @@ class _Body:
         patience = min(self._silence, self._silence + self._received / self._rate - self._waited)
         try:
             async with asyncio.timeout(patience):
-                message = await self._receive()
+                message = await self._any()
         except TimeoutError:
             if self.is_answered:
-                return await self._receive()
+                return await self._any()
             raise MeshmarkError(
                 ErrorCode.REQUEST_TIMEOUT,
                 f"The body stood still for {self._silence:g} seconds, or came at less than {self._rate:,} bytes a "

@@ -7,7 +7,8 @@ import shlex
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import closing, suppress
+from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any
 
@@ -100,6 +101,20 @@ def test_a_stream_of_events_is_not_given_up(hasty: Edge) -> None:
             time.sleep(1.5)  # longer than a body may stand still
             assert client.delete(location).status_code == 204
             assert "watermark.canceled" in next(line for line in lines if line.startswith("event"))
+
+
+@pytest.mark.parametrize(
+    ("request_line", "key", "status"), [("POST /v1/uploads", True, 413), ("POST /v1/watermarks", False, 401)]
+)
+def test_who_sends_all_of_a_body_that_is_refused_reads_why(
+    hasty: Edge, request_line: str, key: bool, status: int
+) -> None:
+    method, path = request_line.split()
+    connection = HTTPConnection("127.0.0.1", hasty.port)  # it reads nothing before it has sent everything
+    headers = {"Authorization": f"Bearer {hasty.keys[0]}"} if key else {}
+    with closing(connection):
+        connection.request(method, path, b"x" * 8 * MIB, headers)
+        assert connection.getresponse().status == status
 
 
 def test_so_many_uploads_of_a_tenant_are_taken_at_a_time(tmp_path: Path) -> None:
