@@ -48,6 +48,7 @@ class ErrorCode(StrEnum):
     UPLOAD_MISMATCH = "upload_mismatch"
     UPLOAD_EXPIRED = "upload_expired"
     TOO_MANY_UPLOADS = "too_many_uploads"
+    QUOTA_EXCEEDED = "quota_exceeded"
     MISSING_FILE = "missing_file"
     SOURCE_URL_DISABLED = "source_url_disabled"
     ADDRESS_REFUSED = "address_refused"

@@ -73,6 +73,14 @@ class Settings(BaseSettings):
     client_rate: Annotated[
         int, Field(gt=0, le=MOST, description="Bytes a second at which a body must come, on average.")
     ] = 4096
+    max_stored_bytes: Annotated[
+        int,
+        Field(
+            ge=0,
+            le=MOST_BYTES,
+            description="Bytes that may be stored for a tenant when one more job or upload is accepted; 0: any number.",
+        ),
+    ] = 0
     port: Annotated[int, Field(ge=0, le=65535, description="Port the API listens on; 0 takes any free one.")] = 8080
     metrics_host: Annotated[
         str, Field(description="Address of the metrics, which need no key: one that only your Prometheus reaches.")
@@ -189,6 +197,15 @@ class Settings(BaseSettings):
         float,
         Field(ge=0, le=100 * YEAR, description="Seconds after its end at which a job's files are deleted; 0: never."),
     ] = 0.0
+    history_days: Annotated[
+        int,
+        Field(
+            ge=0,
+            le=36_500,
+            description="Days after its end at which a job without results is forgotten, with all that is known of it; "
+            "0: never.",
+        ),
+    ] = 90
     cache: Annotated[
         bool, Field(description="Answer an asset sent again with the same parameters with the results there are.")
     ] = True

@@ -5,7 +5,8 @@ import sys
 from datetime import datetime, timedelta
 
 from service.config import Settings
-from service.jobs.ledger import Ledger, now
+from service.jobs.clock import now
+from service.jobs.ledger import Ledger
 from service.jobs.models import DEFAULT_TENANT
 from service.jobs.tenants import Scope, create_key, list_keys, revoke_key
 

@@ -58,6 +58,7 @@ STATUS: dict[ErrorCode, int] = {
     ErrorCode.UPLOAD_MISMATCH: 422,
     ErrorCode.UPLOAD_EXPIRED: 410,
     ErrorCode.TOO_MANY_UPLOADS: 429,
+    ErrorCode.QUOTA_EXCEEDED: 403,  # not 507, as for a fault of ours that passes, nor 413: a smaller one may not fit
     ErrorCode.MISSING_FILE: 422,
     ErrorCode.SOURCE_URL_DISABLED: 422,
     ErrorCode.ADDRESS_REFUSED: 422,

@@ -16,6 +16,7 @@ from service.jobs.artifacts import Staged
 from service.jobs.ledger import Submission
 from service.jobs.limits import check_active
 from service.jobs.models import ArtifactKind, Job, Priority
+from service.jobs.quota import check_stored
 from service.state import AppState
 
 
@@ -67,7 +68,8 @@ def submit(state: AppState, order: Order) -> Accepted:
     """Record a job, unless what can be seen at once speaks against it. Announcing it is left to the caller.
 
     Raises:
-        MeshmarkError: what is wrong with the asset, the font, the text or the idempotency key; ``too_many_jobs``.
+        MeshmarkError: what is wrong with the asset, the font, the text or the idempotency key; ``too_many_jobs``;
+            ``quota_exceeded``.
         StoreUnavailableError: then nothing is recorded.
     """
     with ExitStack() as stack:
@@ -98,6 +100,7 @@ def submit(state: AppState, order: Order) -> Accepted:
         def condition(session: Session, job_id: str) -> None:
             if state.settings.max_active_jobs:
                 check_active(session, order.tenant, state.settings.max_active_jobs)
+            check_stored(session, order.tenant, state.settings.max_stored_bytes)
             order.record(session, job_id)
             if reservation is not None:
                 idempotency.settle(session, reservation, job_id)

@@ -3,17 +3,20 @@
 import random
 import shutil
 import time
+from datetime import timedelta
 from functools import partial
 
 import structlog
 
 from service.jobs import contents, events, idempotency, queue, sources, uploads
 from service.jobs.artifacts import GRACE
-from service.jobs.ledger import WORKER_LOST, now
+from service.jobs.clock import now
+from service.jobs.ledger import BATCH, WORKER_LOST
 from service.jobs.models import Queue
 from worker.repeating import repeatedly
 from worker.tasks import Worker, scratch_name
 
+BATCHES = 10  # of old jobs, each forgotten in one transaction, between two looks for what has expired
 SHARES = 256  # of the store, by the first two digits of the hash; all are swept once in a grace period
 
 log = structlog.get_logger(__name__)
@@ -50,6 +53,19 @@ def remove_expired(worker: Worker) -> None:
         log.info("job expired: its files are deleted", job=job_id)
 
 
+def forget_old_jobs(worker: Worker) -> None:
+    """Delete the jobs without results that ended long ago, some thousand an hour of them."""
+    if not (days := worker.settings.history_days):
+        return
+    for _ in range(BATCHES):
+        number, hashes = worker.ledger.forget(timedelta(days=days))
+        contents.discard(worker.ledger, worker.artifacts, hashes)
+        if number:
+            log.info("old jobs are forgotten", jobs=number)
+        if number < BATCH:
+            return
+
+
 def sweep_store(worker: Worker, share: int) -> None:
     """Remove content that no job refers to from one of 256 shares of the store, and what killed processes left here."""
     worker.artifacts.clear_staging(GRACE)
@@ -69,6 +85,7 @@ class FileSweep:
         """One pass."""
         try:
             remove_expired(self._worker)
+            forget_old_jobs(self._worker)
             if time.monotonic() >= self._due:
                 self._share, self._due = self._share + 1, time.monotonic() + GRACE / SHARES
                 sweep_store(self._worker, self._share)

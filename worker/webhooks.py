@@ -21,7 +21,8 @@ from sqlalchemy.exc import OperationalError
 
 from service.config import Settings, load_settings
 from service.data_folder import keep_private
-from service.jobs.ledger import Ledger, now
+from service.jobs.clock import now
+from service.jobs.ledger import Ledger
 from service.jobs.queue import create_queue
 from service.logs import configure_logs
 from service.metrics import WEBHOOK_ATTEMPTS, metrics_server
@@ -29,6 +30,7 @@ from service.outbound.client import OutboundClient
 from service.stores import require_secrets
 from service.webhooks import deliveries, queue
 from service.webhooks.deliver import TIMEOUTS, Outcome, deliver, not_made
+from service.webhooks.places import Places
 from service.webhooks.vault import UnreadableSecretError, Vault, read_keys
 from worker.child import die_with_parent
 from worker.receiving import receive, required, run_until_stopped, take
@@ -53,6 +55,7 @@ class Sender:
         self.ledger = Ledger(self.settings.ledger_url, self.settings.retention_seconds)
         self.client = OutboundClient(self.settings.outbound, TIMEOUTS)
         self.vault = Vault(read_keys(self.settings.secrets_key))
+        self.places = Places(CONCURRENCY)
 
     def send(self, delivery_id: str) -> None:
         """Make one attempt if it is due; a duplicate or unknown id changes nothing."""
@@ -60,15 +63,24 @@ class Sender:
             claim = deliveries.claim(self.ledger.sessions, delivery_id)
             if claim is None:
                 return
-            with structlog.contextvars.bound_contextvars(delivery=delivery_id, attempt=claim.attempt):
-                outcome = self._attempt(claim)
-                if deliveries.settle(self.ledger.sessions, claim, outcome):
-                    WEBHOOK_ATTEMPTS.labels(outcome.result).inc()
-                    log.info("webhook tried", result=outcome.result.value, status=outcome.status, error=outcome.error)
+            if not self.places.take(claim.tenant):
+                deliveries.put_back(self.ledger.sessions, claim)
+                return
+            try:
+                self._send(claim)
+            finally:
+                self.places.give_back(claim.tenant)
         except UnreadableSecretError:  # nothing goes out unsigned: it is found to be due again
             log.error("the secret of a webhook is encrypted with a key that is not known here", delivery=delivery_id)
         except OperationalError as error:  # it is found to be due again
             log.warning("the job ledger does not answer", delivery=delivery_id, error=str(error.orig))
+
+    def _send(self, claim: deliveries.Claim) -> None:
+        with structlog.contextvars.bound_contextvars(delivery=claim.delivery_id, attempt=claim.attempt):
+            outcome = self._attempt(claim)
+            if deliveries.settle(self.ledger.sessions, claim, outcome):
+                WEBHOOK_ATTEMPTS.labels(outcome.result).inc()
+                log.info("webhook tried", result=outcome.result.value, status=outcome.status, error=outcome.error)
 
     def _attempt(self, claim: deliveries.Claim) -> Outcome:
         draw = random.random()

@@ -10,8 +10,9 @@ from sqlalchemy import or_, select
 from sqlalchemy.orm import Session, sessionmaker
 
 from core import __version__
+from service.jobs.clock import clock
 from service.jobs.idempotency import fingerprint
-from service.jobs.ledger import OUTPUTS, Content, now
+from service.jobs.ledger import OUTPUTS, Content
 from service.jobs.models import ArtifactKind, Job, JobState
 
 
@@ -27,12 +28,12 @@ def find_results(sessions: sessionmaker[Session], tenant: str, key: str | None) 
     """What the tenant's latest job with this key made and still has; nothing where there is none."""
     if key is None:
         return {}
-    done = (
-        Job.tenant_id == tenant,
-        Job.result_key == key,
-        Job.state == JobState.SUCCEEDED,
-        or_(Job.expires_at.is_(None), Job.expires_at > now()),
-    )
     with sessions() as session:
+        done = (
+            Job.tenant_id == tenant,
+            Job.result_key == key,
+            Job.state == JobState.SUCCEEDED,
+            or_(Job.expires_at.is_(None), Job.expires_at > clock(session)),
+        )
         job = session.scalar(select(Job).where(*done).order_by(Job.created_at.desc()).limit(1))
     return {item.kind: Content(item.sha256, item.size) for item in job.artifacts if item.kind in OUTPUTS} if job else {}

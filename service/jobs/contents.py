@@ -31,7 +31,8 @@ import structlog
 from core.errors import MeshmarkError
 from service.jobs.artifacts import GRACE, ArtifactStore, Staged, StoreUnavailableError
 from service.jobs.cache import find_results, result_key
-from service.jobs.ledger import BY_DEFAULT, Content, Ledger, MissingContentError, Submission, now
+from service.jobs.clock import now
+from service.jobs.ledger import BY_DEFAULT, Content, Ledger, MissingContentError, Submission
 from service.jobs.models import ArtifactKind, Job, Lease
 from service.jobs.ownership import PAGE, claim
 

@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from sqlalchemy import create_engine, event, exc
+from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.engine import Engine, make_url
+from sqlalchemy.orm import Session
 from sqlalchemy.pool import PoolProxiedConnection, QueuePool
 
 # What libpq is told, so that a server that vanished without a word is noticed. Seconds; the last in milliseconds.
@@ -15,6 +17,7 @@ BUSY = 10.0  # seconds to wait for another process's lock on a SQLite file
 # The most connections of a process, opened when they are needed and kept: opening one costs more than most of what is
 # asked for. Who gets none for so many seconds gives up.
 POOL: dict[str, Any] = {"pool_size": 15, "max_overflow": 0, "pool_timeout": 10}
+INSERT = {"sqlite": sqlite.insert, "postgresql": postgresql.insert}
 
 
 class Pool(QueuePool):
@@ -63,3 +66,8 @@ def connect(url: str) -> Engine:
             time.sleep(0.01)
 
     return engine
+
+
+def insert_into(session: Session, table: Any) -> Any:
+    """An INSERT that knows what to do where the row is there already (ON CONFLICT), which is no standard SQL."""
+    return INSERT[session.get_bind().dialect.name](table)

@@ -14,7 +14,8 @@ from enum import StrEnum
 from sqlalchemy import ColumnElement, exists, select, update
 from sqlalchemy.orm import Session, aliased, sessionmaker
 
-from service.jobs.ledger import ACTIVE, now
+from service.jobs.clock import clock
+from service.jobs.ledger import ACTIVE
 from service.jobs.models import DroppedObject, Job
 
 TAKEN = timedelta(minutes=5)  # after which another worker tries, where one died
@@ -43,7 +44,7 @@ def record(session: Session, job_id: str, object_id: str, source: str, key: str)
     Raises:
         sqlalchemy.exc.IntegrityError: the object has a job already.
     """
-    moment = now()
+    moment = clock(session)
     session.add(
         DroppedObject(
             id=object_id, job_id=job_id, source=source, key=key, output=Output.PENDING, due_at=moment, created_at=moment
@@ -54,7 +55,7 @@ def record(session: Session, job_id: str, object_id: str, source: str, key: str)
 
 def hand_over(session: Session, job_id: str, successor: str) -> None:
     """Make the object of a job that of another one, whose results are then the ones to be written."""
-    values = {"job_id": successor, "output": Output.PENDING, "tries": 0, "due_at": now()}
+    values = {"job_id": successor, "output": Output.PENDING, "tries": 0, "due_at": clock(session)}
     session.execute(update(DroppedObject).where(DroppedObject.job_id == job_id).values(**values))
 
 
@@ -72,16 +73,20 @@ def object_of(sessions: Sessions, job_id: str) -> DroppedObject | None:
 
 def take_due(sessions: Sessions, source: str) -> DroppedObject | None:
     """An object of a hook whose job has ended and whose results are to be written; nobody else gets it for a while."""
-    moment = now()
-    pending = (DroppedObject.output == Output.PENDING, DroppedObject.due_at <= moment, DroppedObject.source == source)
-    due = (
-        select(DroppedObject)
-        .join(Job, Job.id == DroppedObject.job_id)
-        .where(*pending, Job.state.not_in(ACTIVE))
-        .order_by(DroppedObject.due_at)
-        .limit(20)  # of which others may take some at this moment
-    )
     with sessions() as session:
+        moment = clock(session)
+        pending = (
+            DroppedObject.output == Output.PENDING,
+            DroppedObject.due_at <= moment,
+            DroppedObject.source == source,
+        )
+        due = (
+            select(DroppedObject)
+            .join(Job, Job.id == DroppedObject.job_id)
+            .where(*pending, Job.state.not_in(ACTIVE))
+            .order_by(DroppedObject.due_at)
+            .limit(20)  # of which others may take some at this moment
+        )
         found = list(session.scalars(due))
     for item in found:
         if _change(sessions, item, due_at=moment + TAKEN, tries=item.tries + 1):
@@ -101,15 +106,11 @@ def settle(sessions: Sessions, item: DroppedObject, output: Output) -> None:
         DroppedObject.created_at > item.created_at,
         DroppedObject.output.in_((Output.PENDING, Output.WRITTEN)),
     )
-    again = {
-        "output": Output.PENDING,
-        "due_at": now(),
-        "tries": DroppedObject.tries + 1,
-    }  # whoever writes it is too late
     with sessions.begin() as session:
         session.execute(update(DroppedObject).where(*_taken(item)).values(output=output))
         if output is Output.WRITTEN:
-            session.execute(update(DroppedObject).where(*later).values(**again))
+            again = {"output": Output.PENDING, "due_at": clock(session), "tries": DroppedObject.tries + 1}
+            session.execute(update(DroppedObject).where(*later).values(**again))  # whoever writes it is too late
 
 
 def postpone(sessions: Sessions, item: DroppedObject) -> None:
@@ -117,7 +118,7 @@ def postpone(sessions: Sessions, item: DroppedObject) -> None:
     pause = min(2.0 ** min(item.tries, 16), LONGEST_PAUSE)
     with sessions.begin() as session:
         later = update(DroppedObject).where(*_taken(item))
-        session.execute(later.values(due_at=now() + timedelta(seconds=pause)))
+        session.execute(later.values(due_at=clock(session) + timedelta(seconds=pause)))
 
 
 def is_superseded(sessions: Sessions, item: DroppedObject) -> bool:

@@ -41,6 +41,7 @@ def _address(session: Session, job: Job, event: EventType, moment: datetime) -> 
                 WebhookDelivery(
                     id=str(uuid.uuid4()),
                     endpoint_id=endpoint.id,
+                    tenant_id=endpoint.tenant_id,
                     job_id=job.id,
                     event_number=job.event_count,
                     url=None if endpoint.url else job.webhook,

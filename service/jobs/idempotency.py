@@ -17,18 +17,17 @@ from typing import Any, NamedTuple
 
 import structlog
 from sqlalchemy import delete, update
-from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session, sessionmaker
 
 from core.errors import ErrorCode, MeshmarkError
 from service.background import in_background
-from service.jobs.ledger import now
+from service.jobs.clock import clock
+from service.jobs.database import insert_into
 from service.jobs.models import IdempotencyKey
 
 HELD, RENEWED = timedelta(seconds=15), 5.0  # seconds between two renewals
 KEPT = timedelta(hours=24)
-INSERT = {"sqlite": sqlite.insert, "postgresql": postgresql.insert}
 
 log = structlog.get_logger(__name__)
 
@@ -53,12 +52,11 @@ def reserve(sessions: sessionmaker[Session], tenant: str, key: str, print_: str)
         MeshmarkError: ``idempotency_key_reused``, the key is that of another request; ``idempotency_key_in_use``, a
             request with this key is being answered.
     """
-    moment = now()
     reservation = Reservation(tenant, key, str(uuid.uuid4()))
-    values = {"fingerprint": print_, "token": reservation.token, "job_id": None, "expires_at": moment + HELD}
     with sessions.begin() as session:
-        insert: Any = INSERT[session.get_bind().dialect.name]
-        free = insert(IdempotencyKey).values(tenant_id=tenant, key=key, **values)
+        moment = clock(session)
+        values = {"fingerprint": print_, "token": reservation.token, "job_id": None, "expires_at": moment + HELD}
+        free = insert_into(session, IdempotencyKey).values(tenant_id=tenant, key=key, **values)
         free = free.on_conflict_do_update(
             index_elements=["tenant_id", "key"], set_=values, where=IdempotencyKey.expires_at < moment
         )
@@ -85,7 +83,7 @@ def settle(session: Session, reservation: Reservation, job_id: str) -> None:
     Raises:
         MeshmarkError: ``idempotency_key_in_use``, the reservation was given to another request meanwhile.
     """
-    values = {"job_id": job_id, "expires_at": now() + KEPT}
+    values = {"job_id": job_id, "expires_at": clock(session) + KEPT}
     settled = update(IdempotencyKey).where(*_mine(reservation)).values(**values).returning(IdempotencyKey.token)
     if session.scalar(settled.execution_options(synchronize_session=False)) is None:
         raise _in_use()
@@ -114,7 +112,7 @@ def _renew_until(over: threading.Event, sessions: sessionmaker[Session], reserva
     while not over.wait(RENEWED):
         try:
             with sessions.begin() as session:
-                renewed = update(IdempotencyKey).where(*_mine(reservation)).values(expires_at=now() + HELD)
+                renewed = update(IdempotencyKey).where(*_mine(reservation)).values(expires_at=clock(session) + HELD)
                 session.execute(renewed.execution_options(synchronize_session=False))
         except OperationalError as error:
             log.warning("an idempotency key could not be renewed", error=str(error.orig))
@@ -126,7 +124,7 @@ def _renew_until(over: threading.Event, sessions: sessionmaker[Session], reserva
 def forget(sessions: sessionmaker[Session]) -> None:
     """Delete the keys whose time is over."""
     with sessions.begin() as session:
-        session.execute(delete(IdempotencyKey).where(IdempotencyKey.expires_at < now()))
+        session.execute(delete(IdempotencyKey).where(IdempotencyKey.expires_at < clock(session)))
 
 
 def _mine(reservation: Reservation) -> tuple[Any, ...]:

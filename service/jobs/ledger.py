@@ -9,13 +9,16 @@ wait for each other in a circle.
 A worker's right to change a job is its lease: it is renewed by heartbeats, and it is void as soon as the job was
 canceled, given to another worker, or finished.
 
+Moments that are compared are those of the database's own clock: see :mod:`service.jobs.clock`.
+
 What happens to a job is told by the transaction that makes it happen: see :mod:`service.jobs.events`.
 """
 
 import uuid
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 from typing import Any, NamedTuple
 
 from sqlalchemy import ColumnElement, Connection, delete, select, text, update
@@ -25,7 +28,9 @@ from sqlalchemy.orm import Session, sessionmaker
 
 from core.errors import ErrorCode, MeshmarkError
 from service.correlation import correlation
+from service.jobs.clock import clock
 from service.jobs.database import connect
+from service.jobs.erasure import erase_job
 from service.jobs.events import record
 from service.jobs.migrations import NewerSchemaError, migrate
 from service.jobs.models import (
@@ -41,9 +46,12 @@ from service.jobs.models import (
     Priority,
     Queue,
 )
+from service.jobs.quota import add_stored
 from service.metrics import JOBS_ACCEPTED, ended
 
 ACTIVE = (JobState.QUEUED, JobState.RUNNING)
+WITHOUT_RESULTS = (JobState.FAILED, JobState.CANCELED, JobState.EXPIRED)  # of the states in which a job has ended
+BATCH = 50  # old jobs forgotten in one transaction, with some ten rows each
 # What a transaction begins with that no other one with the same key shall run beside. SQLite has one lock for all.
 ONE_AT_A_TIME = {"sqlite": text("BEGIN IMMEDIATE"), "postgresql": text("SELECT pg_advisory_xact_lock(:key)")}
 MIGRATION = 7239017  # a key of its own: any constant
@@ -84,11 +92,6 @@ class UnusableLedgerError(Exception):
 
 class MissingContentError(Exception):
     """The store does not have the content that a row was to refer to."""
-
-
-def now() -> datetime:
-    """The present moment, UTC."""
-    return datetime.now(UTC)
 
 
 class Ledger:
@@ -155,29 +158,30 @@ class Ledger:
         Raises:
             MissingContentError: it does not; nothing is recorded. See :mod:`service.jobs.contents`.
         """
-        moment = now()
         contents = {**contents, **(results or {})}
-        done = {"state": JobState.SUCCEEDED, "progress": 1.0, "cached": True, **self._finished()}
-        job = Job(
-            id=str(uuid.uuid4()),
-            tenant_id=submission.tenant,
-            result_key=result_key,
-            queue=submission.queue,
-            priority=submission.priority,
-            correlation=correlation(),
-            filename=filename,
-            parameters=parameters,
-            webhook=submission.webhook,
-            created_at=moment,
-            enqueued_at=moment,
-            artifacts=[Artifact(kind=kind, sha256=item.sha256, size=item.size) for kind, item in contents.items()],
-            metadata_entries=[MetadataEntry(key=key, value=value) for key, value in submission.metadata.items()],
-            **(done if results else {"state": JobState.QUEUED}),
-        )
         with self._session.begin() as session:
             _lock_content(session, contents.values(), stored)
+            moment = clock(session)
+            done = {"state": JobState.SUCCEEDED, "progress": 1.0, "cached": True, **self._finished(moment)}
+            job = Job(
+                id=str(uuid.uuid4()),
+                tenant_id=submission.tenant,
+                result_key=result_key,
+                queue=submission.queue,
+                priority=submission.priority,
+                correlation=correlation(),
+                filename=filename,
+                parameters=parameters,
+                webhook=submission.webhook,
+                created_at=moment,
+                enqueued_at=moment,
+                artifacts=[Artifact(kind=kind, sha256=item.sha256, size=item.size) for kind, item in contents.items()],
+                metadata_entries=[MetadataEntry(key=key, value=value) for key, value in submission.metadata.items()],
+                **(done if results else {"state": JobState.QUEUED}),
+            )
             session.add(job)
             session.flush()
+            add_stored(session, submission.tenant, sum(item.size for item in contents.values()))
             record(session, job.id, EventType.into(job.state), moment)
             submission.condition(session, job.id)
         JOBS_ACCEPTED.inc()
@@ -192,30 +196,33 @@ class Ledger:
     def claim(self, job_id: str, lease_seconds: float) -> Job | None:
         """Take a queued job, or None if it is not (or no longer) there to be taken."""
         with self._session.begin() as session:
+            moment = clock(session)
             claimed = self._move(
                 session,
                 job_id,
                 (Job.state == JobState.QUEUED,),
                 JobState.RUNNING,
+                moment,
                 stage=None,
                 progress=0.0,
-                started_at=now(),
+                started_at=moment,
                 attempts=Job.attempts + 1,
                 lease_token=Job.lease_token + 1,
-                lease_expires_at=now() + timedelta(seconds=lease_seconds),
+                lease_expires_at=moment + timedelta(seconds=lease_seconds),
             )
             return session.get(Job, job_id) if claimed else None
 
     def heartbeat(self, lease: Lease, lease_seconds: float, stage: str | None, progress: float) -> bool:
         """Renew the lease and note where the work stands; False when the lease is void."""
-        expiry = now() + timedelta(seconds=lease_seconds)
-        values = {"lease_expires_at": expiry, "stage": stage, "progress": progress}
         with self._session.begin() as session:
+            moment = clock(session)
+            expiry = moment + timedelta(seconds=lease_seconds)
+            values = {"lease_expires_at": expiry, "stage": stage, "progress": progress}
             if self._set(session, (*_held(lease), Job.stage.is_not_distinct_from(stage)), **values):
                 return True
             if not self._set(session, _held(lease), **values):
                 return False
-            record(session, lease.job_id, EventType.STAGE, now())
+            record(session, lease.job_id, EventType.STAGE, moment)
             return True
 
     def publish(self, lease: Lease, kind: ArtifactKind, content: Content, stored: Callable[[str], bool]) -> bool:
@@ -228,48 +235,61 @@ class Ledger:
             _lock_content(session, [content], stored)
             if not self._lock(session, _held(lease)):
                 return False
+            before = session.get(Artifact, (lease.job_id, kind))
+            more = content.size - (before.size if before else 0)
             session.merge(Artifact(job_id=lease.job_id, kind=kind, sha256=content.sha256, size=content.size))
+            session.flush()
+            add_stored(session, _tenant_of(session, lease.job_id), more)
             return True
 
     def succeed(self, lease: Lease) -> bool:
         """running -> succeeded; False when the lease is void."""
         with self._session.begin() as session:
-            values = {"progress": 1.0, **self._finished()}
-            done = self._move(session, lease.job_id, _held(lease), JobState.SUCCEEDED, **values)
+            moment = clock(session)
+            values = {"progress": 1.0, **self._finished(moment)}
+            done = self._move(session, lease.job_id, _held(lease), JobState.SUCCEEDED, moment, **values)
         return ended(done, JobState.SUCCEEDED)
 
     def fail(self, lease: Lease, error: MeshmarkError) -> bool:
         """running -> failed; False when the lease is void."""
         with self._session.begin() as session:
-            done = self._move(session, lease.job_id, _held(lease), JobState.FAILED, **self._finished(error))
+            moment = clock(session)
+            values = self._finished(moment, error)
+            done = self._move(session, lease.job_id, _held(lease), JobState.FAILED, moment, **values)
         return ended(done, JobState.FAILED, error.code)
 
     def release(self, lease: Lease) -> bool:
         """running -> queued without counting the attempt, for a worker that stops; False when the lease is void."""
         with self._session.begin() as session:
-            values = {"attempts": Job.attempts - 1, **_queued()}
-            return self._move(session, lease.job_id, _held(lease), JobState.QUEUED, **values)
+            moment = clock(session)
+            values = {"attempts": Job.attempts - 1, **_queued(moment)}
+            return self._move(session, lease.job_id, _held(lease), JobState.QUEUED, moment, **values)
 
     def cancel(self, job_id: str, tenant: str = DEFAULT_TENANT) -> bool:
         """queued or running -> canceled; False when the job had already ended, or is not the tenant's."""
         condition = (Job.tenant_id == tenant, Job.state.in_(ACTIVE))
         with self._session.begin() as session:
-            done = self._move(session, job_id, condition, JobState.CANCELED, **self._finished())
+            moment = clock(session)
+            done = self._move(session, job_id, condition, JobState.CANCELED, moment, **self._finished(moment))
         return ended(done, JobState.CANCELED)
 
-    def drop_artifacts(self, job_id: str) -> set[str]:
-        """Forget an ended job's files (succeeded -> expired); returns their hashes: other jobs may have the same."""
+    def drop_artifacts(self, job_id: str, erase: bool = False) -> set[str]:
+        """Forget an ended job's files (succeeded -> expired); returns their hashes: other jobs may have the same.
+
+        With `erase`, what its client said about it too: see :mod:`service.jobs.erasure`.
+        """
         with self._session.begin() as session:
-            self._move(session, job_id, (Job.state == JobState.SUCCEEDED,), JobState.EXPIRED)
+            self._move(session, job_id, (Job.state == JobState.SUCCEEDED,), JobState.EXPIRED, clock(session))
             if not self._set(session, (Job.id == job_id, Job.state.not_in(ACTIVE)), purge_at=None):
                 return set()
-            dropped = session.scalars(delete(Artifact).where(Artifact.job_id == job_id).returning(Artifact.sha256))
-            return set(dropped)
+            if erase:
+                erase_job(session, job_id)
+            return self._drop(session, job_id)
 
     def overdue(self, limit: int = 100) -> list[str]:
         """Ended jobs that have expired and whose files are still there; those that expired first."""
-        expired = select(Job.id).where(Job.purge_at < now()).order_by(Job.purge_at).limit(limit)
         with self._session() as session:
+            expired = select(Job.id).where(Job.purge_at < clock(session)).order_by(Job.purge_at).limit(limit)
             return list(session.scalars(expired))
 
     def drop_outputs(self, lease: Lease) -> set[str]:
@@ -277,8 +297,37 @@ class Ledger:
         with self._session.begin() as session:
             if not self._lock(session, _held(lease)):
                 return set()
-            outputs = (Artifact.job_id == lease.job_id, Artifact.kind.in_(OUTPUTS))
-            return set(session.scalars(delete(Artifact).where(*outputs).returning(Artifact.sha256)))
+            return self._drop(session, lease.job_id, Artifact.kind.in_(OUTPUTS))
+
+    def forget(self, age: timedelta, limit: int = BATCH) -> tuple[int, set[str]]:
+        """Delete some of the jobs that ended so long ago, with all that refers to them, but such that have results.
+
+        Returns how many they were, and the hashes of their files: other jobs may have the same.
+        """
+        with self._session.begin() as session:
+            old = (Job.state.in_(WITHOUT_RESULTS), Job.finished_at < clock(session) - age)
+            some = select(Job.id, Job.tenant_id).where(*old).limit(limit).with_for_update(skip_locked=True)
+            tenants = {row.id: row.tenant_id for row in session.execute(some)}
+            if not tenants:
+                return 0, set()
+            of_these = delete(Artifact).where(Artifact.job_id.in_(tenants))
+            files = session.execute(of_these.returning(Artifact.job_id, Artifact.sha256, Artifact.size)).all()
+            session.execute(delete(Job).where(Job.id.in_(tenants)).execution_options(synchronize_session=False))
+            freed = Counter[str]()
+            for file in files:
+                freed[tenants[file.job_id]] += file.size
+            for tenant in sorted(freed):  # in the same order everywhere, so that no two wait for each other
+                add_stored(session, tenant, -freed[tenant])
+            return len(tenants), {file.sha256 for file in files}
+
+    @staticmethod
+    def _drop(session: Session, job_id: str, *which: ColumnElement[bool]) -> set[str]:
+        """Forget files of a job that is locked; all of them, or those that a condition is true of."""
+        dropped = delete(Artifact).where(Artifact.job_id == job_id, *which).returning(Artifact.sha256, Artifact.size)
+        rows = session.execute(dropped.execution_options(synchronize_session=False)).all()
+        if rows:
+            add_stored(session, _tenant_of(session, job_id), -sum(row.size for row in rows))
+        return {row.sha256 for row in rows}
 
     def unreferenced(self, hashes: Iterable[str]) -> set[str]:
         """Those hashes that no job refers to at the moment."""
@@ -298,13 +347,15 @@ class Ledger:
         requeued: list[str] = []
         failed: list[str] = []
         with self._session.begin() as session:
-            silent = select(Job).where(Job.state == JobState.RUNNING, Job.lease_expires_at < now())
+            moment = clock(session)
+            silent = select(Job).where(Job.state == JobState.RUNNING, Job.lease_expires_at < moment)
             for job in session.scalars(silent.with_for_update(skip_locked=True)).all():
                 # SQLite locks no row that is only read: there a heartbeat or another sweeper may have come since.
-                condition = (*_held(job.lease), Job.lease_expires_at < now())
+                condition = (*_held(job.lease), Job.lease_expires_at < moment)
                 again = job.attempts < max_attempts
                 state = JobState.QUEUED if again else JobState.FAILED
-                if self._move(session, job.id, condition, state, **(_queued() if again else self._finished(error))):
+                values = _queued(moment) if again else self._finished(moment, error)
+                if self._move(session, job.id, condition, state, moment, **values):
                     (requeued if again else failed).append(job.id)
         for _ in failed:
             ended(True, JobState.FAILED, error.code)
@@ -312,14 +363,15 @@ class Ledger:
 
     def waiting(self, seconds: float, queue: Queue = Queue.SMALL, limit: int = 1000) -> list[str]:
         """Jobs queued and not announced for so long. They count as announced from here on, so announce them."""
-        silent = (
-            Job.state == JobState.QUEUED,
-            Job.queue == queue,
-            Job.enqueued_at < now() - timedelta(seconds=seconds),
-        )
-        free = select(Job.id).where(*silent).limit(limit).with_for_update(skip_locked=True)
-        announced = update(Job).where(Job.id.in_(free), *silent).values(enqueued_at=now()).returning(Job.id)
         with self._session.begin() as session:
+            moment = clock(session)
+            silent = (
+                Job.state == JobState.QUEUED,
+                Job.queue == queue,
+                Job.enqueued_at < moment - timedelta(seconds=seconds),
+            )
+            free = select(Job.id).where(*silent).limit(limit).with_for_update(skip_locked=True)
+            announced = update(Job).where(Job.id.in_(free), *silent).values(enqueued_at=moment).returning(Job.id)
             return list(session.scalars(announced))
 
     def running(self) -> set[Lease]:
@@ -332,8 +384,7 @@ class Ledger:
         """Keep everyone from changing a job until the commit; False where it is not as the condition says."""
         return self._set(session, condition, lease_token=Job.lease_token)
 
-    def _finished(self, error: MeshmarkError | None = None) -> dict[str, Any]:
-        moment = now()
+    def _finished(self, moment: datetime, error: MeshmarkError | None = None) -> dict[str, Any]:
         expiry = moment + timedelta(seconds=self._retention) if self._retention else None
         values: dict[str, Any] = {
             "stage": None,
@@ -348,12 +399,18 @@ class Ledger:
 
     @classmethod
     def _move(
-        cls, session: Session, job_id: str, condition: Iterable[ColumnElement[bool]], state: JobState, **values: Any
+        cls,
+        session: Session,
+        job_id: str,
+        condition: Iterable[ColumnElement[bool]],
+        state: JobState,
+        moment: datetime,
+        **values: Any,
     ) -> bool:
         """Bring a job into a state and tell of it; False where it is not as the condition says."""
         moved = cls._set(session, (Job.id == job_id, *condition), state=state, **values)
         if moved:
-            record(session, job_id, EventType.into(state), now())
+            record(session, job_id, EventType.into(state), moment)
         return moved
 
     @staticmethod
@@ -362,6 +419,10 @@ class Ledger:
             update(Job).where(*condition).values(**values).execution_options(synchronize_session=False)
         )
         return bool(result.rowcount == 1)
+
+
+def _tenant_of(session: Session, job_id: str) -> str:
+    return session.scalars(select(Job.tenant_id).where(Job.id == job_id)).one()
 
 
 def _why_unusable(error: BaseException) -> str | None:
@@ -377,8 +438,8 @@ def _held(lease: Lease) -> tuple[ColumnElement[bool], ...]:
     return (Job.id == lease.job_id, Job.state == JobState.RUNNING, Job.lease_token == lease.token)
 
 
-def _queued() -> dict[str, Any]:
-    return {"stage": None, "progress": 0.0, "lease_expires_at": None, "enqueued_at": now()}
+def _queued(moment: datetime) -> dict[str, Any]:
+    return {"stage": None, "progress": 0.0, "lease_expires_at": None, "enqueued_at": moment}
 
 
 def _wait_for_turn(transaction: Connection | Session, keys: Iterable[int]) -> None:

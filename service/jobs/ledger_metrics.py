@@ -14,8 +14,9 @@ from sqlalchemy import func, select
 from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session, sessionmaker
 
-from service.jobs.ledger import ACTIVE, now
-from service.jobs.models import DeliveryState, Job, JobState, Queue, WebhookDelivery
+from service.jobs.clock import clock
+from service.jobs.ledger import ACTIVE
+from service.jobs.models import UNDER_WAY, WAITING, Job, JobState, Queue, WebhookDelivery
 
 log = structlog.get_logger(__name__)
 
@@ -31,10 +32,13 @@ class LedgerCollector(Collector):
         up = GaugeMetricFamily("meshmark_ledger_up", "1 where the ledger answered, else 0.")
         try:
             with self._sessions() as session:
+                moment = clock(session)
                 figures = (Job.state, Job.queue, func.count(), func.min(Job.created_at))
                 active = select(*figures).where(Job.state.in_(ACTIVE)).group_by(Job.state, Job.queue)
-                pending = select(func.count()).where(WebhookDelivery.state == DeliveryState.PENDING)
-                webhooks = session.scalar(pending) or 0
+                counts = (
+                    select(func.count()).select_from(WebhookDelivery).where(*which) for which in (WAITING, UNDER_WAY)
+                )
+                webhooks = sum(session.scalars(count).one() for count in counts)
                 rows = {(state, queue): (count, oldest) for state, queue, count, oldest in session.execute(active)}
         except OperationalError as error:
             log.error("the job ledger does not answer", error=str(error.orig))
@@ -52,7 +56,7 @@ class LedgerCollector(Collector):
         oldest = GaugeMetricFamily("meshmark_queue_oldest_seconds", since, labels=["queue"])
         for queue in Queue:
             _, accepted = rows.get((JobState.QUEUED, queue), (0, None))
-            oldest.add_metric([queue], max(0.0, (now() - accepted).total_seconds()) if accepted else 0)
+            oldest.add_metric([queue], max(0.0, (moment - accepted).total_seconds()) if accepted else 0)
         yield oldest
         to_send = GaugeMetricFamily("meshmark_webhooks_pending", "Webhooks that are to be sent, or sent again.")
         to_send.add_metric([], webhooks)

@@ -1,11 +1,10 @@
 """How much one key may ask for, and how much of one tenant's may wait and run at a time."""
 
-import time
-
 from sqlalchemy import case, func, select, update
 from sqlalchemy.orm import Session, sessionmaker
 
 from core.errors import ErrorCode, MeshmarkError
+from service.jobs.clock import clock
 from service.jobs.ledger import ACTIVE
 from service.jobs.models import ApiKey, Job, Tenant
 
@@ -21,15 +20,17 @@ def spend(sessions: sessionmaker[Session], key_id: str, per_minute: int) -> floa
     """
     share = MINUTE / per_minute
     while True:
-        moment = time.time()
+        with sessions() as session:
+            moment = clock(session).timestamp()
         full = case((ApiKey.spent_until > moment, ApiKey.spent_until), else_=moment) + share
         there = (ApiKey.id == key_id, ApiKey.spent_until <= moment + MINUTE - share)
         with sessions.begin() as session:
             if session.scalar(update(ApiKey).where(*there).values(spent_until=full).returning(ApiKey.id)):
                 return 0.0
             spent_until = session.scalar(select(ApiKey.spent_until).where(ApiKey.id == key_id)) or 0.0
-        # By the clock as it is now: others may have been waited for since the moment above.
-        if (wait := spent_until - (time.time() + MINUTE - share)) > 0:
+            # As the clock is now: others may have been waited for since the moment above.
+            later = clock(session).timestamp()
+        if (wait := spent_until - (later + MINUTE - share)) > 0:
             return wait
         if not spent_until:  # the key is gone
             return 0.0

@@ -17,9 +17,11 @@ from sqlalchemy import (
     String,
     TypeDecorator,
     false,
+    text,
 )
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 
+BIG = BigInteger().with_variant(Integer, "sqlite")  # bytes
 DEFAULT_TENANT = "default"  # whose the jobs of a service without keys are
 
 
@@ -150,6 +152,7 @@ class Tenant(Base):
 
     id: Mapped[str] = mapped_column(String(63), primary_key=True)
     created_at: Mapped[datetime]
+    stored_bytes: Mapped[int] = mapped_column(BIG, default=0, server_default="0")  # see service.jobs.quota
 
 
 class ApiKey(Base):
@@ -182,6 +185,7 @@ class Job(Base):
             "ix_jobs_state_queue_tenant_id_priority_created_at", "state", "queue", "tenant_id", "priority", "created_at"
         ),
         Index("ix_jobs_queue_tenant_id_started_at", "queue", "tenant_id", "started_at"),
+        Index("ix_jobs_state_finished_at", "state", "finished_at"),
     )
 
     id: Mapped[str] = mapped_column(String(36), primary_key=True)
@@ -210,6 +214,7 @@ class Job(Base):
     correlation: Mapped[dict[str, Any]] = mapped_column(default=dict, server_default="{}")  # see service.correlation
     webhook: Mapped[str | None] = mapped_column(String(2048))  # where the client wants to be told how this job ends
     event_count: Mapped[int] = mapped_column(default=0, server_default="0")  # the number of its latest event
+    erased: Mapped[bool] = mapped_column(default=False, server_default=false())  # its client deleted what it said
     artifacts: Mapped[list["Artifact"]] = relationship(lazy="selectin", order_by="Artifact.kind")
     metadata_entries: Mapped[list["MetadataEntry"]] = relationship(lazy="selectin", order_by="MetadataEntry.key")
 
@@ -231,7 +236,7 @@ class Artifact(Base):
     job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id", ondelete="CASCADE"), primary_key=True)
     kind: Mapped[ArtifactKind] = mapped_column(primary_key=True)
     sha256: Mapped[str] = mapped_column(String(64), index=True)
-    size: Mapped[int] = mapped_column(BigInteger().with_variant(Integer, "sqlite"))
+    size: Mapped[int] = mapped_column(BIG)
 
 
 class MetadataEntry(Base):
@@ -276,6 +281,11 @@ class WebhookEndpoint(Base):
     created_at: Mapped[datetime]
 
 
+def _only(condition: str) -> dict[str, Any]:
+    """Of an index that has no other rows."""
+    return {"sqlite_where": text(condition), "postgresql_where": text(condition)}
+
+
 class WebhookDelivery(Base):
     """An event to be told to an endpoint; see :mod:`service.webhooks.deliveries`."""
 
@@ -285,12 +295,21 @@ class WebhookDelivery(Base):
             ["job_id", "event_number"], ["job_events.job_id", "job_events.number"], ondelete="CASCADE"
         ),
         Index("ix_webhook_deliveries_job_id_event_number", "job_id", "event_number"),
-        Index("ix_webhook_deliveries_state_due_at", "state", "due_at"),
+        Index(
+            "ix_webhook_deliveries_waiting",
+            "tenant_id",
+            "due_at",
+            **_only("state = 'pending' AND announced_at IS NULL"),
+        ),
+        Index(
+            "ix_webhook_deliveries_under_way", "tenant_id", **_only("state = 'pending' AND announced_at IS NOT NULL")
+        ),
         Index("ix_webhook_deliveries_endpoint_id_created_at_id", "endpoint_id", "created_at", "id"),
     )
 
     id: Mapped[str] = mapped_column(String(36), primary_key=True)
     endpoint_id: Mapped[str] = mapped_column(ForeignKey("webhook_endpoints.id", ondelete="CASCADE"))
+    tenant_id: Mapped[str] = mapped_column(String(63), server_default=DEFAULT_TENANT)  # the endpoint's
     job_id: Mapped[str] = mapped_column(String(36))
     event_number: Mapped[int]
     url: Mapped[str | None] = mapped_column(String(2048))  # the job's own; None: the endpoint's
@@ -303,6 +322,11 @@ class WebhookDelivery(Base):
     endpoint: Mapped[WebhookEndpoint] = relationship(lazy="joined", innerjoin=True)
     event: Mapped[JobEvent] = relationship(lazy="joined", innerjoin=True)
     log: Mapped[list["WebhookAttempt"]] = relationship(lazy="selectin", order_by="WebhookAttempt.number")
+
+
+# What is to be sent, in the words of the indexes that have nothing else.
+WAITING = (WebhookDelivery.state == text("'pending'"), WebhookDelivery.announced_at.is_(None))
+UNDER_WAY = (WebhookDelivery.state == text("'pending'"), WebhookDelivery.announced_at.is_not(None))
 
 
 class WebhookAttempt(Base):
@@ -337,7 +361,7 @@ class Upload(Base):
     id: Mapped[str] = mapped_column(String(36), primary_key=True)
     tenant_id: Mapped[str] = mapped_column(ForeignKey("tenants.id"))
     filename: Mapped[str] = mapped_column(String(255))
-    size: Mapped[int] = mapped_column(BigInteger().with_variant(Integer, "sqlite"))
+    size: Mapped[int] = mapped_column(BIG)
     sha256: Mapped[str | None] = mapped_column(String(64))  # as the client declares it
     created_at: Mapped[datetime]
     expires_at: Mapped[datetime] = mapped_column(index=True)
@@ -371,5 +395,5 @@ class IdempotencyKey(Base):
     key: Mapped[str] = mapped_column(String(255), primary_key=True)
     fingerprint: Mapped[str] = mapped_column(String(64))
     token: Mapped[str] = mapped_column(String(36))
-    job_id: Mapped[str | None] = mapped_column(ForeignKey("jobs.id", ondelete="CASCADE"))
+    job_id: Mapped[str | None] = mapped_column(ForeignKey("jobs.id", ondelete="CASCADE"), index=True)
     expires_at: Mapped[datetime] = mapped_column(index=True)

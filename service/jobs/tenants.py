@@ -17,7 +17,7 @@ from typing import NamedTuple
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session, sessionmaker
 
-from service.jobs.ledger import now
+from service.jobs.clock import now
 from service.jobs.models import ApiKey, Tenant
 
 DIGITS = string.digits + string.ascii_letters

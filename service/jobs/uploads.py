@@ -17,8 +17,9 @@ from sqlalchemy.orm import Session, sessionmaker
 
 from core.errors import ErrorCode, MeshmarkError
 from service.jobs.artifacts import GRACE, ArtifactStore, Staged
-from service.jobs.ledger import now
+from service.jobs.clock import now
 from service.jobs.models import Tenant, Upload
+from service.jobs.quota import check_stored
 
 LIFETIME = timedelta(hours=24)
 LINK_LIFETIME = timedelta(hours=1)
@@ -26,11 +27,13 @@ LINK_LIFETIME = timedelta(hours=1)
 Sessions = sessionmaker[Session]
 
 
-def begin(sessions: Sessions, tenant: str, filename: str, size: int, sha256: str | None, most: int) -> Upload:
-    """A new upload; of a tenant who has `most` of them (0: any number), none.
+def begin(
+    sessions: Sessions, tenant: str, filename: str, size: int, sha256: str | None, most: int, most_bytes: int = 0
+) -> Upload:
+    """A new upload; of a tenant who has `most` of them (0: any number), or `most_bytes` stored, none.
 
     Raises:
-        MeshmarkError: ``too_many_uploads``.
+        MeshmarkError: ``too_many_uploads``; ``quota_exceeded``.
     """
     moment = now()
     upload = Upload(
@@ -53,6 +56,7 @@ def begin(sessions: Sessions, tenant: str, filename: str, size: int, sha256: str
                 f"{most:,} uploads of yours have not expired, the most at a time.",
                 "Use one of them, or begin a new one when some have expired.",
             )
+        check_stored(session, tenant, most_bytes)
     return upload
 
 

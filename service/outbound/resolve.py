@@ -31,27 +31,30 @@ def check_address(url: str, policy: Policy) -> None:
     """
     target = parse_target(url, policy)
     if target.address:
-        _refuse([target.address], target, policy)
+        _refuse(target.address, policy)
 
 
 def resolve(target: Target, policy: Policy, resolver: Resolver, seconds: float) -> list[Address]:
     """Ask once for a target's addresses; all of them must be permitted, or none is.
 
-    The message does not tell the addresses of a host that is refused: whoever asks shall not learn the inner network.
+    Whoever asks shall not learn of the inner network: a name in it is as one that does not exist.
 
     Raises:
-        MeshmarkError: ``address_refused``.
-        Unreachable: the host has no address, or none was found in time.
+        MeshmarkError: ``address_refused``, the host is an address that is not permitted.
+        Unreachable: it is a name for which there is none, or for which none was found in time.
     """
-    addresses = [target.address] if target.address else _ask(target.host, resolver, seconds)
-    _refuse(addresses, target, policy)
+    if target.address:
+        _refuse(target.address, policy)
+        return [target.address]
+    addresses = _ask(target.host, resolver, seconds)
+    if not addresses or any(refusal(address, policy.allow) for address in addresses):
+        raise Unreachable("its name has no public address")
     return addresses
 
 
-def _refuse(addresses: Sequence[Address], target: Target, policy: Policy) -> None:
-    for address in addresses:
-        if kind := refusal(address, policy.allow):
-            raise address_refused(f"The host {target.host} has an address that is not public, but {kind}.")
+def _refuse(address: Address, policy: Policy) -> None:
+    if kind := refusal(address, policy.allow):
+        raise address_refused(f"The address {address} is not public, but {kind}.")
 
 
 def _ask(host: str, resolver: Resolver, seconds: float) -> list[Address]:
@@ -68,8 +71,8 @@ def _ask(host: str, resolver: Resolver, seconds: float) -> list[Address]:
         answer = answers.get(timeout=seconds)
     except Empty:
         raise Unreachable(f"its name was not resolved within {seconds:g} seconds") from None
-    if isinstance(answer, OSError) or not answer:
-        raise Unreachable("its name has no address")
+    if isinstance(answer, OSError):
+        return []
     if isinstance(answer, Exception):
         raise answer
     return [ip_address(text) for text in dict.fromkeys(answer)]

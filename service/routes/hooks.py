@@ -32,6 +32,7 @@ REFUSALS = problem_responses(
     ErrorCode.UPLOAD_TOO_LARGE,
     ErrorCode.REQUEST_TIMEOUT,
     ErrorCode.TOO_MANY_JOBS,
+    ErrorCode.QUOTA_EXCEEDED,
     ErrorCode.SERVICE_UNAVAILABLE,
 )
 BODY: dict[str, Any] = {

@@ -111,7 +111,7 @@ class JobView(BaseModel):
     attempts: Annotated[int, Field(description="How often the job was started.")]
     cached: Annotated[bool, Field(description="Whether the results are those of an earlier job of yours.")]
     input: Annotated[InputView | None, Field(description="The uploaded asset; null once it is deleted.")]
-    parameters: Parameters
+    parameters: Annotated[Parameters | None, Field(description="As you sent them; null once the job is deleted.")]
     metadata: Annotated[dict[str, str], Field(description="What the client noted when it sent the asset.")]
     webhook: Annotated[str | None, Field(description="Where a webhook is sent when the job ends.")]
     priority: Annotated[PriorityName, Field(description="Which of your waiting jobs goes first.")]
@@ -144,7 +144,7 @@ class JobView(BaseModel):
             attempts=job.attempts,
             cached=job.cached,
             input=InputView(filename=job.filename, size=source.size, sha256=source.sha256) if source else None,
-            parameters=Parameters.model_validate(job.parameters),
+            parameters=None if job.erased else Parameters.model_validate(job.parameters),
             metadata={entry.key: entry.value for entry in job.metadata_entries},
             webhook=job.webhook,
             priority=get_args(PriorityName)[Priority(job.priority)],

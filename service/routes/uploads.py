@@ -31,6 +31,7 @@ BEGINNING = problem_responses(
     ErrorCode.UPLOAD_TOO_LARGE,
     ErrorCode.REQUEST_TIMEOUT,
     ErrorCode.TOO_MANY_UPLOADS,
+    ErrorCode.QUOTA_EXCEEDED,
     ErrorCode.SERVICE_UNAVAILABLE,
 )
 SENDING = problem_responses(
@@ -107,7 +108,9 @@ def create_upload(request: Request, state: State, client: Admitted, new: NewUplo
         )
     most = state.settings.max_active_jobs
     name = plain_name(new.filename)
-    upload = uploads.begin(state.ledger.sessions, client.tenant, name, new.size, new.sha256, most)
+    upload = uploads.begin(
+        state.ledger.sessions, client.tenant, name, new.size, new.sha256, most, state.settings.max_stored_bytes
+    )
     link = state.artifacts.upload_link(upload.id, uploads.LINK_LIFETIME)
     return UploadView.of(upload, link, request.app.url_path_for("send_upload", upload_id=upload.id))
 

@@ -80,6 +80,7 @@ REFUSALS = problem_responses(
     ErrorCode.TOO_MANY_JOBS,
     ErrorCode.TOO_MANY_UPLOADS,
     ErrorCode.REQUEST_TIMEOUT,
+    ErrorCode.QUOTA_EXCEEDED,
     ErrorCode.MALFORMED_FILE,
     ErrorCode.TRUNCATED_FILE,
     ErrorCode.NO_FACES,
@@ -265,14 +266,14 @@ def read_watermark(request: Request, state: State, client: Admitted, job_id: str
 
 @router.delete("/{job_id}", status_code=status.HTTP_204_NO_CONTENT, responses=UNKNOWN)
 async def delete_watermark(state: State, client: Admitted, job_id: str) -> None:
-    """Cancel the job if it has not ended, and delete the uploaded asset and everything made from it."""
+    """Cancel the job if it has not ended, and delete the asset, everything made from it, and what was said about it."""
     await state.deletions.run(partial(_delete, state, client, job_id))
 
 
 def _delete(state: AppState, client: Client, job_id: str) -> None:
     find_job(state, client, job_id)
     state.ledger.cancel(job_id, client.tenant)
-    contents.discard(state.ledger, state.artifacts, state.ledger.drop_artifacts(job_id))
+    contents.discard(state.ledger, state.artifacts, state.ledger.drop_artifacts(job_id, erase=True))
 
 
 def _download(kind: ArtifactKind) -> dict[str, Any]:

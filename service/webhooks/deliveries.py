@@ -6,18 +6,23 @@ was taken for dead and is not records nothing. It may have sent by then: a deliv
 tell repetitions by their id. Nothing is promised about the order.
 """
 
+import random
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any, NamedTuple
 
-from sqlalchemy import func, literal, or_, select, tuple_, update
+from sqlalchemy import Select, exists, func, literal, select, tuple_, union_all, update
 from sqlalchemy.orm import Session, sessionmaker
 
 from core.errors import ErrorCode, MeshmarkError
-from service.jobs.ledger import now
+from service.jobs.clock import clock
+from service.jobs.erasure import erase_events
 from service.jobs.models import (
+    UNDER_WAY,
+    WAITING,
     DeliveryState,
     DisabledReason,
+    Job,
     UtcDateTime,
     WebhookAttempt,
     WebhookDelivery,
@@ -29,6 +34,8 @@ from service.webhooks.payload import Message
 
 LEASE = timedelta(seconds=60)  # three times what an attempt takes at most
 PER_TENANT = 16  # webhooks of a tenant on their way at a time: slow endpoints of one do not hold up all others
+TENANTS = 500  # for whom something is announced at a look, drawn by chance where there are more
+PUT_BACK = timedelta(seconds=1)
 STATES = {
     Result.DELIVERED: DeliveryState.DELIVERED,
     Result.RETRY: DeliveryState.PENDING,
@@ -46,6 +53,7 @@ class Claim:
     delivery_id: str
     token: int
     endpoint_id: str
+    tenant: str
     is_endpoints_own: bool  # the URL
     url: str
     secrets: list[str]  # as they are stored
@@ -64,35 +72,52 @@ class Page(NamedTuple):
 def announce(sessions: Sessions, lost: bool) -> list[str]:
     """What is due and not in the queue yet. It counts as announced from here on, so announce it.
 
+    However much waits, a look costs some steps in an index for each tenant for whom anything waits.
+
     Args:
         lost: take what was announced long ago and never claimed too; the queue is empty, so its messages were lost.
     """
-    moment = now()
-    silent = (
-        WebhookDelivery.announced_at.is_(None),
-        *([WebhookDelivery.announced_at < moment - LEASE] if lost else []),
-    )
-    wanted = (WebhookDelivery.state == DeliveryState.PENDING, WebhookDelivery.due_at <= moment, or_(*silent))
-    turn = func.row_number().over(
-        partition_by=WebhookEndpoint.tenant_id,
-        order_by=(WebhookDelivery.announced_at.is_(None), WebhookDelivery.due_at),  # those on their way come first
-    )
-    underway = or_(WebhookDelivery.due_at <= moment, WebhookDelivery.announced_at.is_not(None))
-    ranked = (
-        select(WebhookDelivery.id, turn.label("turn"))
-        .join(WebhookEndpoint, WebhookEndpoint.id == WebhookDelivery.endpoint_id)
-        .where(WebhookDelivery.state == DeliveryState.PENDING, underway)
-        .subquery()
-    )
-    chosen = select(ranked.c.id).where(ranked.c.turn <= PER_TENANT)
-    with sessions() as session:  # most looks find nothing, and then take no lock
-        if session.scalar(select(WebhookDelivery.id).where(*wanted).limit(1)) is None:
-            return []
-    free = select(WebhookDelivery.id).where(*wanted, WebhookDelivery.id.in_(chosen)).with_for_update(skip_locked=True)
-    announced = update(WebhookDelivery).where(WebhookDelivery.id.in_(free), *wanted).values(announced_at=moment)
+    if lost:
+        with sessions.begin() as session:
+            moment = clock(session)
+            gone = (*UNDER_WAY, WebhookDelivery.announced_at < moment - LEASE, WebhookDelivery.due_at <= moment)
+            _set(session, gone, announced_at=None)
+    with sessions() as session:
+        moment = clock(session)
+        tenants = list(session.scalars(_tenants_with_due(moment)))
+        random.shuffle(tenants)
+        chosen = [delivery_id for tenant in tenants[:TENANTS] for delivery_id in _next_of(session, tenant, moment)]
+    if not chosen:  # most looks find nothing, and then take no lock
+        return []
+    free = select(WebhookDelivery.id).where(WebhookDelivery.id.in_(chosen), *WAITING).with_for_update(skip_locked=True)
+    announced = update(WebhookDelivery).where(WebhookDelivery.id.in_(free), *WAITING).values(announced_at=moment)
     with sessions.begin() as session:
         found = announced.returning(WebhookDelivery.id).execution_options(synchronize_session=False)
         return list(session.scalars(found))
+
+
+def _tenants_with_due(moment: datetime) -> Select[str]:
+    """The tenants for whom something is due; each for whom something waits is two steps in the index."""
+    first = select(func.min(WebhookDelivery.tenant_id).label("id")).where(*WAITING).cte("waiting", recursive=True)
+    following = select(func.min(WebhookDelivery.tenant_id)).where(*WAITING, WebhookDelivery.tenant_id > first.c.id)
+    tenants = first.union_all(select(following.scalar_subquery()).where(first.c.id.is_not(None)))
+    due = exists().where(*WAITING, WebhookDelivery.tenant_id == tenants.c.id, WebhookDelivery.due_at <= moment)
+    return select(tenants.c.id).where(tenants.c.id.is_not(None), due)
+
+
+def _next_of(session: Session, tenant: str, moment: datetime) -> list[str]:
+    """What is to be announced next for a tenant, who has no more than PER_TENANT on their way."""
+    mine = WebhookDelivery.tenant_id == tenant
+    due = select(WebhookDelivery.id).where(mine, *WAITING, WebhookDelivery.due_at <= moment)
+    first = due.order_by(WebhookDelivery.due_at).limit(PER_TENANT).subquery()
+    # In one statement, so that no other process announces between the one look and the other.
+    both = union_all(
+        select(WebhookDelivery.id, literal(True).label("under_way")).where(mine, *UNDER_WAY),
+        select(first.c.id, literal(False)),
+    )
+    rows = session.execute(both).all()
+    waiting = [row.id for row in rows if not row.under_way]
+    return waiting[: max(0, PER_TENANT - (len(rows) - len(waiting)))]
 
 
 def withdraw(sessions: Sessions, delivery_ids: list[str]) -> None:
@@ -104,13 +129,13 @@ def withdraw(sessions: Sessions, delivery_ids: list[str]) -> None:
 
 def claim(sessions: Sessions, delivery_id: str) -> Claim | None:
     """Take a delivery that is due, or None where it is not (or no longer) there to be taken."""
-    moment = now()
-    due = (
-        WebhookDelivery.id == delivery_id,
-        WebhookDelivery.state == DeliveryState.PENDING,
-        WebhookDelivery.due_at <= moment,
-    )
     with sessions.begin() as session:
+        moment = clock(session)
+        due = (
+            WebhookDelivery.id == delivery_id,
+            WebhookDelivery.state == DeliveryState.PENDING,
+            WebhookDelivery.due_at <= moment,
+        )
         if not _set(session, due, due_at=moment + LEASE, token=WebhookDelivery.token + 1):
             return None
         delivery = session.get_one(WebhookDelivery, delivery_id)
@@ -123,6 +148,7 @@ def claim(sessions: Sessions, delivery_id: str) -> Claim | None:
             delivery_id,
             delivery.token,
             endpoint.id,
+            endpoint.tenant_id,
             delivery.url is None,
             url,
             secrets_of(endpoint, moment),
@@ -130,6 +156,13 @@ def claim(sessions: Sessions, delivery_id: str) -> Claim | None:
             delivery.attempts + 1,
             moment,
         )
+
+
+def put_back(sessions: Sessions, claim: Claim) -> None:
+    """Give up the right to make an attempt: it is due again in a moment, and counts as not made."""
+    mine = (WebhookDelivery.id == claim.delivery_id, WebhookDelivery.token == claim.token)
+    with sessions.begin() as session:
+        _set(session, mine, due_at=clock(session) + PUT_BACK, announced_at=None)
 
 
 def settle(sessions: Sessions, claim: Claim, outcome: Outcome) -> bool:
@@ -164,6 +197,9 @@ def settle(sessions: Sessions, claim: Claim, outcome: Outcome) -> bool:
         )
         if gone:
             give_up(session, claim.endpoint_id)
+        erased = select(Job.id).join(WebhookDelivery, WebhookDelivery.job_id == Job.id).where(mine[0], Job.erased)
+        if job_id := session.scalar(erased):
+            erase_events(session, job_id)
         return True
 
 
@@ -207,9 +243,9 @@ def redeliver(sessions: Sessions, tenant: str, endpoint_id: str, delivery_id: st
             "The endpoint is disabled, so nothing is sent to it.",
             'Enable it first: PATCH it with {"disabled": false}.',
         )
-    values = {"state": DeliveryState.PENDING, "due_at": now(), "announced_at": None}
     condition = (WebhookDelivery.id == delivery_id, WebhookDelivery.endpoint_id == endpoint_id)
     with sessions.begin() as session:
+        values = {"state": DeliveryState.PENDING, "due_at": clock(session), "announced_at": None}
         if delivery_id.isprintable() and _set(session, condition, **values):
             return session.get_one(WebhookDelivery, delivery_id)
     raise MeshmarkError(

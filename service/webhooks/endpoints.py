@@ -12,7 +12,7 @@ from sqlalchemy import ColumnElement, delete, func, select, update
 from sqlalchemy.orm import Session, sessionmaker
 
 from core.errors import ErrorCode, MeshmarkError
-from service.jobs.ledger import now
+from service.jobs.clock import now
 from service.jobs.models import DeliveryState, DisabledReason, Tenant, WebhookDelivery, WebhookEndpoint
 from service.outbound.policy import Policy
 from service.outbound.resolve import check_address

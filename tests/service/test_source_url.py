@@ -144,13 +144,17 @@ def test_an_address_that_cannot_be_asked_is_refused_at_once(tmp_path: Path, url:
         assert client.http.get("/v1/watermarks").json()["items"] == []
 
 
-def test_a_name_inside_the_network_fails_the_job(tmp_path: Path) -> None:
+def test_a_name_inside_the_network_fails_the_job_as_one_that_does_not_exist(tmp_path: Path) -> None:
     with serving(replying(response(asset()))) as server:
         settings = Settings(data_dir=tmp_path, **allowing(server, outbound_networks=()))
         with client_with(settings) as client:
-            url = post(client, f"http://localhost:{server.port}/a.obj").headers["Location"]
-            client.run(url)
-            assert client.http.get(url).json()["error"]["code"] == "address_refused"
+            errors = []
+            for name in ("localhost", "files.invalid"):
+                url = post(client, f"http://{name}:{server.port}/a.obj").headers["Location"]
+                client.run(url)
+                errors.append(client.http.get(url).json()["error"])
+            assert errors[0] == errors[1]
+            assert (errors[0]["code"], "no public address" in errors[0]["detail"]) == ("download_failed", True)
         assert server.connections == 0
 
 

@@ -12,7 +12,7 @@ from httpx2 import Response
 from obstore.store import S3Store
 from sqlalchemy import select, update
 
-from service.jobs.ledger import now
+from service.jobs.clock import now
 from service.jobs.models import DroppedObject
 from tests.service.conftest import Client
 from tests.service.s3 import KEYS, Bucket

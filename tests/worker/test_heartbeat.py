@@ -4,7 +4,8 @@ from pathlib import Path
 from sqlalchemy import update
 from structlog.testing import capture_logs
 
-from service.jobs.ledger import WORKER_LOST, Ledger, now
+from service.jobs.clock import now
+from service.jobs.ledger import WORKER_LOST, Ledger
 from service.jobs.models import Job
 from tests.service.postgres import Postgres, postgres_server
 from tests.worker.waiting import PATIENCE, wait_until

@@ -13,7 +13,8 @@ from sqlalchemy import select, update
 from service.config import Settings
 from service.jobs import idempotency, queue
 from service.jobs.artifacts import GRACE
-from service.jobs.ledger import Content, now
+from service.jobs.clock import now
+from service.jobs.ledger import Content
 from service.jobs.models import ArtifactKind, IdempotencyKey, Job, JobState, Queue
 from service.jobs.ownership import claim
 from tests.service.postgres import Postgres

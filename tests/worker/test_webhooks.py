@@ -14,8 +14,9 @@ import pytest
 from sqlalchemy import update
 
 from service.config import Settings
+from service.jobs.clock import now
 from service.jobs.events import ENDINGS
-from service.jobs.ledger import Ledger, now
+from service.jobs.ledger import Ledger
 from service.jobs.models import WebhookDelivery, WebhookEndpoint
 from service.jobs.queue import create_queue
 from service.webhooks import queue

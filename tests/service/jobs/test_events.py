@@ -8,8 +8,9 @@ from sqlalchemy.orm import Session
 
 from core.errors import ErrorCode, MeshmarkError
 from service.jobs import events
+from service.jobs.clock import now
 from service.jobs.events import forget, read
-from service.jobs.ledger import WORKER_LOST, Ledger, Submission, now
+from service.jobs.ledger import WORKER_LOST, Ledger, Submission
 from service.jobs.models import EventType, JobState
 
 BROKEN = MeshmarkError(ErrorCode.NO_FACES, "It has no faces.", "Add some.")

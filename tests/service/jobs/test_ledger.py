@@ -11,7 +11,8 @@ from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
 from core.errors import ErrorCode, MeshmarkError
-from service.jobs.ledger import WORKER_LOST, Content, Ledger, MissingContentError, Submission, now
+from service.jobs.clock import now
+from service.jobs.ledger import WORKER_LOST, Content, Ledger, MissingContentError, Submission
 from service.jobs.models import ArtifactKind, Job, JobState, Lease
 from tests.service.postgres import postgres_server
 

@@ -1,8 +1,10 @@
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from datetime import UTC, datetime
 
 import pytest
+from sqlalchemy.orm import Session
 
 from core.errors import ErrorCode, MeshmarkError
 from service.jobs import limits
@@ -24,14 +26,14 @@ class Clock:
 
     now: float = 1e9
 
-    def time(self) -> float:
-        return self.now
+    def __call__(self, _session: Session) -> datetime:
+        return datetime.fromtimestamp(self.now, UTC)
 
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     clock = Clock()
-    monkeypatch.setattr(limits, "time", clock)
+    monkeypatch.setattr(limits, "clock", clock)
     return clock
 
 

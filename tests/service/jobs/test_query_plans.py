@@ -9,7 +9,8 @@ import pytest
 from sqlalchemy import Engine, event, text
 
 from service.jobs import cache, dropped, events, idempotency, sources, turns, uploads
-from service.jobs.ledger import WORKER_LOST, Content, Ledger, Submission, now
+from service.jobs.clock import now
+from service.jobs.ledger import WORKER_LOST, Content, Ledger, Submission
 from service.jobs.ledger_metrics import LedgerCollector
 from service.jobs.limits import check_active
 from service.jobs.listing import Filters, list_jobs
@@ -43,6 +44,11 @@ INSERT INTO webhook_endpoints (id, tenant_id, events, secret, created_at)
 SELECT 'endpoint of ' || id, id, '[]', '', now() FROM tenants;
 INSERT INTO webhook_deliveries (id, endpoint_id, job_id, event_number, state, attempts, token, created_at)
 SELECT job_id, 'endpoint of t1', job_id, number, 'delivered', 1, 1, created_at FROM job_events WHERE number = 1;
+INSERT INTO webhook_deliveries (id, endpoint_id, tenant_id, job_id, event_number, state, attempts, due_at, token,
+                                created_at)
+SELECT 'waits ' || job_id || number, 'endpoint of t' || number, 't' || number, job_id, number, 'pending', 1,
+       (now() AT TIME ZONE 'UTC') + interval '1 day' * (2 - number), 1, created_at
+FROM job_events WHERE number IN (1, 3) AND job_id LIKE '%0';
 INSERT INTO dropped_objects (id, job_id, source, key, output, tries, due_at, created_at)
 SELECT id, id, 'source', id, 'written', 1, created_at, created_at FROM jobs;
 """
@@ -126,10 +132,11 @@ def sweep(ledger: Ledger) -> None:
     idempotency.forget(ledger.sessions)
     events.forget(ledger.sessions, now() - events.KEPT)
     sources.forget(ledger.sessions)
+    assert ledger.forget(timedelta(days=90)) == (0, set())
 
 
 def tell(ledger: Ledger) -> None:
-    for lost in (False, True):
+    for lost in (False, True, False):
         deliveries.announce(ledger.sessions, lost)
     dropped.take_due(ledger.sessions, "source")
 

@@ -4,7 +4,8 @@ from datetime import timedelta
 import pytest
 from sqlalchemy import update
 
-from service.jobs.ledger import Ledger, now
+from service.jobs.clock import now
+from service.jobs.ledger import Ledger
 from service.jobs.models import ApiKey
 from service.jobs.tenants import KEY, Scope, Sessions, authenticate, create_key, list_keys, note_use, revoke_key
 

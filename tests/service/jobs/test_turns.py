@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 from sqlalchemy import Connection, event, insert
 
-from service.jobs.ledger import Ledger, Submission, now
+from service.jobs.clock import now
+from service.jobs.ledger import Ledger, Submission
 from service.jobs.models import Job, JobState, Priority, Queue
 from service.jobs.turns import claim_next, next_job, queue_of
 

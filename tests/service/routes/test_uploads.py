@@ -14,7 +14,7 @@ from sqlalchemy import update
 from service.config import Settings
 from service.jobs import uploads
 from service.jobs.artifacts import GRACE
-from service.jobs.ledger import now
+from service.jobs.clock import now
 from service.jobs.models import Upload
 from tests.service.conftest import Client, client_with
 from tests.service.harness import API_COMMAND, Service

@@ -10,7 +10,7 @@ from sqlalchemy import update
 
 from service.config import Settings
 from service.jobs import queue
-from service.jobs.ledger import now
+from service.jobs.clock import now
 from service.jobs.models import ArtifactKind, Job, Queue
 from tests.service.conftest import Client, client_with
 from tests.worker.engines import asset

@@ -180,7 +180,7 @@ def test_an_endpoint_inside_the_network_is_not_called_and_tried_again_as_its_nam
     assert server.connections == 0
     assert (outcome.result, outcome.status, outcome.snippet) == (Result.RETRY, None, "")
     assert outcome.error
-    assert "address_refused" in outcome.error
+    assert "no public address" in outcome.error
 
 
 def test_a_secret_that_is_none_is_a_fault_of_ours_and_not_of_the_endpoint() -> None:

@@ -8,8 +8,9 @@ import pytest
 from sqlalchemy import update
 
 from core.errors import MeshmarkError
+from service.jobs.clock import now
 from service.jobs.events import ENDINGS, forget
-from service.jobs.ledger import Ledger, Submission, now
+from service.jobs.ledger import Ledger, Submission
 from service.jobs.models import DeliveryState, DisabledReason, WebhookDelivery, WebhookEndpoint
 from service.webhooks import deliveries
 from service.webhooks.deliver import Outcome, Result

@@ -5,8 +5,9 @@ from datetime import timedelta
 import pytest
 
 from core.errors import MeshmarkError
+from service.jobs.clock import now
 from service.jobs.events import ENDINGS
-from service.jobs.ledger import Ledger, Submission, now
+from service.jobs.ledger import Ledger, Submission
 from service.outbound.policy import Policy
 from service.webhooks import endpoints
 from service.webhooks.endpoints import (

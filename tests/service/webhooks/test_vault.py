@@ -11,8 +11,9 @@ from cryptography.fernet import Fernet
 from sqlalchemy import select, update
 
 from service.config import Settings
+from service.jobs.clock import now
 from service.jobs.events import ENDINGS
-from service.jobs.ledger import Ledger, now
+from service.jobs.ledger import Ledger
 from service.jobs.models import WebhookDelivery, WebhookEndpoint
 from service.jobs.queue import create_queue
 from service.webhooks.endpoints import create_endpoint, find_endpoint, rotate_secret
