@@ -49,7 +49,7 @@ def test_every_job_is_on_one_page_newest_first(ledger: Ledger) -> None:
 
 def test_jobs_of_the_same_moment_are_all_listed(ledger: Ledger, monkeypatch: pytest.MonkeyPatch) -> None:
     moment = submit(ledger).created_at
-    monkeypatch.setattr("service.jobs.ledger.now", lambda: moment)
+    monkeypatch.setattr("service.jobs.ledger.clock", lambda _: moment)
     jobs = {submit(ledger).id for _ in range(5)}
     listed = [job_id for page in walk(ledger, 2) for job_id in page]
     assert len(listed) == 6
