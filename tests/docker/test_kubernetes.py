@@ -285,6 +285,13 @@ def test_what_is_written_lies_in_volumes_of_a_size_that_the_pod_may_use(overlay:
             assert sizes["data"] >= 2 * asset
 
 
+def test_an_api_has_memory_for_two_uploads_that_are_looked_through_at_a_time() -> None:
+    """Each may be held twice, packed and unpacked; where memory ends, the kubelet lets a container end as a whole."""
+    content = Settings().max_upload_bytes + Settings().max_unpacked_bytes
+    limits = container(pods("base")["api"])["resources"]["limits"]
+    assert quantity(limits["memory"]) > 2 * 2 * content + 2**30
+
+
 @pytest.mark.parametrize("overlay", OVERLAYS)
 def test_no_more_pods_of_a_kind_are_evicted_at_once_than_others_can_stand_in_for(overlay: str) -> None:
     budgets = [item["spec"] for item in of_kind(overlay, "PodDisruptionBudget").values()]
