@@ -57,7 +57,7 @@ faults: $(VENV)/.tests ## Let every part fail in turn while 50 jobs run, and pri
 	@sh docker/system-packages.sh service tests
 	$(BIN)/python -m tests.faults
 
-load: $(VENV)/.tests ## Let 500 jobs come at a steady rate and print what it took; more by LOAD="--engine real --rate 1"
+load: $(VENV)/.tests ## Let 500 jobs, large uploads and a store that hangs come to the whole service, and print what it took
 	@sh docker/system-packages.sh service tests
 	$(BIN)/python -m tests.load $(LOAD)
 

@@ -8,11 +8,12 @@ from tests.worker.engines import asset
 
 
 def test_jobs_that_come_faster_than_they_are_done_all_end_once_and_whole(tmp_path: Path) -> None:
-    load = Load(jobs=60, rate=30, workers=3)
+    load = Load(engine="fast", jobs=60, rate=30, workers=3, uploads=2, upload_mib=5, hang=3.0)
     outcome = run(tmp_path, load)
     print(report(load, outcome))
     assert outcome.complaints == []
-    assert len(outcome.jobs) == len(outcome.posts) == 60
+    assert outcome.hung is not None
+    assert (len(outcome.posts), len(outcome.jobs)) == (60, 62 + outcome.hung.others["202"])
     assert not outcome.errors
 
 
@@ -25,7 +26,7 @@ class OneRefused(Load):
 
 
 def test_a_request_that_is_refused_and_a_job_that_fails_are_complained_of(tmp_path: Path) -> None:
-    outcome = run(tmp_path, OneRefused(jobs=4, rate=30, workers=1))
+    outcome = run(tmp_path, OneRefused(engine="fast", jobs=4, rate=30, workers=1, uploads=0, hang=0.0))
     refused, failed = sorted(outcome.complaints)
     assert refused == "1 requests ended in unknown_format"
     assert "no_placement" in failed
