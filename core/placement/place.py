@@ -62,8 +62,9 @@ def place(site: Site, rng: np.random.Generator, progress: Callable[[float], None
     """All boxes that may carry the text; :func:`core.placement.selection.select` picks among them.
 
     With no ``size`` asked for, five heights of text are tried from the highest on, then one that is legible only from
-    close up, each only for the directions that higher text serves worse than it could, until there are none; lower
-    ones where nothing was found. Then the best choice grows, each mark to what its place has room for.
+    close up, each only for the directions that higher text serves worse than it could. It ends where there are none,
+    and where all marks that were asked for have their places and the last height changed none of them. Lower text is
+    tried where nothing was found. Then the best choice grows, each mark to what its place has room for.
 
     Args:
         site: where.
@@ -107,6 +108,8 @@ def _search(
         wanted = None
         if found is not None:
             chosen = select(found, parameters.count, fixed=standing, dead=dead, start=found.start)
+            if step and len(chosen) == parameters.count and set(chosen) == set(found.start):
+                break  # there are as many marks as were asked for, and narrower text would replace none of them
             found = replace(found, start=tuple(chosen))
             if len(chosen) and not found.barred[chosen].any():
                 poorly = possible & _poorly_served(site, found, chosen, width)

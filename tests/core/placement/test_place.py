@@ -72,6 +72,12 @@ def test_the_same_seed_gives_the_same_placement_and_another_seed_another() -> No
     assert len(one.boxes) != len(other.boxes) or not np.array_equal(one.boxes.center, other.boxes.center)
 
 
+@pytest.mark.parametrize("count", [1, 2])
+def test_where_all_marks_have_their_places_narrower_text_is_not_looked_for(count: int) -> None:
+    assert max(progress(cuboid(30, 30, 30), count=count)) <= 3 / len(WIDTHS)
+    assert np.all(placed(cuboid(30, 30, 30), count=count).boxes.size[:, 0] >= WIDTHS[1])
+
+
 def test_a_size_that_is_asked_for_is_the_only_one_used() -> None:
     found = placed(cuboid(30, 30, 30), aspect=0.25, size=7.0)
     assert np.all(found.boxes.size[:, 0] == 7.0)
