@@ -10,7 +10,7 @@ TORCH := torch==2.13.0
 .DEFAULT_GOAL := help
 
 help: ## Show this list
-	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-9s %s\n", $$1, $$2}'
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-11s %s\n", $$1, $$2}'
 
 install: $(VENV)/.service ## Install what the service needs into .venv
 	@sh docker/system-packages.sh service
@@ -61,6 +61,9 @@ load: $(VENV)/.tests ## Let 500 jobs, large uploads and a store that hangs come 
 	@sh docker/system-packages.sh service tests
 	$(BIN)/python -m tests.load $(LOAD)
 
+docker-test: ## Build the image and put the whole deployment through its faults, as root; CACHE=DIR keeps what it built
+	$(PYTHON) -m tests.docker $(if $(CACHE),--cache $(CACHE))
+
 openapi: $(VENV)/.service ## Write openapi.yaml from the application
 	$(BIN)/python -m service openapi > openapi.yaml
 
@@ -78,4 +81,4 @@ $(VENV)/.tests: $(VENV)/.service
 	$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable '.[test,benchmark]'
 	touch $@
 
-.PHONY: help install demo run test check survey benchmark ablation fuzz faults load audit openapi clean
+.PHONY: help install demo run test check survey benchmark ablation fuzz faults load audit docker-test openapi clean

@@ -1,6 +1,6 @@
 #!/bin/sh
 # Installs the Debian packages that a group of parts needs, when one is missing and we may.
-# Usage: system-packages.sh service|tests ...
+# Usage: system-packages.sh service|tests|docker|standins ...
 set -eu
 
 missing=""
@@ -16,6 +16,8 @@ for group in "$@"; do
             command -v redis-server >/dev/null || need redis-server
             command -v initdb >/dev/null || ls /usr/lib/postgresql/*/bin/initdb >/dev/null 2>&1 || need postgresql
             command -v node >/dev/null && command -v npm >/dev/null || need nodejs npm ;;
+        docker) [ -x /usr/bin/dockerd ] || command -v dockerd >/dev/null || need docker.io ;;
+        standins) command -v mmdebstrap >/dev/null || need mmdebstrap ;;
         *) echo "unknown group: $group" >&2; exit 2 ;;
     esac
 done
