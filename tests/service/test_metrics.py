@@ -90,10 +90,11 @@ def test_requests_are_counted_by_the_template_of_their_route_and_by_nothing_a_cl
     with service.running(EMBEDDED_COMMAND):
         client, url = service.client, service.start_job()
         service.wait_for(url, "succeeded")
-        for number in range(5):
+        for number, method in enumerate(("COPY", "LOCK", "MKCOL", "PURGE", "REPORT")):
             assert client.get(f"/v1/watermarks/nobody-{number}").status_code == 404
             assert client.get(f"/nothing-{number}").status_code == 404
-            assert client.request(f"INVENTED{number}", "/healthz").status_code == 405
+            assert client.request(method, "/healthz").status_code == 405
+            assert client.request(f"INVENTED{number}", "/healthz").status_code == 400
         model = client.get(f"{url}/model").content
         figures = scrape(port)
     count = "meshmark_http_requests_total"
@@ -108,7 +109,7 @@ def test_requests_are_counted_by_the_template_of_their_route_and_by_nothing_a_cl
     latency = "meshmark_http_request_seconds_count"
     assert value(figures, latency, route="/v1/watermarks/{job_id}/model", method="GET") == 1
     assert not [text for text in label_values(figures, "route") | label_values(figures, "method") if "nobody" in text]
-    assert not [text for text in label_values(figures, "method") if "INVENTED" in text]
+    assert not [text for text in label_values(figures, "method") if "INVENTED" in text or text in ("COPY", "LOCK")]
 
 
 def test_without_a_port_nothing_is_served_and_with_one_only_on_its_address(tmp_path: Path) -> None:
