@@ -15,6 +15,7 @@ from service.announcer import Announcer
 from service.bodies import Bodies
 from service.config import Settings
 from service.http_metrics import HttpMetrics
+from service.intake import Intake, gate_template
 from service.jobs.artifacts import GRACE
 from service.jobs.ledger import Ledger
 from service.jobs.ledger_metrics import LedgerCollector
@@ -28,6 +29,7 @@ from service.readiness import Readiness
 from service.request_id import RequestId
 from service.routes import batch, events, health, hooks, uploads, watermarks, webhook_endpoints
 from service.state import AppState
+from service.template import Template
 from service.webhooks.vault import Vault, read_keys
 
 MAX_FIELD_BYTES = 2**16
@@ -89,8 +91,14 @@ class Application(FastAPI):
         return self.openapi_schema
 
 
-def create_app(settings: Settings) -> FastAPI:
-    """The application with its own ledger, store and queue, which open when it starts and close when it stops."""
+def create_app(settings: Settings, gate: Template | None = None) -> FastAPI:
+    """The application with its own ledger, store and queue, which open when it starts and close when it stops.
+
+    Args:
+        settings: of the application.
+        gate: what the processes of the gate are forked from, if it is shared with others; else the application has one
+            of its own.
+    """
     body_limit = settings.max_upload_bytes + settings.max_font_bytes + FORM_OVERHEAD
 
     @asynccontextmanager
@@ -103,11 +111,17 @@ def create_app(settings: Settings) -> FastAPI:
             "broker": partial(depth, queue, Queue.SMALL),
             "store": artifacts.ping,
         }
-        state = AppState(settings, ledger, artifacts, queue, Announcer(queue), Readiness(parts), vault)
+        template = gate or gate_template()
+        intake = Intake(settings, template)
+        state = AppState(settings, ledger, artifacts, queue, Announcer(queue), Readiness(parts), vault, intake)
         state.artifacts.clear_staging(GRACE)
         app.state.meshmark = state
         with metrics_server(settings.metrics_host, settings.metrics_port, LedgerCollector(ledger.sessions)):
+            template.start()
             yield
+        intake.close()
+        if gate is None:
+            template.close()
         state.queue.close()
         state.ledger.close()
 

@@ -145,6 +145,17 @@ class Settings(BaseSettings):
     max_font_bytes: Annotated[int, Field(gt=0, le=MAX_FONT_BYTES, description="Largest font accepted, in bytes.")] = (
         MAX_FONT_BYTES
     )
+    intake_concurrency: Annotated[
+        int,
+        Field(
+            ge=1,
+            le=64,
+            description="Uploads an API looks through at the same time, of one tenant one less, each in a process.",
+        ),
+    ] = 2
+    intake_time_limit: Annotated[
+        float, Field(gt=0, le=DAY, description="Seconds in which an upload must be looked through, or is refused.")
+    ] = 30.0
     max_attempts: Annotated[
         int, Field(ge=1, le=1000, description="How often a job is started, when workers die under it, before it fails.")
     ] = 2

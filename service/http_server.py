@@ -37,7 +37,8 @@ log = structlog.get_logger("service")
 
 
 class Server(uvicorn.Server):
-    """uvicorn, which accepts connections itself to bound them, and ends open event streams when it stops."""
+    """uvicorn, which accepts connections itself to bound them, and when it stops, ends open event streams and uploads
+    that wait."""
 
     def __init__(self, app: FastAPI, settings: Settings) -> None:
         super().__init__(
@@ -86,6 +87,7 @@ class Server(uvicorn.Server):
         for listener in self._listeners:
             listener.close()
         self._app.state.meshmark.streams.stop()
+        self._app.state.meshmark.intake.close()
         await super().shutdown(sockets)
         log.info("stopped")
 

@@ -1,44 +1,172 @@
-"""What can be refused at once, without loading the asset."""
+"""The intake of uploads: before one becomes a job it is looked through, in a process that may crash, hang or be killed.
 
-from pathlib import Path
-from threading import Lock
+Uploads wait for a place without holding a thread, have threads of their own, and the looking through has a number of
+processes; of threads and processes no tenant has all. So what one tenant sends neither holds up what others send nor
+any other request.
+"""
 
-from core.asset.budgets import Budgets
-from core.asset.gate import admit
-from core.errors import MeshmarkError
-from core.lettering.fonts import default_font, load_font
+import json
+import os
+import signal
+import socket
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import TypeVar
+
+import anyio.to_thread
+import structlog
+
+from core.errors import ErrorCode, MeshmarkError
+from core.lettering.fonts import default_font
 from core.lettering.shaping import shape
-from core.parameters import Parameters
+from service.config import Settings
+from service.jobs.artifacts import Staged, writing
+from service.template import Child, Template, tail
+from service.turnstile import Turnstile
 
-# Bounds what uploads hold in memory to one asset, of which the gate may make one copy. It takes two seconds at most.
-_IN_MEMORY = Lock()
+THREADS = 32  # for uploads, beside those that answer other requests
+TICK = 1.0  # seconds
+MEMORY_MARGIN = 256 * 2**20  # beyond twice what an upload and its content may have
+LONGEST_ANSWER = 2**20  # bytes
+
+Result = TypeVar("Result")
+# What is wrong with uploads, if anything: by the SHA-256 of asset and font, and the text that the font is to write.
+Verdicts = dict[tuple[str | None, str | None, str], MeshmarkError | None]
+
+log = structlog.get_logger(__name__)
 
 
-def check_lettering(parameters: Parameters, font: bytes | None) -> None:
-    """Refuse a text that the font cannot write.
+def gate_template() -> Template:
+    """What the gate's processes are forked from."""
+    return Template([sys.executable, "-m", "worker.gate"], threads=1, name="gate")
 
-    Raises:
-        MeshmarkError: ``invalid_font``, ``missing_glyphs``, ``empty_text``, ``invalid_parameters``.
+
+class Intake:
+    """The places, threads and processes of an API's uploads.
+
+    Args:
+        settings: budgets, and how many uploads are looked through at a time, and how long.
+        template: what the processes are forked from.
     """
-    shape(parameters.text, default_font() if font is None else load_font(font))
+
+    def __init__(self, settings: Settings, template: Template) -> None:
+        self._uploads = Turnstile(THREADS)
+        self._threads = anyio.CapacityLimiter(THREADS)
+        self._processes = Turnstile(settings.intake_concurrency)
+        self._template = template
+        self._seconds = settings.intake_time_limit
+        self._request = {
+            "budgets": asdict(settings.budgets),
+            "seconds": settings.intake_time_limit,
+            "memory": 2 * (settings.max_upload_bytes + settings.max_unpacked_bytes) + MEMORY_MARGIN,
+            "sandbox": settings.sandbox,
+        }
+
+    async def run(self, tenant: str, function: Callable[[], Result]) -> Result:
+        """What a function returns that takes uploads in, called in a thread of the intake once its tenant has a place.
+
+        Raises:
+            MeshmarkError: the function's own; ``service_unavailable``, the service stops.
+        """
+        async with self._uploads.entered(tenant):
+            return await anyio.to_thread.run_sync(function, limiter=self._threads)
+
+    def check(
+        self, tenant: str, text: str, asset: Staged | None, font: Staged | None, known: Verdicts | None = None
+    ) -> None:
+        """Refuse an upload that cannot be watermarked, as far as its headers and its font tell.
+
+        Args:
+            tenant: whose upload it is.
+            text: what is to be written.
+            asset: the asset, if it is here.
+            font: the font, if it is not the engine's own.
+            known: what earlier calls found out; what this one does is added.
+
+        Raises:
+            MeshmarkError: as :func:`worker.gate.look` does; ``budget_exceeded`` too where the looking took too long,
+                ``engine_crashed`` where its process died, ``service_unavailable``.
+        """
+        if font is None:
+            shape(text, default_font())
+            if asset is None:
+                return
+        known = {} if known is None else known
+        key = (asset.sha256 if asset else None, font.sha256 if font else None, text if font else "")
+        if key not in known:
+            known[key] = self._ask(tenant, text, asset, font)
+        if refusal := known[key]:
+            # As a new error: it may be raised again, and the frames in its traceback hold what the request held.
+            raise MeshmarkError(refusal.code, refusal.message, refusal.remedy)
+
+    def close(self) -> None:
+        """Let nobody wait any more."""
+        self._uploads.close()
+        self._processes.close()
+
+    def _ask(self, tenant: str, text: str, asset: Staged | None, font: Staged | None) -> MeshmarkError | None:
+        """What is wrong with an upload."""
+        paths = {"asset": os.fspath(asset.path) if asset else None, "font": os.fspath(font.path) if font else None}
+        request = json.dumps({**self._request, **paths, "text": text}).encode() + b"\n"
+        with self._processes.taken(tenant):
+            with writing():
+                stderr = tempfile.TemporaryFile()  # noqa: SIM115  # it is closed below
+            ours, theirs = socket.socketpair()
+            with ours, stderr:
+                with theirs:
+                    ours.sendall(request)  # far less than a socket holds
+                    child = self._template.fork(theirs.fileno(), stderr.fileno(), theirs.fileno())
+                answer = None
+                try:
+                    answer = self._listen(child, ours)
+                except TimeoutError:
+                    return _too_long(self._seconds)
+                finally:
+                    exit_code = child.end()
+                    if written := tail(stderr):
+                        log.warning("the gate's process wrote to stderr", text=written)
+        if answer is None:
+            log.error("the gate's process died", exit_code=exit_code)
+            return _crashed(exit_code)
+        said = json.loads(answer)
+        return said and MeshmarkError(ErrorCode(said["code"]), said["message"], said["remedy"])
+
+    def _listen(self, child: Child, channel: socket.socket) -> bytes | None:
+        """The line that a child answers; None where it ended before.
+
+        Raises:
+            TimeoutError: it takes too long.
+        """
+        try:
+            while child.pid(TICK) is None:
+                pass
+        except EOFError:
+            return None
+        deadline, answer = time.monotonic() + self._seconds, b""
+        while not answer.endswith(b"\n"):
+            channel.settimeout(max(deadline - time.monotonic(), 0.001))
+            chunk = channel.recv(2**16)
+            answer += chunk
+            if not chunk or len(answer) > LONGEST_ANSWER:
+                return None
+        return answer
 
 
-def check_asset(path: Path, budgets: Budgets) -> None:
-    """Refuse an asset whose header already tells that it cannot be watermarked.
-
-    Raises:
-        MeshmarkError: as :func:`core.asset.gate.admit` does.
-    """
-    with _IN_MEMORY:
-        refusal = _refusal(path, budgets)
-    if refusal:
-        raise refusal
+def _too_long(seconds: float) -> MeshmarkError:
+    return MeshmarkError(
+        ErrorCode.BUDGET_EXCEEDED,
+        f"The file takes more than {seconds:g} seconds to look through, though nothing is loaded yet.",
+        "Simplify or split the asset, or send it as a GLB.",
+    )
 
 
-def _refusal(path: Path, budgets: Budgets) -> MeshmarkError | None:
-    """What the gate raises, as a new error: the frames in a traceback would hold the asset until the answer is sent."""
-    try:
-        admit(path.read_bytes(), budgets)
-    except MeshmarkError as error:
-        return MeshmarkError(error.code, error.message, error.remedy)
-    return None
+def _crashed(exit_code: int | None) -> MeshmarkError:
+    how = f"was ended by {signal.Signals(-exit_code).name}" if exit_code is not None and exit_code < 0 else "ended"
+    return MeshmarkError(
+        ErrorCode.ENGINE_CRASHED,
+        f"The process that looked through this file {how} before it was done.",
+        "Send the asset again; if it happens again, export it anew from the program that made it, or as a GLB.",
+    )

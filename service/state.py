@@ -10,6 +10,7 @@ from fastapi import Depends, Request
 from service.announcer import Announcer
 from service.config import Settings
 from service.event_stream import Streams
+from service.intake import Intake
 from service.jobs.artifacts import ArtifactStore
 from service.jobs.ledger import Ledger
 from service.places import Places
@@ -29,6 +30,7 @@ class AppState:
     announcer: Announcer
     readiness: Readiness
     vault: Vault
+    intake: Intake
     streams: Streams = field(default_factory=Streams)
     uploads: Places = field(default_factory=Places)
     content: StoreThreads = field(default_factory=partial(StoreThreads, CONTENT))

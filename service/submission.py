@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 
 from core.errors import ErrorCode, MeshmarkError
 from core.parameters import Parameters
-from service.intake import check_asset, check_lettering
+from service.intake import Verdicts
 from service.jobs import contents, idempotency, queue
 from service.jobs.artifacts import Staged
 from service.jobs.ledger import Submission
@@ -64,8 +64,13 @@ class Accepted(NamedTuple):
     replayed: bool = False
 
 
-def submit(state: AppState, order: Order) -> Accepted:
+def submit(state: AppState, order: Order, known: Verdicts | None = None) -> Accepted:
     """Record a job, unless what can be seen at once speaks against it. Announcing it is left to the caller.
+
+    Args:
+        state: the app's.
+        order: what is asked for.
+        known: what is known of the uploads of other orders of the same request.
 
     Raises:
         MeshmarkError: what is wrong with the asset, the font, the text or the idempotency key; ``too_many_jobs``;
@@ -76,9 +81,7 @@ def submit(state: AppState, order: Order) -> Accepted:
         parts = {ArtifactKind.INPUT: order.asset, ArtifactKind.FONT: order.font}
         staged = {kind: stack.enter_context(part) for kind, part in parts.items() if part is not None}
         asset, font = staged.get(ArtifactKind.INPUT), staged.get(ArtifactKind.FONT)
-        check_lettering(order.parameters, font.path.read_bytes() if font else None)
-        if asset:
-            check_asset(asset.path, state.settings.budgets)
+        state.intake.check(order.tenant, order.parameters.text, asset, font, known)
         wanted = order.parameters.model_dump(mode="json")
         reservation: idempotency.Reservation | None = None
         if order.key is not None:

@@ -17,8 +17,8 @@ from core.asset.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
 from service.jobs.artifacts import StoreUnavailableError, writing
 from service.jobs.models import ArtifactKind
+from service.template import Child, Template, tail
 from worker.child import SUFFIXES
-from worker.template import Child, Template, tail
 
 TICK = 0.1  # seconds between two looks at the child
 LONGEST_MESSAGE = 2**20

@@ -20,6 +20,7 @@ import platform
 import struct
 import subprocess
 import sys
+import sysconfig
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -43,6 +44,7 @@ GET_VERSION, PATH_BENEATH = 1, 1
 EXECUTE, WRITE, READ_FILE, READ_FOLDER = 1, 2, 4, 8
 RIGHTS_BY_VERSION = {1: (1 << 13) - 1, 2: (1 << 14) - 1, 3: (1 << 15) - 1}
 FILE_RIGHTS = EXECUTE | WRITE | READ_FILE | 1 << 14
+LIBRARIES = [sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")]
 DEVICES, SHARED = Path("/dev"), ("shm", "mqueue", "pts")  # what of them other processes see
 
 libc = ctypes.CDLL(None, use_errno=True)
@@ -64,7 +66,23 @@ def enter(folder: Path, private: Iterable[Path], writable: Iterable[Path] = ()) 
     if sys.platform != "linux" or libc.prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0):
         return {"network": False, "files": False}
     devices = [path for path in DEVICES.iterdir() if path.name not in SHARED]
-    return {"files": _restrict_files([folder, *devices, *writable], list(private)), "network": _refuse_sockets()}
+    os.open(f"/proc/{os.getpid()}", os.O_PATH)  # stays open: the rule is about what is there while it is in use
+    readable = _all_but([*(path.resolve() for path in private), *_other_processes()])
+    return {"files": _restrict_files(readable, [folder, *devices, *writable]), "network": _refuse_sockets()}
+
+
+def shut() -> dict[str, bool]:
+    """Give up the network, other processes, all writing, and all reading but of installed libraries, which import parts
+    of themselves late. What was opened before stays usable.
+
+    Call it while the process has one thread.
+
+    Returns:
+        As :func:`enter`.
+    """
+    if sys.platform != "linux" or libc.prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0):
+        return {"network": False, "files": False}
+    return {"files": _restrict_files(map(Path, sorted(set(LIBRARIES))), []), "network": _refuse_sockets()}
 
 
 def probe(folder: Path, private: Iterable[Path]) -> dict[str, bool]:
@@ -94,7 +112,7 @@ def _refuse_sockets() -> bool:
     return bool(libc.prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, ctypes.c_char_p(holder), 0, 0) == 0)
 
 
-def _restrict_files(writable: list[Path], private: list[Path]) -> bool:
+def _restrict_files(readable: Iterable[Path], writable: Iterable[Path]) -> bool:
     version = libc.syscall(CREATE_RULESET, None, ctypes.c_size_t(0), GET_VERSION)
     if version < 1:
         return False
@@ -102,8 +120,6 @@ def _restrict_files(writable: list[Path], private: list[Path]) -> bool:
     ruleset = libc.syscall(CREATE_RULESET, struct.pack("Q", rights), ctypes.c_size_t(8), 0)
     if ruleset < 0:
         return False
-    os.open(f"/proc/{os.getpid()}", os.O_PATH)  # stays open: the rule is about what is there while it is in use
-    readable = _all_but([*(path.resolve() for path in private), *_other_processes()])
     try:
         for path in readable:
             _allow(ruleset, path, rights & (EXECUTE | READ_FILE | READ_FOLDER))

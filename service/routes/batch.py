@@ -12,6 +12,7 @@ from core.validation import StrictModel
 from service import access
 from service.access import Admitted, Client, GuardedRoute, take_request
 from service.idempotency_key import parse_idempotency_key
+from service.intake import Verdicts
 from service.jobs.models import Priority
 from service.metadata import parse_metadata
 from service.orders import order_from
@@ -94,28 +95,45 @@ class BatchResults(BaseModel):
 
 
 @router.post("/batch", status_code=status.HTTP_207_MULTI_STATUS, responses=REFUSALS)
-def create_watermarks(
+async def create_watermarks(
     request: Request, background: BackgroundTasks, state: State, client: Admitted, batch: Batch
 ) -> BatchResults:
     """Make up to 100 jobs. Each item is accepted or refused by itself, and counts as a request of its own."""
-    results = []
-    for number, item in enumerate(batch.items):
-        try:
-            if number:  # the first is paid for by the request
-                take_request(state, client)
-            job, replayed = _submit(state, client, item)
-        except OperationalError:
-            results.append(_refused(ledger_unavailable()))
-        except MeshmarkError as error:
-            results.append(_refused(error))
-        else:
-            if not replayed:
-                background.add_task(state.announcer.announce, job)
-            results.append(BatchResult(status=status.HTTP_202_ACCEPTED, replayed=replayed, job=view(request, job)))
-    return BatchResults(items=results)
+
+    def accept() -> list[BatchResult]:
+        known: Verdicts = {}
+        return [
+            _result(request, background, state, client, item, known, paid=number == 0)
+            for number, item in enumerate(batch.items)
+        ]
+
+    return BatchResults(items=await state.intake.run(client.tenant, accept))
 
 
-def _submit(state: AppState, client: Client, item: BatchItem) -> Accepted:
+def _result(
+    request: Request,
+    background: BackgroundTasks,
+    state: AppState,
+    client: Client,
+    item: BatchItem,
+    known: Verdicts,
+    paid: bool,
+) -> BatchResult:
+    """What comes of an item; the first is paid for by the request."""
+    try:
+        if not paid:
+            take_request(state, client)
+        job, replayed = _submit(state, client, item, known)
+    except OperationalError:
+        return _refused(ledger_unavailable())
+    except MeshmarkError as error:
+        return _refused(error)
+    if not replayed:
+        background.add_task(state.announcer.announce, job)
+    return BatchResult(status=status.HTTP_202_ACCEPTED, replayed=replayed, job=view(request, job))
+
+
+def _submit(state: AppState, client: Client, item: BatchItem, known: Verdicts) -> Accepted:
     order = order_from(
         state,
         client.tenant,
@@ -128,7 +146,7 @@ def _submit(state: AppState, client: Client, item: BatchItem) -> Accepted:
         key=None if item.idempotency_key is None else parse_idempotency_key(item.idempotency_key),
         cache=item.cache,
     )
-    return submit(state, order)
+    return submit(state, order, known)
 
 
 def _refused(error: MeshmarkError) -> BatchResult:

@@ -21,7 +21,7 @@ from service.orders import order_from
 from service.problems import problem_responses
 from service.routes.schemas import JobPage, JobView, Moment, PriorityName, view
 from service.state import AppState, State
-from service.submission import submit
+from service.submission import Accepted, submit
 
 router = APIRouter(prefix="/v1/watermarks", tags=["watermarks"], route_class=GuardedRoute)
 sending = APIRouter(prefix="/v1/watermarks", tags=["watermarks"], route_class=AssetRoute)
@@ -89,6 +89,8 @@ REFUSALS = problem_responses(
     ErrorCode.BUDGET_EXCEEDED,
     ErrorCode.UNSUPPORTED_FEATURE,
     ErrorCode.EXTERNAL_REFERENCE,
+    ErrorCode.ENGINE_CRASHED,
+    ErrorCode.INTERNAL_ERROR,
     ErrorCode.SERVICE_UNAVAILABLE,
 )
 LISTING = problem_responses(
@@ -185,7 +187,7 @@ CacheQuery = Annotated[
 
 
 @sending.post("", status_code=status.HTTP_202_ACCEPTED, responses=ACCEPTED | REFUSALS)
-def create_watermark(
+async def create_watermark(
     request: Request,
     response: Response,
     background: BackgroundTasks,
@@ -203,22 +205,25 @@ def create_watermark(
     cache: CacheQuery = True,
 ) -> JobView:
     """Accept an asset for watermarking. What can be seen to be wrong at once is refused at once."""
-    parameters, notes = parse_parameters(params), parse_metadata(metadata)
-    order = order_from(
-        state,
-        client.tenant,
-        parameters,
-        notes,
-        file=file,
-        source_url=source_url,
-        upload_id=upload_id,
-        webhook=webhook,
-        priority=Priority[priority.upper()],
-        font=font and state.artifacts.stage(font.file, limit=state.settings.max_font_bytes, name="font"),
-        key=None if idempotency_key is None else parse_idempotency_key(idempotency_key),
-        cache=cache,
-    )
-    job, replayed = submit(state, order)
+
+    def accept() -> Accepted:
+        order = order_from(
+            state,
+            client.tenant,
+            parse_parameters(params),
+            parse_metadata(metadata),
+            file=file,
+            source_url=source_url,
+            upload_id=upload_id,
+            webhook=webhook,
+            priority=Priority[priority.upper()],
+            font=font and state.artifacts.stage(font.file, limit=state.settings.max_font_bytes, name="font"),
+            key=None if idempotency_key is None else parse_idempotency_key(idempotency_key),
+            cache=cache,
+        )
+        return submit(state, order)
+
+    job, replayed = await state.intake.run(client.tenant, accept)
     if replayed:
         response.headers["Idempotent-Replayed"] = "true"
     else:

@@ -1,5 +1,7 @@
+import atexit
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -8,7 +10,9 @@ from fastapi.testclient import TestClient
 
 from service.app import create_app
 from service.config import Settings
+from service.intake import gate_template
 from service.jobs import queue
+from service.template import Template
 from tests.worker.engines import asset
 from worker.tasks import Worker
 
@@ -37,10 +41,20 @@ def quiet() -> None:
     structlog.configure(processors=[structlog.processors.KeyValueRenderer()])
 
 
+@cache
+def gate() -> Template:
+    """What the gate's processes of all applications in this process are forked from; it ends with this process."""
+    template = gate_template()
+    atexit.register(template.close)
+    return template
+
+
 @contextmanager
-def client_with(settings: Settings) -> Iterator[Client]:
-    """A running application with these settings."""
-    with TestClient(create_app(settings), raise_server_exceptions=False, follow_redirects=False) as http:
+def client_with(settings: Settings, template: Template | None = None) -> Iterator[Client]:
+    """A running application with these settings, and what the processes of its gate are forked from."""
+    with TestClient(
+        create_app(settings, template or gate()), raise_server_exceptions=False, follow_redirects=False
+    ) as http:
         client = Client(http, settings)
         try:
             yield client

@@ -208,7 +208,7 @@ def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
     with service.running([sys.executable, "-m", "service"]) as [process]:
         service.wait_for(service.submit(FAILED_JOBS["NaN in an OBJ"][1]).headers["Location"], "failed")
         meter = Meter(process.pid)
-        wait_until(lambda: len(meter.process.children(recursive=True)) == 3)  # worker, template, sender; no engine
+        wait_until(lambda: len(meter.process.children(recursive=True)) == 4)  # worker, sender, two templates; no engine
         yield Running(service, meter, meter.resident())
 
 

@@ -109,7 +109,7 @@ def test_stopping_ends_api_worker_and_engine_and_the_job_goes_on_at_the_next_sta
         family = psutil.Process(process.pid).children(recursive=True)
         process.send_signal(number)
         assert process.wait(PATIENCE) == 0
-    assert len(family) == 3  # the worker, the template, and the engine's process
+    assert len(family) == 4  # the worker, its template, the engine's process, and the template of the gate
     assert all(map(gone, family))
     go.touch()
     with service.running(EMBEDDED_COMMAND):

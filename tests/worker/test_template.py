@@ -14,10 +14,10 @@ import pytest
 
 from core.asset.budgets import DEFAULT_BUDGETS
 from core.errors import ErrorCode, MeshmarkError
+from service import template as template_module
 from service.jobs.models import ArtifactKind
 from tests.worker.engines import asset
 from tests.worker.waiting import PATIENCE, gone, wait_until
-from worker import template as template_module
 from worker.runner import Limits, Published, Work, run_engine
 from worker.template import Template
 

@@ -18,6 +18,8 @@ from service.event_stream import Streams
 from service.http_server import Server
 from service.jobs.ledger import Ledger
 from service.jobs.models import Lease
+from service.template import Template
+from tests.service.conftest import gate
 from tests.service.harness import API_COMMAND, Service, free_port
 from tests.worker.engines import asset
 from tests.worker.waiting import PATIENCE, wait_until
@@ -32,8 +34,8 @@ class Event(NamedTuple):
 class Api:
     """A server in this process, a client of it, and its ledger."""
 
-    def __init__(self, settings: Settings) -> None:
-        app = create_app(settings)
+    def __init__(self, settings: Settings, template: Template) -> None:
+        app = create_app(settings, template)
         self.server = Server(app, settings)
         self.thread = threading.Thread(target=self.server.run)
         self.thread.start()
@@ -65,7 +67,7 @@ class Api:
 
 @pytest.fixture
 def api(tmp_path: Path) -> Iterator[Api]:
-    api = Api(Settings(data_dir=tmp_path, port=free_port()))
+    api = Api(Settings(data_dir=tmp_path, port=free_port()), gate())
     yield api
     api.close()
 

@@ -1,0 +1,109 @@
+"""The gate's processes, each of which looks through what came with one upload: `python -m worker.gate`.
+
+They are forked from one that the API starts (:mod:`service.template`), since what they read is hostile, and since a
+single call of a parser can hold an interpreter for seconds. Each reads one JSON object and the files it names, gives up
+files, the network and other processes, and answers with one JSON object: null, or what is wrong with the upload.
+"""
+
+import faulthandler
+import json
+import os
+import resource
+import socket
+import sys
+import traceback
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NoReturn
+
+from core.asset.budgets import Budgets
+from core.asset.gate import admit
+from core.errors import ErrorCode, MeshmarkError
+from core.lettering.fonts import load_font
+from core.lettering.shaping import shape
+from service.template import serve
+from worker import sandbox
+from worker.child import CHANNEL, die_with_parent, keep_only
+
+NICENESS = 5  # behind the API, which answers all others meanwhile
+FIRST_TO_GO = "1000"  # of all processes, where the machine's or the container's memory ends
+LONGEST_COMPLAINT = 2**20  # bytes on stderr, which is a file
+CPU_MARGIN = 5  # seconds, for an API that does not look any more
+
+
+def look(request: dict[str, Any], asset: bytes | None, font: bytes | None) -> None:
+    """Look through what came with an upload.
+
+    Raises:
+        MeshmarkError: as :func:`core.asset.gate.admit` does; ``invalid_font``, ``missing_glyphs``, ``empty_text``,
+            ``invalid_parameters``, where there is a font.
+    """
+    if font is not None:
+        shape(request["text"], load_font(font))
+    if asset is not None:
+        admit(asset, Budgets(**request["budgets"]))
+
+
+def limit(seconds: float, memory: int) -> None:
+    """Bound processor time, memory (bytes), and what is written to disk."""
+    for kind, most in (
+        (resource.RLIMIT_CORE, 0),
+        (resource.RLIMIT_FSIZE, LONGEST_COMPLAINT),
+        (resource.RLIMIT_CPU, int(seconds) + CPU_MARGIN),
+        (resource.RLIMIT_DATA, memory),
+    ):
+        resource.setrlimit(kind, (most, most))
+    os.nice(NICENESS)
+    with suppress(OSError):
+        Path("/proc/self/oom_score_adj").write_text(FIRST_TO_GO)
+
+
+def answer(request: dict[str, Any]) -> MeshmarkError | None:
+    """What is wrong with the upload that a request names."""
+    try:
+        asset, font = (Path(request[name]).read_bytes() if request[name] else None for name in ("asset", "font"))
+        in_force = sandbox.shut()
+        if request["sandbox"] == "required" and not all(in_force.values()):
+            raise RuntimeError(f"the sandbox is not whole: {in_force}")
+        look(request, asset, font)
+    except MeshmarkError as error:
+        return error
+    except MemoryError:
+        return MeshmarkError(
+            ErrorCode.BUDGET_EXCEEDED,
+            f"The file takes more than {request['memory'] // 2**20:,} MiB of memory to look through.",
+            "Simplify or split the asset and send it again.",
+        )
+    except Exception:
+        traceback.print_exc()
+        return MeshmarkError(
+            ErrorCode.INTERNAL_ERROR,
+            "The service met a case it does not handle when it looked through this file.",
+            "Export the asset again or send it as a GLB; if it happens again, report the time to the operator.",
+        )
+    return None
+
+
+def main(template: int, *files: int) -> NoReturn:
+    """Answer one request and exit.
+
+    Args:
+        template: the process that forked this one, with which it ends.
+        files: descriptors of the request, of stderr and of the channel.
+    """
+    os.setsid()  # one group to kill
+    die_with_parent(template)
+    keep_only(*files)
+    request = json.loads(sys.stdin.readline())
+    limit(request["seconds"], request["memory"])
+    faulthandler.enable()
+    error = answer(request)
+    said = None if error is None else {"code": error.code, "message": error.message, "remedy": error.remedy}
+    with os.fdopen(CHANNEL, "w", encoding="utf-8") as channel:
+        channel.write(json.dumps(said) + "\n")
+    sys.stderr.flush()
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    serve(socket.socket(fileno=sys.stdin.fileno()), main)
