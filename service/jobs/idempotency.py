@@ -94,7 +94,7 @@ def holding(sessions: sessionmaker[Session], reservation: Reservation) -> Iterat
     """Keep a key reserved while something is done with its reservation, and let it be used again at once if that
     fails."""
     over = threading.Event()
-    in_background("key", _renew_until, over, sessions, reservation)
+    renewing = in_background("key", _renew_until, over, sessions, reservation)
     try:
         yield
     except BaseException:
@@ -106,6 +106,7 @@ def holding(sessions: sessionmaker[Session], reservation: Reservation) -> Iterat
         raise
     finally:
         over.set()
+        renewing.join(RENEWED)  # a renewal that has begun ends before whoever holds the key goes on
 
 
 def _renew_until(over: threading.Event, sessions: sessionmaker[Session], reservation: Reservation) -> None:
