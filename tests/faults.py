@@ -90,8 +90,12 @@ class Site:
         folder = Path(self.workers[2].environment["MESHMARK_DATA_DIR"])
         return folder if folder.is_mount() else None
 
-    def submit(self, number: int, size: int = 0) -> None:
-        """Send an asset of at least so many bytes until it is accepted, as a client does who wants it done once."""
+    def submit(self, number: int, size: int = 0) -> str:
+        """Send an asset of at least so many bytes until it is accepted, as a client does who wants it done once.
+
+        Returns:
+            The job's address.
+        """
         text = f"J{number}"
         parts = {"file": ("asset.obj", asset(number=number, padding="." * size))}
         deadline = time.monotonic() + 40
@@ -105,7 +109,7 @@ class Site:
                 )
                 if response.status_code == 202:
                     self.jobs[response.headers["Location"]] = text
-                    return
+                    return response.headers["Location"]
                 assert response.status_code in (409, 503), response.text
             self.sent_again += 1
             if self.api.popen.poll() is not None:  # as the restart policy in compose.yaml does
@@ -168,11 +172,17 @@ def fill_disk(site: Site) -> None:
         return
     met = log.read_text().count(DISK_FULL)
     ballast = folder / "ballast"
-    with contextlib.suppress(OSError), ballast.open("wb", buffering=0) as file:
-        while True:
-            file.write(bytes(4096))
-    site.submit(next(site.numbers), FOR_THE_THIRD)
-    wait_until(lambda: log.read_text().count(DISK_FULL) > met)
+
+    def is_met() -> bool:
+        return log.read_text().count(DISK_FULL) > met
+
+    with ballast.open("wb", buffering=0) as file:
+        while not is_met():  # jobs that were under way make room when they are done, in which another one may do
+            with contextlib.suppress(OSError):
+                while True:
+                    file.write(bytes(4096))
+            url = site.submit(next(site.numbers), FOR_THE_THIRD)
+            wait_until(lambda url=url: is_met() or site.service.job(url)["state"] in ENDED)  # type: ignore[misc]
     ballast.unlink()
 
 
