@@ -14,6 +14,7 @@ from service.jobs.artifacts import CHUNK, MARKER, NAME, ArtifactStore, Staged, S
 from service.jobs.s3_bucket import open_bucket, said
 
 PIECE = 8 * 2**20  # bytes asked for at a time: a client that reads slowly holds no connection to the store
+PARTS = 2  # of 5 MiB in memory at a time for each large file that is put; by itself the library holds twelve
 LINK_LIFETIME = timedelta(minutes=5)
 # A request waits for a store that fails about ten seconds; a worker goes on trying by itself.
 TIMEOUTS = ("3s", "30s")
@@ -53,7 +54,7 @@ class S3Store(ArtifactStore):
     def put(self, staged: Staged) -> None:
         """Upload the staged file; it appears when it is whole."""
         with _asking():
-            obstore.put(self._bucket, _key(staged.sha256), staged.path)
+            obstore.put(self._bucket, _key(staged.sha256), staged.path, max_concurrency=PARTS)
 
     def read(self, sha256: str, start: int, stop: int) -> Iterator[bytes]:
         """The bytes from `start` up to `stop`; in several requests, which is safe for content that never changes."""
@@ -115,7 +116,7 @@ class S3Store(ArtifactStore):
     def put_upload(self, name: str, staged: Staged) -> None:
         """Upload the staged file."""
         with _asking():
-            obstore.put(self._bucket, _upload_key(name), staged.path)
+            obstore.put(self._bucket, _upload_key(name), staged.path, max_concurrency=PARTS)
 
     def read_upload(self, name: str) -> Iterator[bytes]:
         """The object's content, of one version of it however often it is put meanwhile."""
