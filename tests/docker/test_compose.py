@@ -117,7 +117,7 @@ def test_a_workers_memory_is_enough_for_a_job_and_its_files_and_its_threads_for_
 
 def test_the_store_has_time_to_end_and_volumes_on_a_small_disk_too() -> None:
     store = SERVICES["store"]
-    assert store["stop_grace_period"] == "30s"  # its own -volume.preStopSeconds is 10
+    assert store["stop_grace_period"] == "60s"  # its own -volume.preStopSeconds is 10; 27 were seen on a busy machine
     assert "-master.volumeSizeLimitMB=512" in store["command"]
     assert "-volume.max=0" in store["command"]
 
