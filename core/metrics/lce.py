@@ -6,7 +6,8 @@ from numpy.typing import NDArray
 from core.asset.surface import Surface
 from core.metrics.near import near
 from core.placement.boxes import Boxes
-from core.spatial import SpatialIndex
+from core.products import product
+from core.spatial import Eye, SpatialIndex
 
 
 def lce(original_index: SpatialIndex, watermarked: Surface, boxes: Boxes, relief: NDArray[np.float64]) -> float | None:
@@ -14,7 +15,8 @@ def lce(original_index: SpatialIndex, watermarked: Surface, boxes: Boxes, relief
 
     Squared size-30 units; lower is better, 0 where letters follow the surface exactly. A vertex is on a top when
     it lies in the box, extended by 1.5 reliefs to the front and back, more than half a relief off the original.
-    None where no mark has any such vertex. ``relief`` is (B,), the height of each mark's letters.
+    What looks away from the box is not what letters stand on: a sheet close above them whose back no viewer draws is
+    no ground. None where no mark has any such vertex. ``relief`` is (B,), the height of each mark's letters.
     """
     reach = Boxes(boxes.center, boxes.axes, boxes.size + 3 * np.abs(relief)[:, None] * [0.0, 0.0, 1.0])
     variances = []
@@ -22,8 +24,26 @@ def lce(original_index: SpatialIndex, watermarked: Surface, boxes: Boxes, relief
         vertices = np.unique(watermarked.faces[faces])
         local = reach.to_local(number, watermarked.positions[vertices])
         inside = vertices[(np.abs(local) <= reach.size[number] / 2).all(axis=1)]
-        distance, _, _ = original_index.closest(watermarked.positions[inside])
+        distance, face, _ = original_index.closest(watermarked.positions[inside])
+        if relief[number] > 0:
+            _look_down(original_index, watermarked.positions[inside], face, reach.axes[number, 2], distance)
         top = distance[distance > abs(relief[number]) / 2]
         if len(top):
             variances.append(float(top.var()))
     return float(np.mean(variances)) if variances else None
+
+
+def _look_down(
+    index: SpatialIndex,
+    points: NDArray[np.float64],
+    face: NDArray[np.int64],
+    normal: NDArray[np.float64],
+    distance: NDArray[np.float64],
+) -> None:
+    """Where the closest ``face`` (N,) of ``points`` (N, 3) looks against ``normal`` (3,), their ``distance`` (N,)
+    becomes that to the plane of what is seen below them instead, if anything is."""
+    away = np.flatnonzero(product(index.normals(face), normal[:, None])[:, 0] < 0)
+    down, below = index.first_hit(points[away], np.broadcast_to(-normal, (len(away), 3)), Eye.ORIGIN)
+    met = below >= 0
+    cosine = np.abs(product(index.normals(below[met]), normal[:, None])[:, 0])
+    distance[away[met]] = down[met] * cosine

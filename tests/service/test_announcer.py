@@ -19,7 +19,7 @@ REQUESTS = 50  # more than there are threads for answering
 
 def test_while_the_broker_says_nothing_all_requests_are_answered(tmp_path: Path) -> None:
     server = SilentServer()
-    service = Service(tmp_path, broker_url=f"redis://{server.address}/0")
+    service = Service(tmp_path, broker_url=f"redis://{server.address}/0", max_uploads_at_once=str(REQUESTS))
     with service.running(API_COMMAND), closing(server), ThreadPoolExecutor(REQUESTS) as pool:
         accepted = [pool.submit(service.submit, asset(number=number)) for number in range(REQUESTS)]
         assert {answer.result().status_code for answer in accepted} == {202}

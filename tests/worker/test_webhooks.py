@@ -285,7 +285,7 @@ def test_one_command_watermarks_and_sends_webhooks_and_ends_both(tmp_path: Path)
         assert told[jobs[1]]["data"]["error"]["code"] == "no_placement"
         wait_until(lambda: service.states(endpoint) == {"delivered"})
         family = psutil.Process(process.pid).children(recursive=True)
-        assert len(family) == 3  # the worker, its template, and the sender
+        assert len(family) == 4  # the worker and its template, the gate's, and the sender
         process.send_signal(signal.SIGTERM)
         assert process.wait(PATIENCE) == 0
         assert all(map(gone, family))
@@ -294,7 +294,7 @@ def test_one_command_watermarks_and_sends_webhooks_and_ends_both(tmp_path: Path)
 def test_the_sender_ends_with_a_service_that_is_killed(tmp_path: Path) -> None:
     with Hooked(tmp_path).running([sys.executable, "-c", EVERYTHING]) as [process]:
         family = psutil.Process(process.pid).children()
-        assert len(family) == 2
+        assert len(family) == 3  # the worker, the gate's template, and the sender
         process.kill()
         process.wait()
         wait_until(lambda: all(map(gone, family)))

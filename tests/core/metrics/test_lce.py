@@ -3,7 +3,8 @@ import pytest
 from numpy.typing import NDArray
 
 from core.metrics.lce import lce
-from tests.core.placement.shapes import box, boxes, index_of, join, moved, plane, surface
+from core.spatial import Hides, SpatialIndex
+from tests.core.placement.shapes import box, boxes, index_of, inside_out, join, moved, plane, rotation, surface
 
 
 def letters(height: float, slope: float = 0.0, x: float = 0.0) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -22,6 +23,15 @@ def test_the_error_is_the_variance_of_the_height() -> None:
     positions, faces = letters(0.2, slope=0.02)
     marked = join(plane(20, 20), surface(positions, faces))
     assert lce(index_of(plane(20, 20)), marked, box(), np.array([0.2])) == pytest.approx(positions[:, 2].var())
+
+
+def test_a_sheet_close_above_the_letters_that_looks_away_from_them_is_not_what_they_stand_on() -> None:
+    floor, sheet = plane(20, 20), moved(inside_out(plane(4, 2)), rotation((0, 1, 0), 3), (0, 0, 0.35))
+    original = join(floor, sheet)
+    hides = np.full(len(original.faces), Hides.FROM_FRONT, dtype=np.uint8)
+    index = SpatialIndex(original.positions, original.faces, hides=hides)
+    marked = join(floor, sheet, surface(*letters(0.2)))
+    assert lce(index, marked, box(), np.array([0.2])) == pytest.approx(0, abs=1e-12)
 
 
 def test_sunken_letters_are_measured_by_their_depth() -> None:
