@@ -133,7 +133,7 @@ def outcome(number: int) -> str:
     from tests.validator import ValidatorBrokenError, error_counts
 
     data = mutate(number)
-    asked = Parameters(text="ab", count=2, evaluate=Evaluate.NONE)
+    asked = Parameters(text="ab", count=2, size=2.0, evaluate=Evaluate.NONE)
     try:
         result = watermark(data, asked, preview=False)
     except MeshmarkError as error:

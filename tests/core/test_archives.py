@@ -13,7 +13,7 @@ from tests.validator import error_counts
 
 MESHES = Path(os.environ.get("MESHMARK_TEST_MESHES", "../shared/meshes"))
 FACTS = ("watertight", "components", "boundary_edges", "nonmanifold_edges")
-FEW = Parameters(text="ok", count=2, evaluate=Evaluate.GEOMETRY)
+FEW = Parameters(text="ok", count=2, size=1.5, evaluate=Evaluate.GEOMETRY)
 # files whose largest place is narrower than the presets try
 SIZES = {"dodeca-chain-color.3mf": 0.8}
 FILES = [path for pattern in ("*.zip", "*.3mf", "*.dae") for path in sorted(MESHES.glob(pattern))]

@@ -22,7 +22,7 @@ from tests.glb_file import GlbFile
 from tests.residue import touched
 
 TESTS = Path(__file__).parents[1]
-ASKED = Parameters(text="HOLD", count=4, evaluate=Evaluate.NONE)
+ASKED = Parameters(text="HOLD", count=4, size=2.0, evaluate=Evaluate.NONE)
 INWARDS = np.array(CUBE_FACES).reshape(-1, 3)[:, ::-1].ravel().tolist()
 Json = dict[str, Any]
 

@@ -22,7 +22,7 @@ from tests.glb_file import Json
 from tests.residue import residue
 from tests.restore import gives, telltale_names
 
-ASKED = Parameters(text="HOLD", count=3, evaluate=Evaluate.NONE)
+ASKED = Parameters(text="HOLD", count=3, size=2.0, evaluate=Evaluate.NONE)
 POINTS, FACES = grid(12)
 BALL = sphere(1.0, 3)
 OFFSETS = np.array([[0, 0, 0], [4, 0, 0], [0, 4, 0]])

@@ -19,7 +19,7 @@ from tests.core.shapes import box, grid, join, moved, sphere, surface
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 
-FEW = Parameters(text="watermark", count=3, evaluate=Evaluate.GEOMETRY)
+FEW = Parameters(text="watermark", count=3, size=3.0, evaluate=Evaluate.GEOMETRY)
 RNG = np.random.default_rng(7)
 
 

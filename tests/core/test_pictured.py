@@ -25,7 +25,7 @@ from tests.core.asset.builder import CUBE, CUBE_FACES, Builder
 from tests.drawn import undrawn
 from tests.glb_file import GlbFile, Json
 
-ASKED = Parameters(text="HOLD", count=2, color="#e00000", evaluate=Evaluate.NONE)
+ASKED = Parameters(text="HOLD", count=2, size=2.0, color="#e00000", evaluate=Evaluate.NONE)
 SIZE = 192
 CHANGED = 24  # of 255, in some channel
 LEAST = 0.04  # of the pixels that a mark's box takes up

@@ -39,7 +39,7 @@ EDITED = {"accessors", "bufferViews", "buffers", "meshes", "materials", "nodes",
 def test_everything_but_the_touched_triangles_comes_back_as_it_was(name: str, color: str | None) -> None:
     source = GLBS[name]
     data = source.to_glb() if isinstance(source, Document) else source.read_bytes()
-    asked = Parameters(text="watermark", count=4, color=color, evaluate=Evaluate.NONE)
+    asked = Parameters(text="watermark", count=4, size=3.0, color=color, evaluate=Evaluate.NONE)
     model = watermark(data, asked, preview=False).model
     before, after = Document.from_glb(data), Document.from_glb(model)
     assert {k: v for k, v in before.json.items() if k not in EDITED} == {

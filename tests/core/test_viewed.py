@@ -17,7 +17,7 @@ from tests.drawn import undrawn
 INWARDS = CUBE_FACES[:, ::-1]
 GLASS = plain((1, 1, 1, 0.2), alphaMode="BLEND")
 NOTHING = plain((1, 1, 1, 0.0), alphaMode="BLEND")
-ASKED = Parameters(text="hi", count=4, evaluate=Evaluate.NONE)
+ASKED = Parameters(text="hi", count=4, size=1.5, evaluate=Evaluate.NONE)
 Float = NDArray[np.float64]
 
 

@@ -13,7 +13,7 @@ from core.pipeline import Result, watermark
 from tests.core.asset.builder import CUBE, CUBE_FACES, Builder
 from tests.validator import error_counts
 
-FEW = Parameters(text="W", count=3, evaluate=Evaluate.NONE)
+FEW = Parameters(text="W", count=3, size=1.5, evaluate=Evaluate.NONE)
 TETRAHEDRON = [[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]
 TETRAHEDRON_FACES = [0, 2, 1, 0, 1, 3, 1, 2, 3, 0, 3, 2]
 
