@@ -57,7 +57,7 @@ def lettering(text: str, font: bytes | None = None) -> Lettering:
     """
     hb_font = default_font() if font is None else load_font(font)
     shape_of_text = _united(_outlines(shape(text, hb_font), hb_font), text)
-    rings = [ring for ring in shape_of_text.to_polygons() if abs(_area(ring)) >= MIN_AREA]
+    rings = [ring for ring in shape_of_text.to_polygons() if abs(signed_area(ring)) >= MIN_AREA]
     if not rings:
         raise MeshmarkError(
             ErrorCode.EMPTY_TEXT,
@@ -72,7 +72,7 @@ def lettering(text: str, font: bytes | None = None) -> Lettering:
         text=text,
         polygons=tuple((ring - (low + high) / 2) / width for ring in rings),
         aspect=float(height / width),
-        ink=sum(map(_area, rings)) / float(width * height),
+        ink=sum(map(signed_area, rings)) / float(width * height),
     )
 
 
@@ -138,12 +138,12 @@ def _united(glyphs: list[list[Float]], text: str) -> CrossSection:
 
 
 def _topology(section: CrossSection) -> tuple[int, int]:
-    areas = [_area(ring) for ring in section.to_polygons()]
+    areas = [signed_area(ring) for ring in section.to_polygons()]
     return sum(area > MIN_AREA for area in areas), sum(area < -MIN_AREA for area in areas)
 
 
-def _area(ring: Float) -> float:
-    """Signed area: positive for counter-clockwise rings."""
+def signed_area(ring: Float) -> float:
+    """Area of a closed ring (N, 2), in its units squared; positive where it runs counter-clockwise."""
     x, y = (ring - ring[0]).T
     return float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) / 2
 

@@ -8,7 +8,7 @@ from PIL import Image, ImageDraw
 from scipy.spatial import cKDTree
 
 from core.asset.surface import Surface
-from core.lettering.outline import Lettering
+from core.lettering.outline import Lettering, signed_area
 from core.placement.boxes import Boxes
 from core.placement.filters import FACING
 from core.spatial import Eye, SpatialIndex
@@ -98,13 +98,7 @@ def _ink(lettering: Lettering) -> Bool:
     size = TEXELS, max(round(TEXELS * lettering.aspect), 1)
     picture = Image.new("1", size)
     draw = ImageDraw.Draw(picture)
-    for ring in sorted(lettering.polygons, key=lambda ring: -abs(_area(ring))):
+    for ring in sorted(lettering.polygons, key=lambda ring: -abs(signed_area(ring))):
         texels = (ring + np.array([0.5, lettering.aspect / 2])) * TEXELS - 0.5
-        draw.polygon([tuple(texel) for texel in texels.tolist()], fill=int(_area(ring) > 0))
+        draw.polygon([tuple(texel) for texel in texels.tolist()], fill=int(signed_area(ring) > 0))
     return np.asarray(picture)
-
-
-def _area(ring: Float) -> float:
-    """Signed area: positive for counter-clockwise rings."""
-    x, y = (ring - ring[0]).T
-    return float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) / 2
