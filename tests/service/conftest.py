@@ -13,6 +13,7 @@ from service.config import Settings
 from service.intake import gate_template
 from service.jobs import queue
 from service.template import Template
+from tests.service.edge import Edge, edge_with
 from tests.worker.engines import asset
 from worker.tasks import Worker
 
@@ -34,6 +35,13 @@ class Client:
 
     def run(self, url: str) -> None:
         self.worker.run(url.rsplit("/", 1)[1])
+
+
+@pytest.fixture(scope="module")
+def hasty(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Edge]:
+    """A server that waits half a second only."""
+    with edge_with(data_dir=tmp_path_factory.mktemp("hasty"), client_timeout=0.5) as edge:
+        yield edge
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -29,13 +29,6 @@ UNDER_WAY = ["POST /v1/watermarks", "PUT UPLOAD", "POST /v1/uploads", "POST /v1/
 
 
 @pytest.fixture(scope="module")
-def hasty(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Edge]:
-    """A server that waits half a second only."""
-    with edge_with(data_dir=tmp_path_factory.mktemp("hasty"), client_timeout=0.5) as edge:
-        yield edge
-
-
-@pytest.fixture(scope="module")
 def demanding(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Edge]:
     """One to which a megabyte a second must come."""
     with edge_with(data_dir=tmp_path_factory.mktemp("demanding"), client_timeout=0.5, client_rate=MIB) as edge:

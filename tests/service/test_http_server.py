@@ -26,13 +26,6 @@ def edge(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Edge]:
         yield edge
 
 
-@pytest.fixture(scope="module")
-def hasty(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Edge]:
-    """One that waits half a second only."""
-    with edge_with(data_dir=tmp_path_factory.mktemp("hasty"), client_timeout=0.5) as edge:
-        yield edge
-
-
 def refused(received: bytes, status: int = 400, code: str = "invalid_request") -> None:
     """One answer came, and it is this problem."""
     head, _, body = received.partition(b"\r\n\r\n")
