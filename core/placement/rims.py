@@ -17,7 +17,7 @@ Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
-SPACING = 0.05  # size-30 units between points of one edge, a twentieth of legible letters; wider where edges are many
+SPACING = 0.05  # size-30 units between points of an edge, about a stroke of legible text; wider where edges are many
 MOST_POINTS = 1_000_000
 TEXELS = 1024  # of the text's width
 CREASE = 0.5  # cosine between the normals of two faces under which one may look away where the other is written on
