@@ -25,11 +25,19 @@ def lce(original_index: SpatialIndex, watermarked: Surface, boxes: Boxes, relief
         local = reach.to_local(number, watermarked.positions[vertices])
         inside = vertices[(np.abs(local) <= reach.size[number] / 2).all(axis=1)]
         distance, face, _ = original_index.closest(watermarked.positions[inside])
+        top = distance > abs(relief[number]) / 2
+        height = distance[top]
         if relief[number] > 0:
-            _look_down(original_index, watermarked.positions[inside], face, reach.axes[number, 2], distance)
-        top = distance[distance > abs(relief[number]) / 2]
-        if len(top):
-            variances.append(float(top.var()))
+            _look_down(
+                original_index,
+                watermarked.positions[inside[top]],
+                face[top],
+                reach.axes[number, 2],
+                height,
+                2 * relief[number],
+            )
+        if len(height):
+            variances.append(float(height.var()))
     return float(np.mean(variances)) if variances else None
 
 
@@ -39,11 +47,12 @@ def _look_down(
     face: NDArray[np.int64],
     normal: NDArray[np.float64],
     distance: NDArray[np.float64],
+    deepest: float,
 ) -> None:
     """Where the closest ``face`` (N,) of ``points`` (N, 3) looks against ``normal`` (3,), their ``distance`` (N,)
-    becomes that to the plane of what is seen below them instead, if anything is."""
+    becomes that to the plane of what is seen below them instead, if anything is within ``deepest``."""
     away = np.flatnonzero(product(index.normals(face), normal[:, None])[:, 0] < 0)
     down, below = index.first_hit(points[away], np.broadcast_to(-normal, (len(away), 3)), Eye.ORIGIN)
-    met = below >= 0
+    met = down <= deepest
     cosine = np.abs(product(index.normals(below[met]), normal[:, None])[:, 0])
     distance[away[met]] = down[met] * cosine

@@ -34,6 +34,17 @@ def test_a_sheet_close_above_the_letters_that_looks_away_from_them_is_not_what_t
     assert lce(index, marked, box(), np.array([0.2])) == pytest.approx(0, abs=1e-12)
 
 
+@pytest.mark.parametrize("twin_first", [True, False])
+def test_ground_with_a_second_layer_that_looks_away_is_no_letter_however_deep_it_is_below(twin_first: bool) -> None:
+    floor, deep = plane(20, 20, cells=10), moved(plane(20, 20), shift=(0, 0, -5))
+    layers = (inside_out(floor), floor) if twin_first else (floor, inside_out(floor))
+    original = join(*layers, deep)
+    hides = np.full(len(original.faces), Hides.FROM_FRONT, dtype=np.uint8)
+    index = SpatialIndex(original.positions, original.faces, hides=hides)
+    marked = join(original, surface(*letters(0.2)))
+    assert lce(index, marked, box(), np.array([0.2])) == pytest.approx(0, abs=1e-12)
+
+
 def test_sunken_letters_are_measured_by_their_depth() -> None:
     positions, faces = letters(-0.2, slope=0.02)
     marked = join(plane(20, 20), surface(positions, faces))
