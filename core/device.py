@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.errors import ErrorCode, MeshmarkError
-from core.spatial import SpatialIndex
+from core.geometry.spatial import SpatialIndex
 
 
 class Device(StrEnum):
@@ -54,7 +54,7 @@ def spatial_index(
     """The index over ``faces[ids]`` that answers on :func:`device`; arguments as for :class:`SpatialIndex`."""
     if device() is Device.CPU:
         return SpatialIndex(positions, faces, ids, hides)
-    from core.warp_index import WarpIndex
+    from core.geometry.spatial_warp import WarpIndex
 
     return WarpIndex(positions, faces, ids, hides, Device.CUDA)
 

@@ -5,26 +5,25 @@ import time
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from core import __version__
+from core.arrays import Float
 from core.asset.budgets import DEFAULT_BUDGETS, Budgets
 from core.asset.flatten import flatten
 from core.asset.formats import to_document
 from core.asset.gate import admit
 from core.asset.gltf import Document
-from core.asset.surface import MODEL_SIZE, Surface
 from core.errors import ErrorCode, MeshmarkError
+from core.geometry.boxes import Boxes
+from core.geometry.surface import MODEL_SIZE, Surface
 from core.ground.ground import eye_index
 from core.metrics.measure import Pair, Pictures, Subject, measure
 from core.parameters import Evaluate
-from core.placement.boxes import Boxes
 from core.rendering.pictures import PICTURE_SIZE, pictures
 from core.rendering.renderer import Renderer
 from core.report import SCHEMA, asset_facts, file_facts
 
-Float = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 

@@ -40,12 +40,12 @@ from core.rendering.renderer import Renderer
 if TYPE_CHECKING:
     from core.embossing.copies import MarkedCopy
     from core.embossing.emboss import Mark
+    from core.geometry.spatial import SpatialIndex
     from core.ground.ground import Ground
     from core.ground.saliency import Saliency
     from core.placement.objective import Objective, Placement
     from core.placement.site import Site
     from core.report import Warnings
-    from core.spatial import SpatialIndex
 
 log = logging.getLogger(__name__)
 

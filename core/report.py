@@ -9,17 +9,17 @@ from numpy.typing import NDArray
 
 from core import __version__
 from core.asset.sniff import Format
-from core.asset.surface import MODEL_SIZE, Surface
 from core.device import device
 from core.embossing.copies import MarkedCopy
 from core.embossing.emboss import Mark
+from core.geometry.boxes import Boxes
+from core.geometry.directions import view_directions
+from core.geometry.surface import MODEL_SIZE, Surface
 from core.metrics.measure import Measurement
 from core.metrics.topology import topology
 from core.metrics.wps_area import wps_area
 from core.parameters import Evaluate, Parameters
-from core.placement.boxes import Boxes
 from core.placement.objective import Placement
-from core.rendering.views import view_directions
 
 SCHEMA = "meshmark.report/1"
 

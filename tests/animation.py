@@ -4,11 +4,9 @@ import copy
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from core.arrays import Float
 from core.asset.gltf import Document, dequantize, read_accessor
-
-Float = NDArray[np.float64]
 
 
 def duration(document: Document, animation: int) -> float:

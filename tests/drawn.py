@@ -11,14 +11,11 @@ from io import BytesIO
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 from scipy.spatial import cKDTree
 
+from core.arrays import Float, Int
 from tests.glb_file import INSTANCING, GlbFile, Json
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
 
 ACROSS, UP = 40, 12  # rays
 ENOUGH = 0.9  # of the rays that meet a mark

@@ -18,9 +18,10 @@ import meshopt
 import numpy as np
 from numpy.typing import NDArray
 
+from core.arrays import Float
+
 Json = dict[str, Any]
 Array = NDArray[Any]
-Float = NDArray[np.float64]
 
 DRACO, INSTANCING = "KHR_draco_mesh_compression", "EXT_mesh_gpu_instancing"
 MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")

@@ -8,13 +8,10 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from core.arrays import Float, Int
 from tests.glb_file import GlbFile, Json
 from tests.residue import covered_bytes, used_accessors
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
 
 TELLTALE = ("mark", "letter", "text", "emboss", "caps", "wall")
 

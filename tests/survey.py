@@ -18,10 +18,10 @@ from core.asset.formats import to_document
 from core.asset.gate import admit
 from core.asset.gltf import Document
 from core.errors import MeshmarkError
+from core.geometry.spatial import SpatialIndex
 from core.lettering.outline import lettering
 from core.parameters import Evaluate, Parameters
 from core.pipeline import Result, watermark
-from core.spatial import SpatialIndex
 from tests.validator import validate
 
 ASSETS = {".glb", ".obj", ".stl", ".ply", ".off", ".zip", ".3mf"}

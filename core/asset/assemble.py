@@ -6,14 +6,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from core.arrays import Bool, Float, Int
 from core.asset.assembly import Assembly
 from core.asset.gltf import Document
 from core.asset.images import mime_type
-from core.asset.polygons import Attribute, Float, Int, Material, PolygonMesh, linear, triangulate
+from core.asset.polygons import Attribute, Material, PolygonMesh, linear
 from core.asset.refusals import no_faces, non_finite
-from core.asset.winding import Bool, Outward, outward
 from core.errors import ErrorCode, MeshmarkError
-from core.products import product
+from core.geometry.products import product
+from core.geometry.triangulation import triangulate
+from core.geometry.winding import Outward, outward
 
 # Beyond this ratio of coordinate to size, float32 leaves less than four digits of shape after the decimal point.
 FAR_FROM_ORIGIN = 1e3

@@ -4,7 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from core.asset.polygons import Float, PolygonMesh
+from core.arrays import Float
+from core.asset.polygons import PolygonMesh
 from core.errors import ErrorCode, MeshmarkError
 
 

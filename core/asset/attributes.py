@@ -6,12 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from core.arrays import Bool, Float, Int
 from core.asset.gltf import Document, dequantize, read_accessor
 from core.asset.skin import influence_sets, merge, quantize_weights, read_influences
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-Bool = NDArray[np.bool_]
 
 # Always stored as floats in what is written: integers would round new rows visibly, or off the surface.
 GEOMETRIC = ("POSITION", "NORMAL", "TANGENT")

@@ -1,16 +1,13 @@
 """The colours of points of a primitive as a viewer calculates them: base colour, alpha and emission."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from core.arrays import Float, Int
 from core.asset.attributes import Points, interpolate_attribute
 from core.asset.gltf import Document, malformed
 from core.asset.materials import Emission, Material
 from core.asset.pixels import Texture
-from core.products import product
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
+from core.geometry.products import product
 
 CLAMP, MIRROR = 33071, 33648
 

@@ -4,16 +4,14 @@ import json
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from core.arrays import Bool, Int
 from core.asset.compression import DRACO
 from core.asset.editor import Editor
 from core.asset.gltf import read_accessor
 from core.asset.references import OUTLINE
 
 Json = dict[str, Any]
-Int = NDArray[np.int64]
-Bool = NDArray[np.bool_]
 
 
 def drop_unused_rows(editor: Editor) -> None:

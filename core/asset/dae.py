@@ -6,16 +6,18 @@ from typing import Any
 
 import numpy as np
 
+from core.arrays import Float
 from core.asset.archive import Archive
 from core.asset.assembly import Assembly, Instance, dropped
 from core.asset.budgets import Budgets
 from core.asset.dae_prepare import prepare
 from core.asset.dae_scan import Scan
-from core.asset.polygons import Attribute, Float, Material, PolygonMesh, linear, weld
+from core.asset.polygons import Attribute, Material, PolygonMesh, linear
 from core.asset.refusals import malformed, no_faces
 from core.asset.textures import check_pixels, usable_image
 from core.errors import ErrorCode, MeshmarkError
-from core.products import product
+from core.geometry.grouping import weld
+from core.geometry.products import product
 
 Load = Callable[[str], bytes | None]
 

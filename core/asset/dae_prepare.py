@@ -4,9 +4,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from core.arrays import Float
 from core.asset.assembly import dropped
 from core.asset.dae_scan import CONTROLLER_DEPTH
-from core.asset.polygons import Float
 from core.errors import MeshmarkError
 
 _NOT_LOADED = ("library_controllers", "library_animations", "library_animation_clips", "library_physics_scenes")

@@ -6,9 +6,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-Bool = NDArray[np.bool_]
+from core.arrays import Bool, Float, Int
 
 
 class Kind(IntEnum):
@@ -21,7 +19,7 @@ class Kind(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class SurfaceEdit:
-    """A change of a :class:`~core.asset.surface.Surface`: F faces of which some go, and M new triangles.
+    """A change of a :class:`~core.geometry.surface.Surface`: F faces of which some go, and M new triangles.
 
     Attributes:
         keep: (F,) bool, the faces that stay exactly as they are.

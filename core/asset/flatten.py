@@ -8,19 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from core.arrays import Bool, Float, Int
 from core.asset.gltf import Document, dequantize, malformed, read_accessor, typed
-from core.asset.grouping import float_words, group_rows
 from core.asset.hierarchy import scene_nodes, world_matrices
 from core.asset.instances import instance_matrices
 from core.asset.skin import blend, influence_sets, joint_matrices, read_influences
-from core.asset.surface import MODEL_SIZE, Surface
 from core.asset.viewer import Look, Viewed, has_area, viewed
 from core.errors import ErrorCode, MeshmarkError
-from core.products import product
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-Bool = NDArray[np.bool_]
+from core.geometry.grouping import float_words, group_rows
+from core.geometry.products import product
+from core.geometry.surface import MODEL_SIZE, Surface
 
 TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN = 4, 5, 6
 # |det| over the product of the column lengths, below which a matrix cannot be inverted in any useful sense

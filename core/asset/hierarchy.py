@@ -3,12 +3,10 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from core.arrays import Float
 from core.asset.gltf import Document, malformed, typed
-from core.products import product
-
-Float = NDArray[np.float64]
+from core.geometry.products import product
 
 VISIBILITY = "KHR_node_visibility"
 

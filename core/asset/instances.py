@@ -3,14 +3,12 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from core.arrays import Float
 from core.asset.editor import Editor
 from core.asset.gltf import Document, dequantize, malformed, read_accessor, typed
 from core.asset.hierarchy import transforms
 from core.asset.references import INSTANCING
-
-Float = NDArray[np.float64]
 
 _PROPERTIES = {"TRANSLATION": 3, "ROTATION": 4, "SCALE": 3}
 

@@ -5,12 +5,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from core.arrays import Float
 from core.asset.gltf import Document, malformed, typed
 from core.asset.pixels import Texture
-
-Float = NDArray[np.float64]
 
 SPECULAR_GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"
 UNLIT = "KHR_materials_unlit"

@@ -6,10 +6,11 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from core.arrays import Float, Int
 from core.asset.assembly import Assembly, dropped, single
 from core.asset.budgets import Budgets, within
 from core.asset.names import decode, texts
-from core.asset.polygons import Attribute, Float, Int, Material, PolygonMesh, check_sizes, color_fractions
+from core.asset.polygons import Attribute, Material, PolygonMesh, check_sizes, color_fractions
 from core.asset.refusals import malformed
 from core.asset.text import Lines, joined_lines, parse_numbers, readable_numbers, token_starts, tokens_per_line
 from core.errors import MeshmarkError

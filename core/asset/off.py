@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from core.arrays import Float, Int
 from core.asset.assembly import Assembly, single
 from core.asset.budgets import Budgets
-from core.asset.polygons import Attribute, Float, Int, PolygonMesh, check_sizes, color_fractions
+from core.asset.polygons import Attribute, PolygonMesh, check_sizes, color_fractions
 from core.asset.refusals import malformed, truncated
 from core.asset.text import parse_numbers, tokens_per_line
 from core.errors import ErrorCode, MeshmarkError

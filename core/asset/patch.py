@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from core.arrays import Bool, Float, Int
 from core.asset.attributes import (
     Points,
     flat_normals,
@@ -18,14 +19,10 @@ from core.asset.attributes import (
 from core.asset.edit import Kind, SurfaceEdit
 from core.asset.flatten import SINGULAR, DrawnPrimitive, Scene, determinants
 from core.asset.gltf import Document, dequantize, read_accessor
-from core.asset.grouping import group_rows
 from core.asset.skin import blend, influence_sets
 from core.errors import ErrorCode, MeshmarkError
-from core.products import solved
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-Bool = NDArray[np.bool_]
+from core.geometry.grouping import group_rows
+from core.geometry.products import solved
 
 # Corners of one point share a row where their attributes agree to this fraction of the attribute's largest value;
 # those of a wall, whose two triangles are never quite coplanar, where their normals agree to a sixteenth of a degree.

@@ -3,16 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from core.arrays import Bool, Float, Int
 from core.asset.assemble import assemble
 from core.asset.assembly import Assembly, Instance
 from core.asset.polygons import Material, PolygonMesh, hex_linear
-from core.asset.surface import Surface
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-Bool = NDArray[np.bool_]
+from core.geometry.surface import Surface
 
 GREY = Material("surface", (0.8, 0.8, 0.8, 1.0))
 

@@ -10,16 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from core.arrays import Float, Int
 from core.asset.archive import Archive
 from core.asset.assembly import Assembly, dropped, single
 from core.asset.budgets import Budgets
-from core.asset.grouping import group_rows
 from core.asset.names import decode
-from core.asset.polygons import Attribute, Float, Int, Material, PolygonMesh, check_sizes, color_fractions, weld
+from core.asset.polygons import Attribute, Material, PolygonMesh, check_sizes, color_fractions
 from core.asset.refusals import malformed, truncated
 from core.asset.text import parse_numbers
 from core.asset.textures import IMAGE_ENDINGS, check_pixels, usable_image
 from core.errors import MeshmarkError
+from core.geometry.grouping import group_rows, weld
 
 FACE_LISTS = ("vertex_indices", "vertex_index")
 STRIPS = "tristrips"

@@ -6,14 +6,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from core.arrays import Bool
 from core.asset.compression import DRACO, MESHOPT, encode_meshopt, meshopt_of
 from core.asset.gltf import COMPONENT_TYPES, ELEMENT_TYPES, Document, read_view
 from core.asset.references import INSTANCING, LOD, Reference, accessor_references, accessor_views, view_references
 
 Json = dict[str, Any]
-Bool = NDArray[np.bool_]
 
 ARRAY_BUFFER = 34962
 

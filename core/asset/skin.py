@@ -5,12 +5,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from core.arrays import Float, Int
 from core.asset.gltf import Document, dequantize, malformed, read_accessor, typed
 from core.errors import ErrorCode, MeshmarkError
-from core.products import product
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
+from core.geometry.products import product
 
 
 def influence_sets(attributes: dict[str, Any]) -> int:

@@ -5,11 +5,13 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
+from core.arrays import Float
 from core.asset.assembly import Assembly, dropped, single
-from core.asset.polygons import Attribute, Float, PolygonMesh, weld
+from core.asset.polygons import Attribute, PolygonMesh
 from core.asset.refusals import malformed, non_finite
 from core.asset.text import Lines, parse_numbers, tokens_per_line
 from core.errors import ErrorCode, MeshmarkError
+from core.geometry.grouping import weld
 
 HEADER_BYTES = 84
 TRIANGLE_BYTES = 50

@@ -6,17 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 
+from core.arrays import Float, Int
 from core.asset.archive import Archive
 from core.asset.assembly import Assembly, Instance, dropped
 from core.asset.budgets import Budgets, within
-from core.asset.polygons import Attribute, Float, Int, Material, PolygonMesh, linear
+from core.asset.polygons import Attribute, Material, PolygonMesh, linear
 from core.asset.refusals import malformed, no_faces
 from core.asset.textures import check_pixels, usable_image
 from core.asset.threemf_model import IDENTITY, Group, Model, Object
 from core.asset.threemf_slicer import OBJECT_TYPES, Tools, read_tools
 from core.asset.xml import Tally, parse_xml
 from core.errors import MeshmarkError
-from core.products import product
+from core.geometry.products import product
 
 Key = tuple[str, str]  # a model part and the id of an object in it
 

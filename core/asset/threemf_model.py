@@ -9,8 +9,8 @@ from functools import partial
 
 import numpy as np
 
+from core.arrays import Float
 from core.asset.budgets import Budgets, within
-from core.asset.polygons import Float
 from core.asset.refusals import malformed
 from core.asset.xml import Tally, parse_xml
 

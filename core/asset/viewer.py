@@ -5,7 +5,7 @@ placement, embossing and metrics, and the check of the written file.
 
 - A node that KHR_node_visibility hides, or that hangs below one, draws nothing.
 - A material that is not ``doubleSided`` shows the front of its faces only (3.9.5): counter-clockwise, and clockwise
-  where the node's determinant is negative (3.7.4). A :class:`~core.asset.surface.Surface` has its faces wound so.
+  where the node's determinant is negative (3.7.4). A :class:`~core.geometry.surface.Surface` has its faces wound so.
 - Effective alpha, factor x texture x COLOR_0, counts where ``alphaMode`` says so (3.9.4), not what ``alphaMode`` says:
   exporters write BLEND on opaque bodies. What is clear everywhere is not drawn.
 - A node that flattens its mesh to a line or a point, as a scale of 0 does, draws nothing.
@@ -19,8 +19,8 @@ from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from core.arrays import Bool, Float, Int
 from core.asset.attributes import Points
 from core.asset.base_color import base_color
 from core.asset.gltf import Document
@@ -30,11 +30,8 @@ from core.asset.pixels import read_texture
 
 if TYPE_CHECKING:
     from core.asset.flatten import DrawnPrimitive
-    from core.asset.surface import Surface
+    from core.geometry.surface import Surface
 
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-Bool = NDArray[np.bool_]
 
 # Alpha from which a blended surface hides what is behind it, and from which on it is seen at all.
 OPAQUE, CLEAR = 0.9, 0.02

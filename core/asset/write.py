@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from core.arrays import Float, Int
 from core.asset.attributes import encode, read_rows
 from core.asset.compact import drop_unused_rows, kept_outline
 from core.asset.compression import DRACO
@@ -18,13 +19,11 @@ from core.asset.gltf import Document
 from core.asset.hierarchy import hidden_nodes, scene_nodes
 from core.asset.instances import instance_attributes, split_off
 from core.asset.materials import UNLIT
-from core.asset.morton import morton_order
 from core.asset.patch import Patch, cut_patches, has_normals, primitive_json, row_labels
 from core.asset.polygons import hex_linear
 from core.asset.references import OUTLINE
+from core.geometry.morton import morton_order
 
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
 Owner = tuple[int, int | None]  # a node, and which of its instances
 Replacement = tuple[dict[str, Any] | None, list[dict[str, Any]]]  # the surface and the coloured letters of a primitive
 

@@ -20,8 +20,8 @@ from core.attacks.subdivide import subdivide
 from core.attacks.target import Attacked, Target, letter_faces
 from core.attacks.translate import translate
 from core.errors import ErrorCode, MeshmarkError
-from core.placement.boxes import Boxes
-from core.spatial import SpatialIndex
+from core.geometry.boxes import Boxes
+from core.geometry.spatial import SpatialIndex
 
 __all__ = ["ATTACKS", "Attack", "Attacked", "Target", "attack_file", "letter_faces"]
 

@@ -1,14 +1,10 @@
 """Crop: keep what lies on one side of a plane (paper, section 5.4)."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from core.arrays import Float, Int
 from core.asset.plain import Mesh, compact
 from core.attacks.target import Attacked, Target
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-Bool = NDArray[np.bool_]
 
 
 def crop(mesh: Mesh, target: Target, strength: float = 0.5) -> Attacked:

@@ -6,7 +6,7 @@ from core.asset.flatten import flatten
 from core.asset.formats import to_document
 from core.asset.gate import admit
 from core.asset.plain import plain
-from core.asset.surface import Surface
+from core.geometry.surface import Surface
 
 
 def read_plain(data: bytes) -> Surface:

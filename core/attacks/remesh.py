@@ -2,17 +2,13 @@
 
 import igl
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from core.arrays import Bool, Float, Int
 from core.asset.plain import Mesh
 from core.attacks.target import Attacked, Target, whole
-from core.spatial import SpatialIndex
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-Bool = NDArray[np.bool_]
+from core.geometry.spatial import SpatialIndex
 
 # Winding number above which a point is inside. A lone sheet comes to one half on both of its sides: stay clear of it.
 INSIDE = 0.55

@@ -3,14 +3,11 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from core.arrays import Bool, Float
 from core.asset.plain import Mesh
-from core.placement.boxes import Boxes
-from core.spatial import SpatialIndex
-
-Float = NDArray[np.float64]
-Bool = NDArray[np.bool_]
+from core.geometry.boxes import Boxes
+from core.geometry.spatial import SpatialIndex
 
 ON_SURFACE = 1e-3  # size-30 units; a GLB's float32 rounds to 1e-6, the lowest relief is ten times as high
 

@@ -8,14 +8,10 @@ until the bits can be read, since moving vertices also moves their centre.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from core.arrays import Bool, Float, Int
 from core.asset.plain import Mesh
 from core.errors import ErrorCode, MeshmarkError
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-Bool = NDArray[np.bool_]
 
 LENGTH = 64  # bits, as in the publication
 STRENGTH = 0.05  # how far the mean of a bin is shifted from one half; the publication tries 0.03 to 0.07

@@ -4,8 +4,8 @@ import numpy as np
 
 from core.baselines.strategy import THICKNESS, Marked, Prepared, text_width
 from core.baselines.whole_boolean import fuse_flat
+from core.geometry.sampling import sample
 from core.parameters import Parameters
-from core.placement.sampling import sample
 
 
 def li(prepared: Prepared, parameters: Parameters, rng: np.random.Generator) -> Marked:

@@ -6,9 +6,9 @@ from core.asset.flatten import flatten
 from core.asset.gltf import Document
 from core.asset.plain import plain
 from core.baselines.strategy import Marked, Prepared
+from core.geometry.boxes import Boxes
 from core.parameters import Evaluate, Parameters
 from core.pipeline import watermark
-from core.placement.boxes import Boxes
 from core.placement.objective import OBJECTIVE, Objective
 
 

@@ -6,16 +6,13 @@ from the given generator: the same seeds give the same mesh.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from core.baselines.paper_filters import paper_filters
 from core.baselines.strategy import THICKNESS, Marked, Prepared, text_width
 from core.baselines.whole_boolean import fuse_curved, fuse_flat
+from core.geometry.boxes import Boxes
 from core.parameters import Parameters
-from core.placement.boxes import Boxes
 from core.placement.filters import well_aligned
-
-Bool = NDArray[np.bool_]
 
 RANKED = 0.5  # the share of boxes that pass the alignment filter where it ranks them
 

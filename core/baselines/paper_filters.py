@@ -1,22 +1,18 @@
 """The paper's filters, in its order: from optimised boxes to those that get a watermark (supplement, "Filtering")."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from core.asset.surface import MODEL_SIZE
+from core.arrays import Bool, Int
 from core.baselines.strategy import Prepared
 from core.errors import ErrorCode, MeshmarkError
+from core.geometry.boxes import Boxes
+from core.geometry.directions import view_directions
+from core.geometry.sampling import sample
+from core.geometry.surface import MODEL_SIZE
 from core.metrics.se import VOTE
 from core.metrics.sight import top_face
-from core.placement.boxes import Boxes
 from core.placement.filters import occluded, overlapping, roughness, smooth
 from core.placement.objective import FACING_VIEW
-from core.placement.sampling import sample
-from core.rendering.views import view_directions
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-Bool = NDArray[np.bool_]
 
 OCTANTS = 8
 ROUGHNESS_DENSITY = 60  # area samples under one box

@@ -2,14 +2,11 @@
 
 import numpy as np
 from manifold3d import Error, Manifold, Mesh64
-from numpy.typing import NDArray
 
+from core.arrays import Int
 from core.asset.plain import Mesh, plain
-from core.asset.surface import MODEL_SIZE, Surface
 from core.errors import ErrorCode, MeshmarkError
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
+from core.geometry.surface import MODEL_SIZE, Surface
 
 NEAR = 1e-6 * MODEL_SIZE  # vertices closer than this were one before the file was written with 32 bits
 MENDED = 0.001  # the most that may be added to close an asset, as a share of its area

@@ -7,28 +7,25 @@ from typing import Any
 
 import numpy as np
 from manifold3d import Manifold
-from numpy.typing import NDArray
 
+from core.arrays import Float, Int
 from core.asset.budgets import DEFAULT_BUDGETS, Budgets
 from core.asset.flatten import flatten
 from core.asset.formats import to_document
 from core.asset.gate import admit
 from core.asset.plain import Mesh
-from core.asset.surface import Surface
 from core.baselines.solid import solid
 from core.errors import ErrorCode, MeshmarkError
+from core.geometry.boxes import Boxes
+from core.geometry.sampling import sample, thin
+from core.geometry.spatial import SpatialIndex
+from core.geometry.surface import Surface
 from core.ground.saliency import Saliency, saliency
 from core.lettering.outline import Lettering, lettering
 from core.parameters import PRESETS, Mode, Parameters, Preset
-from core.placement.boxes import Boxes
 from core.placement.candidates import upright
 from core.placement.finetune import adam, alignment_loss
 from core.placement.fit import PAPER_RADIUS, PAPER_SAMPLES
-from core.placement.sampling import sample, thin
-from core.spatial import SpatialIndex
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
 
 THICKNESS = 0.5  # of the text solid and its box, size-30 units (paper, supplement "Implementation Details")
 

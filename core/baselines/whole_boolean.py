@@ -2,17 +2,15 @@
 
 import numpy as np
 from manifold3d import CrossSection, Error, FillRule, Manifold, OpType
-from numpy.typing import NDArray
 
+from core.arrays import Float
 from core.asset.plain import Mesh
-from core.asset.surface import Surface
 from core.baselines.solid import to_manifold, to_mesh
 from core.errors import ErrorCode, MeshmarkError
+from core.geometry.boxes import Boxes
+from core.geometry.spatial import SpatialIndex
+from core.geometry.surface import Surface
 from core.lettering.outline import Lettering
-from core.placement.boxes import Boxes
-from core.spatial import SpatialIndex
-
-Float = NDArray[np.float64]
 
 
 def fuse_flat(asset: Manifold, lettering: Lettering, boxes: Boxes) -> Mesh:

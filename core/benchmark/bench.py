@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from core.arrays import Float
 from core.asset.plain import Mesh, plain, plain_glb
-from core.asset.surface import Surface
 from core.attacks.attack import ATTACKS
 from core.attacks.target import Attacked, Target, letter_faces, whole
 from core.baselines import STRATEGIES
@@ -23,16 +23,16 @@ from core.benchmark.datasets import Asset
 from core.benchmark.options import INVISIBLE, NO_ATTACK, AttackAsked, BenchmarkOptions
 from core.benchmark.rows import Row
 from core.errors import MeshmarkError
+from core.geometry.boxes import Boxes
+from core.geometry.spatial import SpatialIndex
+from core.geometry.surface import Surface
 from core.metrics.measure import Pair, Subject, measure
 from core.metrics.ocr import ocr
 from core.metrics.recognition import Reader
 from core.parameters import Evaluate, Parameters
-from core.placement.boxes import Boxes
 from core.rendering.pictures import DIRECTIONS, UPS, pictures
 from core.rendering.renderer import Frame, Renderer
-from core.spatial import SpatialIndex
 
-Float = NDArray[np.float64]
 Pictures = NDArray[np.uint8]
 
 NO_BOXES = Boxes(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3)))

@@ -10,14 +10,10 @@ from itertools import pairwise
 
 import numpy as np
 from manifold3d import CrossSection, triangulate
-from numpy.typing import NDArray
 
+from core.arrays import Bool, Float, Int
 from core.embossing.patch import Patch, directed_edges
 from core.embossing.pieces import Pieces
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-Bool = NDArray[np.bool_]
 
 DEGENERATE = 1e-13  # signed areas below this (square text widths) do not tell left from right in float64
 

@@ -1,11 +1,9 @@
 """The local check after each watermark: the new faces must fit the hole edge by edge."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from core.arrays import Int
 from core.embossing.patch import directed_edges
-
-Int = NDArray[np.int64]
 
 
 def is_closed(removed: Int, boundary: Int, added: Int) -> bool:

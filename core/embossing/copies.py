@@ -6,16 +6,16 @@ from dataclasses import dataclass, replace
 from core.asset.copies import Copy, find_copies, leave_out, scene_of
 from core.asset.gltf import Document
 from core.asset.hierarchy import hidden_nodes, scene_nodes
-from core.asset.surface import Surface
 from core.asset.write import write
 from core.embossing.emboss import Mark
 from core.embossing.marks import emboss_boxes
 from core.embossing.mesh import WorkingMesh
 from core.embossing.stamp import Stamp
 from core.errors import ErrorCode, MeshmarkError
+from core.geometry.boxes import Boxes
+from core.geometry.surface import Surface
 from core.ground.ground import survey
 from core.parameters import Parameters, UnmarkedCopies
-from core.placement.boxes import Boxes
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,8 @@ import numpy as np
 from manifold3d import CrossSection, triangulate
 from numpy.typing import NDArray
 
-from core.spatial import SpatialIndex
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
+from core.arrays import Float, Int
+from core.geometry.spatial import SpatialIndex
 
 # Of the strokes' mean width. OCR of uncoloured letters in the paper's views, mean of five assets: 0.64 upright, 0.72 at
 # 0.2, 0.73 at 0.25 and 0.3, 0.72 at 0.4; of eight assets: 0.69 upright, 0.79 at 0.25.

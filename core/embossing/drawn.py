@@ -1,15 +1,12 @@
 """The check of the written file, before anybody gets it: which marks a viewer draws, read back from its bytes."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from core.arrays import Bool, Float
 from core.asset.edit import Kind, SurfaceEdit
 from core.asset.flatten import Scene
-from core.asset.surface import Surface
-
-Float = NDArray[np.float64]
-Bool = NDArray[np.bool_]
+from core.geometry.surface import Surface
 
 ENOUGH = 0.95  # of the area of a mark's letter tops
 ROUNDED = 8  # spacings of the file's coordinates that a triangle may have moved by

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from manifold3d import CrossSection
-from numpy.typing import NDArray
 
+from core.arrays import Float, Int
 from core.asset.edit import Kind
 from core.embossing.arrange import arrange
 from core.embossing.check import is_closed
@@ -18,12 +18,9 @@ from core.embossing.pieces import Pieces
 from core.embossing.refusal import Refusal
 from core.embossing.split import split
 from core.embossing.stamp import Stamp, stand
-from core.placement.boxes import Boxes
-from core.products import product
-from core.spatial import Eye, SpatialIndex
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
+from core.geometry.boxes import Boxes
+from core.geometry.products import product
+from core.geometry.spatial import Eye, SpatialIndex
 
 Cut = Callable[[Patch, CrossSection], Pieces | None]
 CUTS: tuple[tuple[str, Cut], ...] = (("split", split), ("arrangement", arrange))

@@ -1,14 +1,10 @@
 """Letter tops at a constant distance from the surface (paper section 4.4, curve-matching embossing)."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from core.products import product
-from core.spatial import Eye, SpatialIndex
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-Bool = NDArray[np.bool_]
+from core.arrays import Bool, Float, Int
+from core.geometry.products import product
+from core.geometry.spatial import Eye, SpatialIndex
 
 FIT_ROUNDS = 2  # two are enough: the variance of the distance is then near 1e-14
 MIN_AGREEMENT = 0.3  # cosine; a smooth normal further away from the box normal than this is not trusted

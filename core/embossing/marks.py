@@ -5,24 +5,22 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from core.arrays import Float
 from core.embossing.emboss import Mark, emboss
 from core.embossing.mesh import WorkingMesh
 from core.embossing.patch import patches
 from core.embossing.refusal import CHEAP, EXPLAINED, Refusal
 from core.embossing.stamp import Stamp
 from core.errors import ErrorCode, MeshmarkError
+from core.geometry.boxes import Boxes
+from core.geometry.products import product
+from core.geometry.spatial import SpatialIndex
 from core.parameters import Parameters
-from core.placement.boxes import Boxes
 from core.placement.objective import Placement
 from core.placement.place import place_more
 from core.placement.selection import select
 from core.placement.site import Site
-from core.products import product
-from core.spatial import SpatialIndex
-
-Float = NDArray[np.float64]
 
 FAILED_CUTS = 10  # for each mark that is asked for: a cut is the costly part; after so many the rest is no better
 MAX_SEARCHES = 4

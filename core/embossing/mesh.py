@@ -5,13 +5,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from core.arrays import Bool, Float, Int
 from core.asset.edit import Kind, SurfaceEdit
-from core.asset.surface import Surface
+from core.geometry.surface import Surface
 from core.ground.sheets import Sheets, single_layer
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-Bool = NDArray[np.bool_]
 
 CELL = 1.0  # size-30 units; about a fifth of a usual text width, so that a query reads few cells
 

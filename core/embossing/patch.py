@@ -4,17 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from manifold3d import CrossSection, FillRule, JoinType
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from core.arrays import Float, Int
 from core.embossing.mesh import WorkingMesh
-from core.placement.boxes import Boxes
-from core.products import product
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-Bool = NDArray[np.bool_]
+from core.geometry.boxes import Boxes
+from core.geometry.products import product
 
 MIN_FACING = 0.15  # cosine between the box normal and a face's normal
 MARGIN = 0.16  # how far beyond the text's rectangle faces are taken in, in text heights

@@ -3,13 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from core.arrays import Float, Int
 from core.embossing.patch import Patch, directed_edges
-from core.products import product
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
+from core.geometry.products import product
 
 ON_SEGMENT = 1e-9  # in text widths: the two halves of a cut are simplified apart by rounding errors only
 

@@ -6,10 +6,9 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from core.arrays import Int
 from core.embossing.patch import Patch, boundary_edges
 from core.embossing.pieces import Pieces, mend_t_vertices, number_points
-
-Int = NDArray[np.int64]
 
 DEPTH = 0.2  # of the slab below the lowest point, in text widths: the prism ends half way down
 SLACK = 0.1

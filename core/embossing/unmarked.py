@@ -1,16 +1,13 @@
 """Which parts of an asset carry no watermark, by the share of the pictures that they fill."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from core.arrays import Float, Int
 from core.asset.flatten import Scene
-from core.asset.surface import Surface
+from core.geometry.directions import view_directions
+from core.geometry.spatial import Eye, SpatialIndex
+from core.geometry.surface import Surface
 from core.ground.saliency import Saliency
-from core.rendering.views import view_directions
-from core.spatial import Eye, SpatialIndex
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
 
 LOOKED_AT = 4  # every so manieth of the surface's samples is looked at
 CLEAR = 0.01  # where rays start off the surface, size-30 units

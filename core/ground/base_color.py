@@ -5,19 +5,15 @@ from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from core.arrays import Bool, Float, Int
 from core.asset.attributes import Points
 from core.asset.base_color import base_color as base_color_of
 from core.asset.base_color import emitted
 from core.asset.flatten import Scene
 from core.asset.materials import read_material
 from core.asset.pixels import read_texture
-from core.asset.surface import Surface
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-Bool = NDArray[np.bool_]
+from core.geometry.surface import Surface
 
 TEXTURE_LIMIT = 1024  # pixels a side: a pixel of one that spans the asset is 0.03 size-30 units, a tenth of a letter
 TEXTURES_KEPT = 8  # decoded at a time, 4 MiB each

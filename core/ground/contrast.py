@@ -7,21 +7,18 @@ what glows brightly outshines them.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from core.arrays import Bool, Float
 from core.asset.flatten import Scene
 from core.asset.gltf import Document, typed
 from core.asset.materials import UNLIT
 from core.asset.polygons import hex_linear, hex_srgb
-from core.asset.surface import Surface
+from core.geometry.boxes import Boxes
+from core.geometry.products import product
+from core.geometry.spatial import SpatialIndex
+from core.geometry.surface import Surface
 from core.ground.base_color import Appearance, appearance
 from core.ground.texture import cielab, from_cielab
-from core.placement.boxes import Boxes
-from core.products import product
-from core.spatial import SpatialIndex
-
-Float = NDArray[np.float64]
-Bool = NDArray[np.bool_]
 
 GRID = (48, 16)  # points under each box, along the text and across it
 SPECULAR = 0.04  # share of the light that a dielectric reflects without its base colour (glTF 2.0, appendix B.3.3)

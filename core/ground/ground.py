@@ -5,20 +5,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from core.arrays import Bool, Float, Int
 from core.asset.edit import SurfaceEdit
 from core.asset.flatten import Scene
-from core.asset.surface import Surface
 from core.asset.viewer import Viewed, drawn_part
 from core.device import spatial_index
 from core.errors import ErrorCode, MeshmarkError
+from core.geometry.products import solved
+from core.geometry.spatial import Hides, SpatialIndex
+from core.geometry.surface import Surface
 from core.ground.orientation import Orientation, orient
 from core.ground.sheets import Sheets, find_sheets
-from core.products import solved
-from core.spatial import Hides, SpatialIndex
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-Bool = NDArray[np.bool_]
 
 HIDING = 0.25  # share of a face that is opaque, from which on it is ground, and hides what is behind it
 

@@ -3,17 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from core.arrays import Float, Int
 from core.asset.flatten import DrawnPrimitive, Scene
 from core.asset.skin import influence_sets, read_influences
-from core.asset.surface import Surface
+from core.geometry.boxes import Boxes
+from core.geometry.surface import Surface
 from core.ground.base_color import barycentric
 from core.ground.under import Samples
-from core.placement.boxes import Boxes
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

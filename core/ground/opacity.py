@@ -3,17 +3,13 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from core.arrays import Bool, Float, Int
 from core.asset.attributes import Points
 from core.asset.flatten import Scene
-from core.asset.surface import Surface
 from core.asset.viewer import Look
+from core.geometry.surface import Surface
 from core.ground.base_color import barycentric
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-Bool = NDArray[np.bool_]
 
 Opacity = Callable[[Float, Int], Bool]
 

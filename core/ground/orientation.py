@@ -4,17 +4,13 @@ looked at from outside. What is seen from its front only has no other side to tu
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from core.asset.surface import Surface
-from core.asset.winding import consistent, neighbours
-from core.products import product
-from core.rendering.views import fibonacci_directions
-from core.spatial import Eye, SpatialIndex
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-Bool = NDArray[np.bool_]
+from core.arrays import Bool, Float, Int
+from core.geometry.directions import fibonacci_directions
+from core.geometry.products import product
+from core.geometry.spatial import Eye, SpatialIndex
+from core.geometry.surface import Surface
+from core.geometry.winding import consistent, neighbours
 
 PARTS, SAMPLES, DIRECTIONS = 1024, 16, 24  # parts asked, the largest first; points on each; rays from each point
 GRAZING = 0.1  # cosine under which a ray tells nothing about a side

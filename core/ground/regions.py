@@ -7,21 +7,17 @@ from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from core.arrays import Bool, Float, Int
 from core.asset.flatten import DrawnPrimitive, Scene
 from core.asset.gltf import Document, typed
 from core.asset.hierarchy import scene_nodes
 from core.asset.skin import read_influences
-from core.asset.surface import Surface
 from core.errors import ErrorCode, MeshmarkError
-from core.ground.intersect import boxes_meet, triangles_meet
+from core.geometry.boxes import Boxes
+from core.geometry.overlap import boxes_meet, triangles_meet
+from core.geometry.surface import Surface
 from core.parameters import MAX_NAME_LENGTH, Box, BoxRegion, MaterialRegion, NodeRegion, Parameters
-from core.placement.boxes import Boxes
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-Bool = NDArray[np.bool_]
 
 LISTED = 10  # names in an error
 FOLLOWS = 0.5  # weight from which a corner belongs to the joints that move it

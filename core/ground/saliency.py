@@ -7,13 +7,11 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
 
-from core.asset.surface import Surface
+from core.arrays import Float, Int
+from core.geometry.boxes import Boxes
+from core.geometry.sampling import sample
+from core.geometry.surface import Surface
 from core.ground.under import Samples
-from core.placement.boxes import Boxes
-from core.placement.sampling import sample
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
 
 SAMPLES = 20_000
 RADII = (0.4, 0.8, 1.6)  # size-30 units: an eye, a finger, an ear

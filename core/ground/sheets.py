@@ -5,10 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from core.asset.surface import Surface
+from core.arrays import Bool, Int
+from core.geometry.surface import Surface
 
-Int = NDArray[np.int64]
-Bool = NDArray[np.bool_]
 Hash = NDArray[np.uint64]
 
 # Odd constants of splitmix64 (Steele, Lea, Flood 2014), as a source of well-mixed bits.

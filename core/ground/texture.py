@@ -3,19 +3,16 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from core.arrays import Float, Int
 from core.asset.flatten import Scene
-from core.asset.surface import Surface
+from core.geometry.boxes import Boxes
+from core.geometry.products import product
+from core.geometry.surface import Surface
 from core.ground.base_color import base_color
 from core.ground.saliency import otsu
 from core.ground.under import Samples
-from core.placement.boxes import Boxes
-from core.products import product
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
 
 RADIUS = 1.0  # size-30 units: an eye, a line of print, about the height of a watermark's letters
 NEIGHBOURS = 32  # at most; more than this lie within the radius only on assets of little area

@@ -4,13 +4,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from core.placement.boxes import Boxes
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
+from core.arrays import Float, Int
+from core.geometry.boxes import Boxes
 
 FEWEST = 8  # samples that a box is judged by
 NEAREST = 64  # among which those of a box with too few are looked for

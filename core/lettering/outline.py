@@ -7,13 +7,11 @@ import numpy as np
 import uharfbuzz as hb
 from fontTools.pens.recordingPen import RecordingPen
 from manifold3d import CrossSection, FillRule, JoinType, OpType
-from numpy.typing import NDArray
 
+from core.arrays import Float
 from core.errors import ErrorCode, MeshmarkError
 from core.lettering.fonts import default_font, load_font
 from core.lettering.shaping import Glyph, shape
-
-Float = NDArray[np.float64]
 
 MAX_POINTS = 20_000
 

@@ -1,14 +1,10 @@
 """Watermark visibility over the whole sphere (the paper's Definition 2 with 200 even views)."""
 
-import numpy as np
-from numpy.typing import NDArray
-
-from core.placement.boxes import Boxes
+from core.arrays import Float
+from core.geometry.boxes import Boxes
+from core.geometry.directions import fibonacci_directions
+from core.geometry.spatial import SpatialIndex
 from core.placement.selection import visibility
-from core.rendering.views import fibonacci_directions
-from core.spatial import SpatialIndex
-
-Float = NDArray[np.float64]
 
 DIRECTIONS = 200
 

@@ -1,9 +1,9 @@
 """How many crops leave a whole watermark behind."""
 
-from core.asset.surface import Surface
-from core.placement.boxes import Boxes
+from core.geometry.boxes import Boxes
+from core.geometry.directions import fibonacci_directions
+from core.geometry.surface import Surface
 from core.placement.objective import centroid
-from core.rendering.views import fibonacci_directions
 
 HALF_SPACES = 200
 

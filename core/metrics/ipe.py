@@ -1,6 +1,6 @@
 """Isolated Parts Error (paper, supplement "Asset Utility")."""
 
-from core.asset.surface import Surface
+from core.geometry.surface import Surface
 from core.metrics.topology import topology
 
 

@@ -3,11 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from core.asset.surface import Surface
+from core.geometry.boxes import Boxes
+from core.geometry.products import product
+from core.geometry.spatial import Eye, SpatialIndex
+from core.geometry.surface import Surface
 from core.metrics.near import near
-from core.placement.boxes import Boxes
-from core.products import product
-from core.spatial import Eye, SpatialIndex
 
 
 def lce(original_index: SpatialIndex, watermarked: Surface, boxes: Boxes, relief: NDArray[np.float64]) -> float | None:

@@ -11,8 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core import models
-from core.asset.surface import Surface
+from core.arrays import Float
 from core.errors import ErrorCode, MeshmarkError
+from core.geometry.boxes import Boxes
+from core.geometry.spatial import SpatialIndex
+from core.geometry.surface import Surface
 from core.ground.saliency import Saliency, saliency
 from core.metrics.coverage import coverage
 from core.metrics.crop_survival import crop_survival
@@ -29,12 +32,9 @@ from core.metrics.ss import ss
 from core.metrics.wps import wps
 from core.metrics.wps_area import wps_area
 from core.parameters import Evaluate
-from core.placement.boxes import Boxes
-from core.spatial import SpatialIndex
 
 log = logging.getLogger(__name__)
 
-Float = NDArray[np.float64]
 Pictures = NDArray[np.uint8]
 Values = dict[str, float | int | None]
 

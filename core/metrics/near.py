@@ -3,11 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from core.asset.surface import Surface
-from core.placement.boxes import Boxes
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
+from core.arrays import Float, Int
+from core.geometry.boxes import Boxes
+from core.geometry.surface import Surface
 
 CELLS = 64  # along the longest side of all boxes together
 

@@ -6,9 +6,9 @@ from difflib import SequenceMatcher
 import numpy as np
 from numpy.typing import NDArray
 
+from core.arrays import Float
 from core.metrics.recognition import Reader
 
-Float = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 READABLE = 0.8  # ratio from which on a person sees what is meant: one or two of nine letters wrong

@@ -1,15 +1,13 @@
 """Ray Casting Visibility (paper, supplement "Watermark Quality")."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from core.placement.boxes import Boxes
+from core.arrays import Float
+from core.geometry.boxes import Boxes
+from core.geometry.directions import view_directions
+from core.geometry.spatial import SpatialIndex
 from core.placement.objective import facing
 from core.placement.selection import visibility
-from core.rendering.views import view_directions
-from core.spatial import SpatialIndex
-
-Float = NDArray[np.float64]
 
 
 def ray(boxes: Boxes, points: Float, watermarked_index: SpatialIndex) -> float:

@@ -1,12 +1,8 @@
 """Saliency Error (paper, Definition 4 and supplement "Asset Utility")."""
 
-import numpy as np
-from numpy.typing import NDArray
-
+from core.arrays import Float
+from core.geometry.boxes import Boxes
 from core.ground.saliency import Saliency
-from core.placement.boxes import Boxes
-
-Float = NDArray[np.float64]
 
 VOTE = 0.5  # the paper's
 

@@ -1,14 +1,12 @@
 """From where the rays of the visibility metrics start (paper, supplement "Ray Casting Visibility")."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from core.asset.surface import Surface
-from core.placement.boxes import Boxes
+from core.arrays import Float
+from core.geometry.boxes import Boxes
+from core.geometry.spatial import SpatialIndex
+from core.geometry.surface import Surface
 from core.placement.filters import above, footprint
-from core.spatial import SpatialIndex
-
-Float = NDArray[np.float64]
 
 GRID = (16, 4)  # 64 rays a box
 LIFT = 1.5  # reliefs: just clear of the letters

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from core.asset.surface import Surface
-from core.placement.sampling import sample
-from core.spatial import SpatialIndex
+from core.geometry.sampling import sample
+from core.geometry.spatial import SpatialIndex
+from core.geometry.surface import Surface
 
 SAMPLES = 30_000
 

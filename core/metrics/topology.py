@@ -3,13 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from core.asset.surface import Surface
-
-Int = NDArray[np.int64]
+from core.geometry.surface import Surface
 
 
 @dataclass(frozen=True)

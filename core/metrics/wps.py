@@ -1,13 +1,11 @@
 """Watermark Placement Score, as the paper computes it (supplement "Watermark Quality")."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from core.asset.surface import Surface
+from core.arrays import Float
+from core.geometry.boxes import Boxes
+from core.geometry.surface import Surface
 from core.metrics.near import near
-from core.placement.boxes import Boxes
-
-Float = NDArray[np.float64]
 
 
 def wps(original: Surface, boxes: Boxes) -> Float:

@@ -1,14 +1,11 @@
 """Watermark Placement Score by exact area: Definition 1 of the paper without its shortcut."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from core.asset.surface import Surface
+from core.arrays import Float, Int
+from core.geometry.boxes import Boxes
+from core.geometry.surface import Surface
 from core.metrics.near import near
-from core.placement.boxes import Boxes
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
 
 
 def wps_area(original: Surface, boxes: Boxes) -> Float:

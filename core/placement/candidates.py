@@ -4,11 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from core.placement.boxes import Boxes
-from core.placement.sampling import thin
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
+from core.arrays import Float, Int
+from core.geometry.boxes import Boxes
+from core.geometry.sampling import thin
 
 UP = np.array([0.0, 1.0, 0.0])
 # Within 20 degrees of +-Y the asset's up says nothing about the reading direction.

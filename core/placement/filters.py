@@ -9,17 +9,13 @@ show their letters either.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from core.placement.boxes import Boxes
+from core.arrays import Bool, Float, Int
+from core.geometry.boxes import Boxes
+from core.geometry.products import product
+from core.geometry.spatial import Eye, SpatialIndex
 from core.placement.finetune import LOSS_THRESHOLD
-from core.products import product
-from core.spatial import Eye, SpatialIndex
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-Bool = NDArray[np.bool_]
 
 ROUGHNESS_THRESHOLD = 1.25  # the paper's, mean of 1/cos
 ROUGHNESS_SAMPLES = 32  # the paper's H_r, its value not given

@@ -14,12 +14,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from core import process
-from core.placement.boxes import Boxes
-from core.placement.sampling import thin
-from core.spatial import SpatialIndex
-
-Float = NDArray[np.float64]
-Bool = NDArray[np.bool_]
+from core.arrays import Bool, Float
+from core.geometry.boxes import Boxes
+from core.geometry.sampling import thin
+from core.geometry.spatial import SpatialIndex
 
 process.after_torch()
 
@@ -93,7 +91,7 @@ class Closest(Protocol):
     """What answers where the nearest surface is: the surface itself, or a stand-in for it."""
 
     def closest(self, points: Float) -> tuple[Float, NDArray[np.int64], Float]:
-        """As :meth:`core.spatial.SpatialIndex.closest`."""
+        """As :meth:`core.geometry.spatial.SpatialIndex.closest`."""
         ...
 
 

@@ -3,10 +3,13 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from core.arrays import Bool, Float, Int
+from core.geometry.boxes import Boxes, join
+from core.geometry.products import product
+from core.geometry.sampling import sample
+from core.geometry.spatial import Eye
 from core.parameters import Mode, Preset, Solver
-from core.placement.boxes import Boxes, join
 from core.placement.candidates import along_strips, candidates, right_way_up
 from core.placement.filters import (
     Footprint,
@@ -38,15 +41,8 @@ from core.placement.objective import (
     roll,
     tone,
 )
-from core.placement.sampling import sample
 from core.placement.selection import visibility
 from core.placement.site import Site
-from core.products import product
-from core.spatial import Eye
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-Bool = NDArray[np.bool_]
 
 THICKNESS, THINNEST = 0.15, 0.25  # of the longer side: room for text that bends as much as it may; size-30 units
 PAPER_THICKNESS, PAPER_SAMPLES, PAPER_RADIUS = 0.5, 300, 1.0

@@ -1,11 +1,9 @@
 """How well text is read, by the height of its letters; every threshold of legibility comes from here."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from core.asset.surface import MODEL_SIZE
-
-Float = NDArray[np.float64]
+from core.arrays import Float
+from core.geometry.surface import MODEL_SIZE
 
 # Text 5.5 wide, the paper's, is 20 pixels high in the metrics' pictures, which show a sphere about the asset, say of
 # radius 18, on 1024 pixels. Over 978 views with one uncoloured mark each, of twelve assets and widths from 2 to 10,

@@ -56,18 +56,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
+from core.arrays import Bool, Float, Int
 from core.asset.polygons import hex_linear
-from core.asset.surface import Surface
+from core.geometry.boxes import Boxes
+from core.geometry.directions import fibonacci_directions, view_directions
+from core.geometry.products import product
+from core.geometry.surface import Surface
 from core.ground.texture import cielab
-from core.placement.boxes import Boxes
 from core.placement.candidates import upright
 from core.placement.legibility import legibility
-from core.products import product
-from core.rendering.views import fibonacci_directions, view_directions
 
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-Bool = NDArray[np.bool_]
 Single = NDArray[np.float32]
 
 FACING_VIEW = np.cos(np.radians(45.0))  # a mark turned further away is not readable from that view

@@ -3,19 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 from scipy.spatial import cKDTree
 
-from core.asset.surface import Surface
+from core.arrays import Bool, Float, Int
+from core.geometry.boxes import Boxes
+from core.geometry.spatial import Eye, SpatialIndex
+from core.geometry.surface import Surface
 from core.lettering.outline import Lettering, signed_area
-from core.placement.boxes import Boxes
 from core.placement.filters import FACING
-from core.spatial import Eye, SpatialIndex
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-Bool = NDArray[np.bool_]
 
 SPACING = 0.05  # size-30 units between points of an edge, about a stroke of legible text; wider where edges are many
 MOST_POINTS = 1_000_000

@@ -4,16 +4,13 @@ from collections.abc import Callable, Collection, Sequence
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from core.placement.boxes import Boxes
+from core.arrays import Bool, Float
+from core.geometry.boxes import Boxes
+from core.geometry.spatial import Eye, SpatialIndex
 from core.placement.filters import overlapping
 from core.placement.objective import Placement, facing
-from core.spatial import Eye, SpatialIndex
 
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-Bool = NDArray[np.bool_]
 Free = Callable[[list[int]], Bool]  # (B,) which boxes overlap none of the given; (B, K) none of them but the K-th
 
 SPACING = 0.3  # between boxes, size-30 units

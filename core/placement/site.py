@@ -3,10 +3,13 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from core.asset.surface import Surface
+from core.arrays import Bool, Float, Int
 from core.errors import ErrorCode, MeshmarkError
+from core.geometry.products import product
+from core.geometry.spatial import SpatialIndex
+from core.geometry.surface import Surface
+from core.geometry.surfels import Surfels
 from core.ground.joints import Joints
 from core.ground.opacity import Opacity
 from core.ground.regions import Regions
@@ -16,13 +19,6 @@ from core.lettering.outline import Lettering
 from core.parameters import Parameters
 from core.placement.objective import OBJECTIVE, Columns, Objective, columns
 from core.placement.rims import Rims, rims
-from core.placement.surfels import Surfels
-from core.products import product
-from core.spatial import SpatialIndex
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-Bool = NDArray[np.bool_]
 
 LOOKING, FEW = 0.001, 5000  # share of the surface under which it is no place for text; of so many samples
 

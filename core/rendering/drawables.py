@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from core.arrays import Float, Int
 from core.asset.flatten import DrawnPrimitive, determinants, flatten
 from core.asset.gltf import Document, dequantize, malformed, read_accessor
 from core.asset.hierarchy import hidden_nodes
@@ -14,8 +15,6 @@ from core.asset.materials import Emission, Material, read_material
 from core.asset.pixels import read_texture
 
 Float32 = NDArray[np.float32]
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,10 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from core.arrays import Float
+from core.geometry.directions import view_directions
 from core.rendering.renderer import Frame, Renderer
-from core.rendering.views import view_directions
-
-Float = NDArray[np.float64]
 
 PICTURE_SIZE = 1024  # pixels; what OCR can read depends on it more than on anything else
 DIRECTIONS, UPS = view_directions()

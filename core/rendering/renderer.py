@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from core import process
+from core.arrays import Float
 from core.asset.pixels import Texture
 from core.errors import ErrorCode, MeshmarkError
 from core.rendering.drawables import Drawable, drawables
 
-Float = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 
 BACKGROUND = 0.92  # sRGB grey

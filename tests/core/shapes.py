@@ -4,12 +4,9 @@ from itertools import pairwise
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
-from core.asset.surface import Surface
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
+from core.arrays import Float, Int
+from core.geometry.surface import Surface
 
 
 def surface(positions: Float, faces: Int) -> Surface:

@@ -10,9 +10,9 @@ import trimesh
 from core.cli import main
 from core.errors import MeshmarkError
 from core.evaluate import evaluate, parse_watermarks
+from core.geometry.spatial import SpatialIndex
 from core.parameters import Evaluate, Parameters
 from core.pipeline import Result, watermark
-from core.spatial import SpatialIndex
 
 SPOT = Path(__file__).parents[1] / "data" / "spot.glb"
 PLATE = trimesh.creation.box(extents=(2, 2, 0.2))

@@ -8,17 +8,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from core.arrays import Float
 from core.asset.flatten import flatten
 from core.asset.gltf import Document
-from core.asset.surface import Surface
 from core.errors import ErrorCode, MeshmarkError
+from core.geometry.surface import Surface
 from core.ground.regions import regions
 from core.parameters import NodeRegion, Parameters, parse_parameters
 from core.pipeline import Result, watermark
 from tests.core.asset.builder import CUBE, CUBE_FACES, Builder
 from tests.core.asset.meshes import MESHES
-
-Float = NDArray[np.float64]
 
 SPOT = (Path(__file__).parents[1] / "data" / "spot.glb").read_bytes()
 # Spot looks along -z; its head begins at the shoulders.

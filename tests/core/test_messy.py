@@ -7,17 +7,15 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
+from core.arrays import Int
 from core.asset.flatten import flatten
 from core.asset.gltf import Document
-from core.asset.surface import Surface
 from core.errors import ErrorCode, MeshmarkError
+from core.geometry.surface import Surface
 from core.parameters import Evaluate, Mode, Parameters
 from core.pipeline import Result, watermark
 from tests.core.asset.builder import simple
 from tests.core.shapes import box, grid, join, moved, sphere, surface
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
 
 FEW = Parameters(text="watermark", count=3, size=3.0, evaluate=Evaluate.GEOMETRY)
 RNG = np.random.default_rng(7)

@@ -8,9 +8,9 @@ import pytest
 
 from core.asset.flatten import flatten
 from core.asset.gltf import Document
+from core.geometry.spatial import SpatialIndex
 from core.parameters import Evaluate, Parameters
 from core.pipeline import watermark
-from core.spatial import SpatialIndex
 from tests.animation import duration, posed
 
 MESHES = Path(os.environ.get("MESHMARK_TEST_MESHES", "../shared/meshes"))

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from core.arrays import Float
 from core.parameters import Evaluate, Mode, Parameters
 from core.pipeline import watermark
 from tests.core.rendering.glb import CORNERS, CUBE_FACES, QUAD, QUAD_FACES, QUAD_UV, GlbWriter, plain, png
@@ -18,7 +18,6 @@ INWARDS = CUBE_FACES[:, ::-1]
 GLASS = plain((1, 1, 1, 0.2), alphaMode="BLEND")
 NOTHING = plain((1, 1, 1, 0.0), alphaMode="BLEND")
 ASKED = Parameters(text="hi", count=4, size=1.5, evaluate=Evaluate.NONE)
-Float = NDArray[np.float64]
 
 
 def _marked(writer: GlbWriter, **more: Any) -> dict[str, Any]:

@@ -9,13 +9,14 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
+from core.arrays import Float, Int
 from core.asset.assemble import assemble
 from core.asset.assembly import Assembly, Instance
 from core.asset.flatten import flatten
 from core.asset.formats import to_document
 from core.asset.gate import admit
 from core.asset.gltf import Document, read_accessor
-from core.asset.polygons import Attribute, Float, Int, PolygonMesh
+from core.asset.polygons import Attribute, PolygonMesh
 from tests.core.asset.builder import CUBE, CUBE_FACES
 from tests.core.asset.samples import dae, threemf_model, zipped
 from tests.validator import error_counts

@@ -6,8 +6,8 @@ from numpy.typing import ArrayLike
 
 from core.asset.flatten import Scene, flatten
 from core.asset.gltf import Document
-from core.asset.surface import Surface
 from core.errors import ErrorCode, MeshmarkError
+from core.geometry.surface import Surface
 from tests.core.asset.builder import CUBE, CUBE_FACES, QUAD, QUAD_FACES, Builder, grid, simple
 
 HALF_TURN_X = [1, 0, 0, 0]

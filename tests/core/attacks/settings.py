@@ -3,10 +3,10 @@
 import numpy as np
 
 from core.asset.plain import Mesh, plain
-from core.asset.surface import Surface
 from core.attacks.target import Target
-from core.placement.boxes import Boxes
-from core.spatial import SpatialIndex
+from core.geometry.boxes import Boxes
+from core.geometry.spatial import SpatialIndex
+from core.geometry.surface import Surface
 
 
 def mesh_of(surface: Surface) -> Mesh:

@@ -7,10 +7,10 @@ from core.asset.plain import Mesh
 from core.attacks.attack import ATTACKS, attack_file
 from core.attacks.plain_file import read_plain
 from core.errors import ErrorCode, MeshmarkError
+from core.geometry.spatial import SpatialIndex
 from core.metrics.topology import topology
 from core.parameters import Evaluate, Parameters
 from core.pipeline import watermark
-from core.spatial import SpatialIndex
 from tests.core.asset.meshes import MESHES
 from tests.core.attacks.settings import area, mesh_of, target_of
 from tests.core.placement.shapes import moved, sphere

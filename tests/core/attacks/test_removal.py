@@ -5,8 +5,8 @@ from core.asset.plain import Mesh
 from core.attacks.removal import removal
 from core.attacks.target import Target, letter_faces
 from core.errors import ErrorCode, MeshmarkError
+from core.geometry.spatial import SpatialIndex
 from core.metrics.topology import topology
-from core.spatial import SpatialIndex
 from tests.core.attacks.settings import area, boxes_at, mesh_of, target_of
 from tests.core.placement.shapes import join, moved, plane, surface
 

@@ -1,15 +1,13 @@
 """Simple closed assets as prepared for the baselines, and what their results are checked by."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from core.arrays import Float
 from core.asset.plain import Mesh, plain, plain_glb
-from core.asset.surface import Surface
 from core.baselines.strategy import Marked, Prepared, prepare
+from core.geometry.surface import Surface
 from core.metrics.topology import topology
 from core.parameters import Parameters, Preset
-
-Float = NDArray[np.float64]
 
 
 def asset(shape: Surface, seed: int = 0) -> Prepared:

@@ -4,10 +4,10 @@ import pytest
 from core.asset.plain import plain
 from core.baselines.paper import paper, paper_no_curve_matching, paper_no_filtering, paper_no_optimization
 from core.baselines.strategy import Marked, Prepared, Strategy
+from core.geometry.spatial import SpatialIndex
 from core.metrics.lce import lce
 from core.placement.filters import overlapping
 from core.placement.finetune import LOSS_THRESHOLD, alignment_loss
-from core.spatial import SpatialIndex
 from tests.core.baselines.assets import asset, raised, same, wanted, watertight
 from tests.core.shapes import sphere, surface
 

@@ -4,12 +4,12 @@ import pytest
 from core.baselines.paper_filters import apart, choose, paper_filters
 from core.baselines.strategy import Prepared
 from core.errors import ErrorCode, MeshmarkError
+from core.geometry.boxes import Boxes
+from core.geometry.directions import fibonacci_directions, view_directions
 from core.ground.saliency import Saliency
-from core.placement.boxes import Boxes
 from core.placement.candidates import upright
 from core.placement.filters import overlapping
 from core.placement.objective import FACING_VIEW
-from core.rendering.views import fibonacci_directions, view_directions
 from tests.core.baselines.assets import asset
 from tests.core.shapes import box, grid, join, moved
 

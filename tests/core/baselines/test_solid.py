@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.asset.surface import Surface
 from core.baselines.solid import solid, to_mesh
 from core.errors import ErrorCode, MeshmarkError
+from core.geometry.surface import Surface
 from tests.core.baselines.assets import watertight
 from tests.core.shapes import box, grid, join, moved, sphere, surface
 

@@ -2,13 +2,13 @@ import numpy as np
 import pytest
 
 from core.asset.plain import Mesh
-from core.asset.surface import Surface
 from core.baselines.solid import solid
 from core.baselines.whole_boolean import fuse_curved, fuse_flat, text_solid
+from core.geometry.boxes import Boxes
+from core.geometry.spatial import SpatialIndex
+from core.geometry.surface import Surface
 from core.lettering.outline import lettering
 from core.metrics.topology import topology
-from core.placement.boxes import Boxes
-from core.spatial import SpatialIndex
 from tests.core.baselines.assets import watertight
 from tests.core.placement.shapes import box as mark
 from tests.core.placement.shapes import rotation

@@ -17,8 +17,8 @@ from core.benchmark.bench import AssetBench, moved_boxes, moved_points
 from core.benchmark.options import AttackAsked, BenchmarkOptions
 from core.benchmark.run import run
 from core.errors import ErrorCode, MeshmarkError
+from core.geometry.boxes import Boxes
 from core.parameters import Evaluate, Parameters
-from core.placement.boxes import Boxes
 from tests.core.benchmark.fakes import options
 
 SPOT = Path(__file__).parents[2] / "data" / "spot.glb"

@@ -1,20 +1,17 @@
 """A bench to emboss on: one text, one box, and the state of the mesh afterwards."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from core.arrays import Int
 from core.asset.edit import SurfaceEdit
-from core.asset.surface import Surface
 from core.embossing.emboss import Mark, emboss
 from core.embossing.mesh import WorkingMesh
 from core.embossing.refusal import Refusal
 from core.embossing.stamp import Stamp, stamp
+from core.geometry.boxes import Boxes
+from core.geometry.spatial import SpatialIndex
+from core.geometry.surface import Surface
 from core.lettering.outline import lettering
-from core.placement.boxes import Boxes
-from core.spatial import SpatialIndex
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
 
 TEXT = lettering("watermark")
 LETTERS: Stamp = stamp(TEXT)

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from core.arrays import Float, Int
 from core.asset.edit import Kind
-from core.asset.surface import Surface
 from core.embossing import emboss as module
 from core.embossing.arrange import arrange
 from core.embossing.emboss import Mark
@@ -16,8 +16,9 @@ from core.embossing.lift import folded
 from core.embossing.refusal import Refusal
 from core.embossing.split import split
 from core.embossing.stamp import stamp
+from core.geometry.surface import Surface
 from core.lettering.outline import lettering
-from tests.core.embossing.bench import LETTERS, TEXT, Bench, Float, Int, box_at
+from tests.core.embossing.bench import LETTERS, TEXT, Bench, box_at
 from tests.core.shapes import box, edge_counts, grid, join, moved, sphere, surface
 
 LETTERS_AREA = sum(island.area() for island in LETTERS.islands)  # in square text widths

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from core.embossing.lift import folded, lift, obstructed, turned
-from core.spatial import SpatialIndex
+from core.geometry.spatial import SpatialIndex
 from tests.core.shapes import box, grid, join, moved, sphere, surface
 
 UP = np.array([[0.0, 0.0, 1.0]])

@@ -12,10 +12,10 @@ from core.embossing.emboss import Mark
 from core.embossing.mesh import WorkingMesh
 from core.embossing.refusal import EXPLAINED, Refusal
 from core.errors import ErrorCode, MeshmarkError
+from core.geometry.boxes import Boxes
 from core.parameters import Evaluate, Parameters
 from core.pipeline import watermark
 from core.placement import place
-from core.placement.boxes import Boxes
 from core.placement.objective import OBJECTIVE, Objective, Placement
 
 

@@ -1,12 +1,13 @@
 import numpy as np
 import pytest
 
+from core.arrays import Float, Int
 from core.embossing.mesh import WorkingMesh
 from core.embossing.patch import MAX_FACES, MAX_PIECES, Patch
 from core.embossing.patch import patches as _patches
-from core.placement.boxes import Boxes
+from core.geometry.boxes import Boxes
 from tests.core.embossing.bench import box_at
-from tests.core.shapes import Float, Int, box, grid, join, moved, surface
+from tests.core.shapes import box, grid, join, moved, surface
 
 
 def _mesh(positions: Float, faces: Int) -> WorkingMesh:

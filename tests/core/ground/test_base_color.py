@@ -2,8 +2,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from core.arrays import Float
 from core.asset.flatten import Scene, flatten
 from core.asset.gltf import Document
 from core.errors import ErrorCode, MeshmarkError
@@ -14,7 +15,6 @@ from tests.core.rendering.glb import QUAD, QUAD_FACES, QUAD_UV, GlbWriter, plain
 RED, GREEN, BLUE, WHITE = [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]
 QUARTERS = np.array([[RED, GREEN], [BLUE, WHITE]], dtype=np.uint8) * 255  # rows from the top
 NEAREST, REPEAT, CLAMP, MIRROR = 9728, 10497, 33071, 33648
-Float = NDArray[np.float64]
 
 
 def quad(pixels: ArrayLike = QUARTERS, uv: ArrayLike = QUAD_UV, material: Any = None, **more: Any) -> Scene:

@@ -8,10 +8,10 @@ import pytest
 from core.asset.flatten import Scene, flatten
 from core.asset.gltf import Document
 from core.asset.polygons import hex_linear, hex_srgb
+from core.geometry.boxes import Boxes
+from core.geometry.spatial import SpatialIndex
 from core.ground.contrast import LetterColor, contrasting, letter_colors
 from core.ground.texture import cielab, from_cielab
-from core.placement.boxes import Boxes
-from core.spatial import SpatialIndex
 from tests.core.rendering.glb import QUAD, QUAD_FACES, QUAD_UV, GlbWriter, plain, png
 
 UNLIT: dict[str, Any] = {"extensions": {"KHR_materials_unlit": {}}}

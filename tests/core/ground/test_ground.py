@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike
 
 from core.asset.flatten import Scene, flatten
 from core.asset.gltf import Document
+from core.geometry.spatial import Eye
 from core.ground.ground import survey
-from core.spatial import Eye
 from tests.core.rendering.glb import CORNERS, CUBE_FACES, GlbWriter, plain
 
 INWARDS = CUBE_FACES[:, ::-1]

@@ -3,9 +3,9 @@ import pytest
 
 from core.asset.flatten import flatten
 from core.asset.gltf import Document
+from core.geometry.boxes import Boxes
+from core.geometry.sampling import sample
 from core.ground.joints import Joints, joints
-from core.placement.boxes import Boxes
-from core.placement.sampling import sample
 from tests.core.asset.builder import Builder, grid
 
 

@@ -2,14 +2,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
-from core.asset.surface import Surface
+from core.arrays import Bool, Int
+from core.geometry.spatial import SpatialIndex
+from core.geometry.surface import Surface
 from core.ground.orientation import Orientation, orient
-from core.spatial import SpatialIndex
-from tests.core.shapes import Int, box, grid, join, moved, sphere, surface
-
-Bool = NDArray[np.bool_]
+from tests.core.shapes import box, grid, join, moved, sphere, surface
 
 BALL = sphere(5.0, 2)
 

@@ -10,9 +10,9 @@ from core.asset.flatten import Scene, flatten
 from core.asset.formats import to_document
 from core.asset.gate import admit
 from core.errors import ErrorCode, MeshmarkError
+from core.geometry.boxes import Boxes
 from core.ground.regions import Regions, regions
 from core.parameters import parse_parameters
-from core.placement.boxes import Boxes
 from tests.core.asset.builder import CUBE, CUBE_FACES, Builder
 from tests.core.asset.meshes import MESHES
 from tests.core.asset.samples import DAE, OBJ_ZIP, STL_BINARY, THREEMF

@@ -5,22 +5,20 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.stats import spearmanr
 
+from core.arrays import Float
 from core.asset.budgets import DEFAULT_BUDGETS
 from core.asset.flatten import flatten
 from core.asset.formats import to_document
 from core.asset.gate import admit
 from core.asset.plain import Mesh
-from core.asset.surface import Surface
 from core.errors import ErrorCode, MeshmarkError
+from core.geometry.boxes import Boxes
+from core.geometry.surface import Surface
 from core.ground.saliency import SAMPLES, Saliency, saliency
-from core.placement.boxes import Boxes
 from tests.core.placement.shapes import box, boxes, cuboid, inside_out, join, moved, plane, rotation, sphere, surface
-
-Float = NDArray[np.float64]
 
 DATA = Path(__file__).parents[2] / "data"
 MESHES = Path(os.environ.get("MESHMARK_TEST_MESHES", Path(__file__).parents[4] / "shared" / "meshes"))

@@ -16,11 +16,11 @@ from core.asset.formats import to_document
 from core.asset.gate import admit
 from core.asset.gltf import Document
 from core.errors import ErrorCode, MeshmarkError
+from core.geometry.boxes import Boxes
+from core.geometry.sampling import sample
 from core.ground.saliency import saliency
 from core.ground.texture import Detail, detail
-from core.placement.boxes import Boxes
 from core.placement.objective import LUMINANCE
-from core.placement.sampling import sample
 from tests.core.placement.shapes import box, boxes, rotation
 from tests.core.rendering.glb import QUAD, QUAD_FACES, QUAD_UV, GlbWriter, plain, png
 

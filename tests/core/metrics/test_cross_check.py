@@ -7,15 +7,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from numpy.typing import NDArray
 
+from core.arrays import Bool, Float
 from core.asset.budgets import DEFAULT_BUDGETS
 from core.asset.flatten import flatten
 from core.asset.formats import to_document
 from core.asset.gate import admit
 from core.asset.gltf import Document
 from core.asset.plain import plain
-from core.asset.surface import Surface
+from core.geometry.boxes import Boxes
+from core.geometry.directions import fibonacci_directions, view_directions
+from core.geometry.sampling import sample
+from core.geometry.spatial import SpatialIndex
+from core.geometry.surface import Surface
 from core.metrics import smse as smse_module
 from core.metrics.coverage import coverage
 from core.metrics.ipe import ipe
@@ -26,14 +30,7 @@ from core.metrics.topology import topology
 from core.metrics.wps import wps
 from core.parameters import Evaluate, Parameters
 from core.pipeline import watermark
-from core.placement.boxes import Boxes
-from core.placement.sampling import sample
-from core.rendering.views import fibonacci_directions, view_directions
-from core.spatial import SpatialIndex
 from tests.core.placement.shapes import cuboid, index_of, join, moved, sphere
-
-Float = NDArray[np.float64]
-Bool = NDArray[np.bool_]
 
 MESHES = Path(os.environ.get("MESHMARK_TEST_MESHES", Path(__file__).parents[4] / "shared" / "meshes"))
 ASSETS = [Path(__file__).parents[2] / "data" / "spot.glb"] + [

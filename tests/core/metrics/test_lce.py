@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from core.geometry.spatial import Hides, SpatialIndex
 from core.metrics.lce import lce
-from core.spatial import Hides, SpatialIndex
 from tests.core.placement.shapes import box, boxes, index_of, inside_out, join, moved, plane, rotation, surface
 
 

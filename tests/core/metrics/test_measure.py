@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.asset.surface import Surface
 from core.errors import ErrorCode, MeshmarkError
+from core.geometry.boxes import Boxes
+from core.geometry.surface import Surface
 from core.metrics.measure import HIGHER_IS_BETTER, UNITS, Measurement, Pair, Subject, measure
 from core.parameters import Evaluate
-from core.placement.boxes import Boxes
 from core.report import with_metrics
 from tests.core.metrics.test_ray import on_all_sides
 from tests.core.placement.shapes import cuboid, index_of, join, moved

@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.asset.surface import Surface
+from core.geometry.boxes import Boxes
+from core.geometry.surface import Surface
 from core.metrics.near import near
-from core.placement.boxes import Boxes
 from core.placement.candidates import upright
 from tests.core.placement.shapes import box, boxes, cuboid, join, moved, plane, sphere, surface
 

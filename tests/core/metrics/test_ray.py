@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
+from core.geometry.boxes import Boxes
+from core.geometry.directions import view_directions
 from core.metrics.ray import ray
 from core.metrics.sight import top_face
-from core.placement.boxes import Boxes
 from core.placement.candidates import upright
-from core.rendering.views import view_directions
 from tests.core.placement.shapes import box, boxes, cuboid, index_of, inside_out, join, moved, plane
 
 

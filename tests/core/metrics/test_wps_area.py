@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from core.geometry.boxes import Boxes
 from core.metrics.wps_area import wps_area
-from core.placement.boxes import Boxes
 from tests.core.placement.shapes import box, boxes, inside_out, join, moved, plane, rotation, sphere
 
 

@@ -1,16 +1,14 @@
 """More small surfaces whose answers are known by hand, and boxes to put on them."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from core.asset.surface import Surface
+from core.arrays import Float
+from core.geometry.boxes import Boxes
+from core.geometry.spatial import SpatialIndex
+from core.geometry.surface import Surface
 from core.lettering.outline import Lettering
-from core.placement.boxes import Boxes
-from core.spatial import SpatialIndex
 from tests.core.shapes import join as join
 from tests.core.shapes import surface as surface
-
-Float = NDArray[np.float64]
 
 IDENTITY = np.eye(3)
 

@@ -3,10 +3,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.asset.surface import Surface
-from core.placement.boxes import Boxes
+from core.geometry.boxes import Boxes
+from core.geometry.sampling import sample
+from core.geometry.surface import Surface
 from core.placement.candidates import along_strips, candidates, right_way_up, upright
-from core.placement.sampling import sample
 from tests.core.placement.shapes import box, cuboid, rotation, sphere
 
 

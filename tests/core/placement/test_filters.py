@@ -4,8 +4,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from core.asset.surface import Surface
-from core.placement.boxes import Boxes
+from core.geometry.boxes import Boxes
+from core.geometry.sampling import sample
+from core.geometry.surface import Surface
 from core.placement.filters import (
     above,
     covered,
@@ -22,7 +23,6 @@ from core.placement.filters import (
     well_aligned,
 )
 from core.placement.finetune import distinct
-from core.placement.sampling import sample
 from tests.core.placement.shapes import (
     box,
     boxes,

@@ -3,11 +3,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.asset.surface import Surface
-from core.placement.boxes import Boxes
+from core.geometry.boxes import Boxes
+from core.geometry.sampling import sample
+from core.geometry.surface import Surface
 from core.placement.candidates import candidates
 from core.placement.finetune import LOSS_THRESHOLD, adam, alignment_loss, levenberg_marquardt, perimeter
-from core.placement.sampling import sample
 from tests.core.placement.shapes import box, boxes, cuboid, index_of, moved, plane, rotation, sphere
 
 TILTED = box((1, 2, 0.4), (5.5, 1, 0.5), rotation((1, 1, 0), 20))

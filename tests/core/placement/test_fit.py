@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from core.asset.surface import Surface
+from core.geometry.boxes import Boxes
+from core.geometry.surface import Surface
 from core.ground.saliency import saliency
 from core.parameters import Parameters
-from core.placement.boxes import Boxes
 from core.placement.fit import fit, grow
 from core.placement.site import Site, open_site
 from tests.core.placement.shapes import box, cuboid, index_of, inside_out, join, moved, sphere, text

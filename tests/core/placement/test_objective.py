@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core.asset.polygons import hex_linear
-from core.placement.boxes import Boxes
+from core.geometry.boxes import Boxes
 from core.placement.candidates import upright
 from core.placement.objective import (
     HALF_SPACES,

@@ -7,8 +7,8 @@ import pytest
 from core.asset.flatten import flatten
 from core.asset.formats import to_document
 from core.asset.gate import admit
-from core.asset.surface import Surface
 from core.errors import ErrorCode, MeshmarkError
+from core.geometry.surface import Surface
 from core.ground.saliency import saliency
 from core.parameters import Mode, Parameters, Preset
 from core.placement.candidates import upright

@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.placement.boxes import Boxes
+from core.geometry.boxes import Boxes
+from core.geometry.directions import fibonacci_directions
 from core.placement.candidates import upright
 from core.placement.filters import overlapping
 from core.placement.objective import Placement, columns, facing, likelihood
 from core.placement.selection import select, visibility
-from core.rendering.views import fibonacci_directions
 from tests.core.placement.shapes import box, boxes, index_of, inside_out, join, moved, plane, rotation, sphere
 
 SERVED = columns(sphere(12))

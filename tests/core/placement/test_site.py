@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from core.asset.surface import Surface
 from core.errors import ErrorCode, MeshmarkError
+from core.geometry.surface import Surface
 from core.ground.saliency import saliency
 from core.parameters import Parameters
 from core.placement.site import Site, open_site

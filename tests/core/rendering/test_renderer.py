@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from core.errors import ErrorCode, MeshmarkError
+from core.geometry.directions import fibonacci_directions, view_directions
 from core.rendering.renderer import Renderer
-from core.rendering.views import fibonacci_directions, view_directions
 from tests.core.rendering.glb import QUAD, QUAD_FACES, QUAD_UV, GlbWriter, cube
 from tests.core.rendering.shots import GREY, SIZE, UP, shoot, shown
 

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.errors import ErrorCode, MeshmarkError
-from core.placement.sampling import sample, thin
+from core.geometry.sampling import sample, thin
 from tests.core.placement.shapes import cuboid, join, moved, plane, sphere, surface
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from core.arrays import Float
 
 
 def product(a: NDArray[Any], b: NDArray[Any]) -> Float:

@@ -6,7 +6,8 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.asset.winding import Float, Int, outward
+from core.arrays import Float, Int
+from core.geometry.winding import outward
 
 BALL = trimesh.creation.icosphere(subdivisions=1)
 SHAPES = [

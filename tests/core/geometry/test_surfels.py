@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from core.placement.surfels import Surfels
-from core.spatial import SpatialIndex
+from core.geometry.spatial import SpatialIndex
+from core.geometry.surfels import Surfels
 from tests.core.shapes import grid, sphere
 
 RNG = np.random.default_rng(1)

@@ -4,10 +4,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
+from core.arrays import Float, Int
 
 MODEL_SIZE = 30.0
 

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.rendering.views import fibonacci_directions, view_directions
+from core.geometry.directions import fibonacci_directions, view_directions
 
 
 def test_the_views_are_24_unit_directions_with_upright_cameras() -> None:

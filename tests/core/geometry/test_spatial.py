@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.spatial import Eye, Hides, SpatialIndex
-from core.warp_index import WarpIndex
+from core.geometry.spatial import Eye, Hides, SpatialIndex
+from core.geometry.spatial_warp import WarpIndex
 from tests.core.shapes import box, grid, join, moved, sphere
 
 CUBE = box(2.0, 2.0, 2.0)

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.asset.polygons import triangulate, weld
+from core.geometry.triangulation import triangulate
 
 # A dart: the corner in the middle is reflex.
 DART = [[0.0, 0.0], [2.0, 2.0], [0.0, 1.0], [-2.0, 2.0]]
@@ -60,9 +60,3 @@ def test_a_convex_polygon_is_a_fan_about_its_first_corner() -> None:
 def test_a_polygon_without_area_still_falls_into_triangles() -> None:
     triangles, _ = triangulate(np.zeros((5, 3)), np.arange(5), np.array([5]))
     assert len(triangles) == 3
-
-
-@pytest.mark.parametrize("scale", [1.0, 1 / 3])
-def test_equal_rows_share_their_first_one(scale: float) -> None:
-    rows = np.array([[1, 2], [0.0, 3], [1, 2], [-0.0, 3], [4, 4]]) * scale
-    assert weld(rows).tolist() == [0, 1, 0, 1, 4]

@@ -1,14 +1,11 @@
 """Points spread over a surface: uniform by area, then thinned to be roughly equidistant."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from core.asset.surface import Surface
+from core.arrays import Float, Int
 from core.errors import ErrorCode, MeshmarkError
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
+from core.geometry.surface import Surface
 
 
 def sample(surface: Surface, count: int, rng: np.random.Generator) -> tuple[Float, Int]:

@@ -12,9 +12,7 @@ from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 from trimesh.remesh import subdivide_to_size
 
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-Bool = NDArray[np.bool_]
+from core.arrays import Float, Int
 
 LONG = 1 / 15  # edge over extent
 PIECES = 50_000  # made of long triangles, unless there are more faces

@@ -1,4 +1,4 @@
-"""What :mod:`core.warp_index` runs on the device. The mesh lies about the origin with unit extent."""
+"""What :mod:`core.geometry.spatial_warp` runs on the device. The mesh lies about the origin with unit extent."""
 
 import warp as wp
 

@@ -1,5 +1,5 @@
-"""The same questions as :mod:`core.spatial`, answered by NVIDIA warp: on a CUDA device, or by the same kernels on the
-CPU.
+"""The same questions as :mod:`core.geometry.spatial`, answered by NVIDIA warp: on a CUDA device, or by
+the same kernels on the CPU.
 
 Warp's hierarchies are float32. They only say which triangles are in question; what is nearest and what is hit is
 decided between those in float64, so that answers are as exact as the CPU's.
@@ -12,12 +12,10 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from core import warp_kernels
+from core.arrays import Float, Int
 from core.errors import ErrorCode, MeshmarkError
-from core.spatial import Eye, SpatialIndex
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
+from core.geometry import warp_kernels
+from core.geometry.spatial import Eye, SpatialIndex
 
 wp.config.log_level = wp.LOG_WARNING  # no banner, and no line for each kernel that is compiled
 

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from core.products import product
-
-Float = NDArray[np.float64]
+from core.arrays import Float
+from core.geometry.products import product
 
 
 @dataclass(frozen=True, eq=False)

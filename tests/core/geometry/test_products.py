@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from core.products import product, solved
+from core.geometry.products import product, solved
 
 
 @pytest.mark.parametrize(

@@ -3,15 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from core.asset.polygons import weld
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-Bool = NDArray[np.bool_]
+from core.arrays import Bool, Float, Int
+from core.geometry.grouping import weld
 
 FLAT = 1e-9  # volume over area^1.5 (a sphere: 0.09) under which a closed part has no inside
 # What is asked about parts that lie in others: the largest so many may hold some, and so many pairs are tested in all.

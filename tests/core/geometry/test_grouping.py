@@ -1,9 +1,10 @@
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from core.asset.grouping import float_words, group_rows
+from core.geometry.grouping import float_words, group_rows, weld
 
 
 @given(words=arrays(np.uint32, st.tuples(st.integers(0, 30), st.integers(1, 4)), elements=st.integers(0, 3)))
@@ -23,3 +24,9 @@ def test_negative_zero_is_zero_and_the_next_float_is_another_row() -> None:
 def test_doubles_are_compared_to_their_last_bit() -> None:
     labels = group_rows(float_words(np.array([[1.0], [np.nextafter(1.0, 2)], [1.0]])))
     assert labels[0] == labels[2] != labels[1]
+
+
+@pytest.mark.parametrize("scale", [1.0, 1 / 3])
+def test_equal_rows_share_their_first_one(scale: float) -> None:
+    rows = np.array([[1, 2], [0.0, 3], [1, 2], [-0.0, 3], [4, 4]]) * scale
+    assert weld(rows).tolist() == [0, 1, 0, 1, 4]

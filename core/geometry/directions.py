@@ -1,9 +1,8 @@
 """Where cameras stand: the paper's 24 views and an even cover of the sphere."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from core.arrays import Float
 
 STEP = np.radians(30)
 

@@ -5,13 +5,10 @@ product of an edge of each (Gottschalk, Lin, Manocha 1996; for triangles Akenine
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-from core.placement.boxes import Boxes
-from core.products import product
-
-Float = NDArray[np.float64]
-Bool = NDArray[np.bool_]
+from core.arrays import Bool, Float
+from core.geometry.boxes import Boxes
+from core.geometry.products import product
 
 # Bodies this close, size-30 units, meet. The cross product of parallel edges is rounding noise; its projections lie
 # far below this, so it separates nothing.

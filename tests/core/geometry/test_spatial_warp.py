@@ -12,27 +12,23 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from numpy.typing import NDArray
 
+from core.arrays import Bool, Float, Int
 from core.asset.flatten import flatten
 from core.asset.formats import to_document
 from core.asset.gate import admit
-from core.asset.surface import Surface
+from core.geometry.spatial import SpatialIndex
+from core.geometry.spatial_warp import WarpIndex
+from core.geometry.surface import Surface
 from core.parameters import Parameters
 from core.pipeline import watermark
-from core.spatial import SpatialIndex
-from core.warp_index import WarpIndex
 from tests.core.asset.meshes import MESHES
 from tests.core.shapes import box, grid, join, moved, sphere
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
-Bool = NDArray[np.bool_]
 
 DEVICES = ["cpu", "cuda"] if torch.cuda.is_available() else ["cpu"]
 on_each_device = pytest.mark.parametrize("device", DEVICES)
 
-SPOT = Path(__file__).parents[1] / "data" / "spot.glb"
+SPOT = Path(__file__).parents[2] / "data" / "spot.glb"
 NAMES = ("fox.glb", "suzanne.obj", "nonmanifold-crash.obj", "self-intersect-a.obj", "tray-bottom-cad.stl")
 ASSETS = [SPOT, *(path for name in NAMES if (path := MESHES / name).exists())]
 
@@ -261,7 +257,7 @@ def test_a_model_is_marked_as_on_the_cpu(monkeypatch: pytest.MonkeyPatch, device
 def test_where_nothing_can_be_compiled_to_an_error_says_what_to_do(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     program = (
-        "import numpy as np; from core.warp_index import WarpIndex;"
+        "import numpy as np; from core.geometry.spatial_warp import WarpIndex;"
         "WarpIndex(np.eye(3), np.array([[0, 1, 2]]), device='cpu').closest(np.zeros((1, 3)))"
     )
     environment = os.environ | {"WARP_CACHE_PATH": os.fspath(tmp_path / "file" / "kernels")}

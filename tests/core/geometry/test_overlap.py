@@ -1,14 +1,12 @@
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
-from core.ground.intersect import boxes_meet, triangles_meet
-from core.placement.boxes import Boxes
-
-Float = NDArray[np.float64]
+from core.arrays import Float
+from core.geometry.boxes import Boxes
+from core.geometry.overlap import boxes_meet, triangles_meet
 
 SEEDS = st.integers(0, 2**32 - 1)
 UNIT = (np.full(3, -1.0), np.full(3, 1.0))

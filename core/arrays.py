@@ -1,0 +1,8 @@
+"""The arrays of the engine, by what they hold."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+Bool = NDArray[np.bool_]
