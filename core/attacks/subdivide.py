@@ -5,6 +5,7 @@ import numpy as np
 from core.asset.plain import Mesh
 from core.attacks.target import Attacked, Target, whole
 from core.errors import ErrorCode, MeshmarkError
+from core.geometry.edges import edge_table
 
 MAX_FACES = 5_000_000  # as many as an asset may have at intake
 
@@ -35,11 +36,9 @@ def subdivide(mesh: Mesh, target: Target, strength: float = 2) -> Attacked:
 
 def _halve(mesh: Mesh) -> Mesh:
     count, width = len(mesh.faces), len(mesh.positions)
-    edges = np.sort(np.stack([mesh.faces, np.roll(mesh.faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-    # One number per edge: unique on it takes a tenth of the time of unique on rows.
-    unique, label = np.unique(edges[:, 0] * width + edges[:, 1], return_inverse=True)
-    middle = (mesh.positions[unique // width] + mesh.positions[unique % width]) / 2
+    edges = edge_table(mesh.faces)
+    middle = mesh.positions[edges.ends].mean(axis=1)
     a, b, c = mesh.faces.T
-    ab, bc, ca = (label + width).reshape(count, 3).T
+    ab, bc, ca = (edges.edge + width).reshape(count, 3).T
     faces = np.stack([a, ab, ca, ab, b, bc, ca, bc, c, ab, bc, ca], axis=1).reshape(-1, 3)
     return Mesh(np.concatenate([mesh.positions, middle]), faces)

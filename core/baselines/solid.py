@@ -6,6 +6,7 @@ from manifold3d import Error, Manifold, Mesh64
 from core.arrays import Int
 from core.asset.plain import Mesh, plain
 from core.errors import ErrorCode, MeshmarkError
+from core.geometry.edges import directed_edges
 from core.geometry.surface import MODEL_SIZE, Surface
 
 NEAR = 1e-6 * MODEL_SIZE  # vertices closer than this were one before the file was written with 32 bits
@@ -59,13 +60,9 @@ def _near_merged(mesh: Mesh) -> Mesh:
     return _proper(Mesh(mesh.positions[first], label.reshape(-1)[mesh.faces]))
 
 
-def _directed(faces: Int) -> Int:
-    return faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-
-
 def _excess(faces: Int) -> Int:
     """(E,) for each distinct directed edge, see ``np.unique``, how many more faces run along it than against it."""
-    edges = _directed(faces)
+    edges = directed_edges(faces)
     edge, count = np.unique(edges, axis=0, return_counts=True)
     size = int(faces.max(initial=0)) + 1
     key, back = edge[:, 0] * size + edge[:, 1], edge[:, 1] * size + edge[:, 0]
@@ -78,7 +75,7 @@ def _mended(mesh: Mesh) -> Mesh:
 
     Faces enter and leave each vertex equally often, so the edges in excess always form loops.
     """
-    edge = np.unique(_directed(mesh.faces), axis=0)
+    edge = np.unique(directed_edges(mesh.faces), axis=0)
     lonely = np.repeat(edge, _excess(mesh.faces), axis=0)
     positions, faces = [mesh.positions], [mesh.faces]
     number = len(mesh.positions)

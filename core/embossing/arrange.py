@@ -12,8 +12,9 @@ import numpy as np
 from manifold3d import CrossSection, triangulate
 
 from core.arrays import Bool, Float, Int
-from core.embossing.patch import Patch, directed_edges
+from core.embossing.patch import Patch
 from core.embossing.pieces import Pieces
+from core.geometry.edges import directed_edges
 
 DEGENERATE = 1e-13  # signed areas below this (square text widths) do not tell left from right in float64
 

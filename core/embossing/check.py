@@ -3,7 +3,7 @@
 import numpy as np
 
 from core.arrays import Int
-from core.embossing.patch import directed_edges
+from core.geometry.edges import directed_edges
 
 
 def is_closed(removed: Int, boundary: Int, added: Int) -> bool:

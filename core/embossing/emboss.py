@@ -13,12 +13,13 @@ from core.embossing.check import is_closed
 from core.embossing.draft import Draft
 from core.embossing.lift import MIN_AGREEMENT, folded, lift, obstructed, turned
 from core.embossing.mesh import WorkingMesh, barycentric
-from core.embossing.patch import AREA_TOLERANCE, Patch, boundary_edges, directed_edges, patches
+from core.embossing.patch import AREA_TOLERANCE, Patch, patches
 from core.embossing.pieces import Pieces
 from core.embossing.refusal import Refusal
 from core.embossing.split import split
 from core.embossing.stamp import Stamp, stand
 from core.geometry.boxes import Boxes
+from core.geometry.edges import boundary_edges, directed_edges
 from core.geometry.products import product
 from core.geometry.spatial import Eye, SpatialIndex
 

@@ -4,12 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from manifold3d import CrossSection, FillRule, JoinType
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from core.arrays import Float, Int
 from core.embossing.mesh import WorkingMesh
 from core.geometry.boxes import Boxes
+from core.geometry.edges import connected, directed_edges, edge_table
 from core.geometry.products import product
 
 MIN_FACING = 0.15  # cosine between the box normal and a face's normal
@@ -83,19 +82,6 @@ def _cross(a: Float, b: Float) -> Float:
     return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
-def directed_edges(triangles: Int) -> Int:
-    """(3K, 2) directed edges of (K, 3) triangles, triangle by triangle."""
-    return triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-
-
-def boundary_edges(triangles: Int) -> Int:
-    """(E, 2) directed edges of (K, 3) ``triangles`` whose opposite no other triangle has."""
-    edges = directed_edges(triangles)
-    size = int(edges.max()) + 1 if len(edges) else 1
-    forward, backward = edges[:, 0] * size + edges[:, 1], edges[:, 1] * size + edges[:, 0]
-    return edges[~np.isin(forward, backward)]
-
-
 def _loops(edges: Int, points: Float) -> list[Float]:
     """Chains (E, 2) directed edges into closed rings of ``points``. Where rings touch in a vertex any pairing will
     do: the winding number of the plane is the same."""
@@ -156,29 +142,18 @@ def patches(mesh: WorkingMesh, box: Boxes, hidden: Int | None = None) -> list[Pa
         return None
 
     # How often each edge is used is counted over all faces near, also those that look away.
-    count = len(vertices)
-    edges = directed_edges(triangles)
-    _, which, uses = np.unique(edges.min(axis=1) * count + edges.max(axis=1), return_inverse=True, return_counts=True)
-    is_plain = uses[which] == 2
-    face = np.repeat(np.arange(len(ids)), 3)
-    usable = chosen[face] & is_plain
-    forward = edges[usable, 0] * count + edges[usable, 1]
-    backward = edges[usable, 1] * count + edges[usable, 0]
-    order = np.argsort(forward)
-    place = np.searchsorted(forward[order], backward)
-    place = np.minimum(place, max(len(forward) - 1, 0))
-    matched = forward[order][place] == backward if len(forward) else np.empty(0, dtype=bool)
-    first, second = face[usable], face[usable][order[place]]
+    first, second, agree = edge_table(triangles).pairs()
+    one, two = first // 3, second // 3
     # A second layer below stays where it is, so that its rim must be the rim of a patch too.
     twinned = mesh.twinned(ids)
-    matched &= twinned[first] == twinned[second]
-    first, second = first[matched], second[matched]
+    joined = agree & chosen[one] & chosen[two] & (twinned[one] == twinned[two])
+    joined = np.flatnonzero(joined)[np.argsort(first[joined])]  # side by side, as the faces come
+    pairs = np.column_stack([one, two])[joined]
+    face = np.repeat(np.arange(len(ids)), 3)
     is_open = chosen[face]
-    is_open[np.flatnonzero(usable)[matched]] = False
-    pairs = np.column_stack([first, second])[first < second]
-
-    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(ids), len(ids)))
-    _, label = connected_components(graph, directed=False)
+    is_open[first[joined]] = is_open[second[joined]] = False
+    edges = directed_edges(triangles)
+    label = connected(len(ids), pairs[:, 0], pairs[:, 1])
     parts = _by_label(np.flatnonzero(chosen), label)
     if len(parts) > MAX_PIECES:
         return None

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.arrays import Float, Int
-from core.embossing.patch import Patch, directed_edges
+from core.embossing.patch import Patch
+from core.geometry.edges import directed_edges
 from core.geometry.products import product
 
 ON_SEGMENT = 1e-9  # in text widths: the two halves of a cut are simplified apart by rounding errors only

@@ -7,8 +7,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from core.arrays import Int
-from core.embossing.patch import Patch, boundary_edges
+from core.embossing.patch import Patch
 from core.embossing.pieces import Pieces, mend_t_vertices, number_points
+from core.geometry.edges import boundary_edges
 
 DEPTH = 0.2  # of the slab below the lowest point, in text widths: the prism ends half way down
 SLACK = 0.1

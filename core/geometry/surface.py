@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from core.arrays import Float, Int
+from core.geometry.edges import EdgeTable, edge_table
 
 MODEL_SIZE = 30.0
 
@@ -33,6 +34,11 @@ class Surface:
     face_triangle: Int
     scale: float
     offset: Float
+
+    @cached_property
+    def edges(self) -> EdgeTable:
+        """The edges of the faces, read through the weld."""
+        return edge_table(self.weld[self.faces])
 
     @cached_property
     def _cross(self) -> Float:

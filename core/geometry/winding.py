@@ -3,10 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from core.arrays import Bool, Float, Int
+from core.geometry.edges import EdgeTable, connected, edge_table
 from core.geometry.grouping import weld
 
 FLAT = 1e-9  # volume over area^1.5 (a sphere: 0.09) under which a closed part has no inside
@@ -46,42 +45,19 @@ def outward(positions: Float, triangles: Int) -> Outward:
     return found if np.array_equal(label, np.arange(len(label))) else _outward(positions, label[triangles])
 
 
-def neighbours(corners: Int) -> tuple[Int, Int, Bool]:
-    """Pairs of faces (P,), (P,) that share an edge of exactly two faces, and whether they agree on its sides."""
-    first, second = _pairs(corners)
-    start = corners.ravel()
-    return first // 3, second // 3, start[first] != start[second]
-
-
-def _pairs(corners: Int) -> tuple[Int, Int]:
-    """The corners (P,), (P,), numbered face by face, at which the two faces of each such edge begin it."""
-    start, end = corners.ravel(), np.roll(corners, -1, axis=1).ravel()
-    key = np.minimum(start, end) * (corners.max(initial=0) + 1) + np.maximum(start, end)
-    order = np.argsort(key)
-    key = key[order]
-    same = key[1:] == key[:-1]
-    lone = same & ~np.append(same[1:], False) & ~np.insert(same[:-1], 0, False)
-    return order[:-1][lone], order[1:][lone]
-
-
 def consistent(count: int, one: Int, two: Int, agree: Bool) -> tuple[Int, Bool]:
     """The part (F,) of each of ``count`` faces, and which (F,) to turn for the faces of a part to agree."""
     if agree.all():
-        return _connected(count, one, two), np.zeros(count, dtype=bool)
+        return connected(count, one, two), np.zeros(count, dtype=bool)
     # Every face twice, as it is and turned: neighbours that disagree connect crosswise. An orientable part then
     # falls into two mirror images, of which one is chosen.
     across = np.where(agree, 0, count)
-    both = _connected(
+    both = connected(
         2 * count, np.concatenate([one, one + count]), np.concatenate([two + across, two + count - across])
     )
     image = np.minimum(both[:count], both[count:])
     _, part = np.unique(image, return_inverse=True)
     return part, both[:count] != image
-
-
-def _connected(count: int, one: Int, two: Int) -> Int:
-    graph = coo_array((np.ones(len(one), dtype=np.int8), (one, two)), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
 def _outward(positions: Float, triangles: Int) -> Outward:
@@ -111,9 +87,9 @@ class _Shells:
 
     def __init__(self, positions: Float, corners: Int) -> None:
         self._positions, self._corners = positions, corners
-        first, second = _pairs(corners)
+        edges = edge_table(corners)
+        first, second, agree = edges.pairs()
         one, two = first // 3, second // 3
-        agree = corners.ravel()[first] != corners.ravel()[second]
         self.part, against = consistent(len(corners), one, two, agree)
         size = np.bincount(self.part)
         against ^= (np.bincount(self.part, against) > size / 2)[self.part]  # the fewest faces are turned
@@ -121,7 +97,7 @@ class _Shells:
         self._as_in_file = np.bincount(self.part[one], ~agree, len(size)) == 0
         self.closed = np.ones(len(size), bool)
         self.closed[self.part[one[~(agree ^ against[one] ^ against[two])]]] = False  # one-sided
-        self.closed[self._at_boundary(np.delete(np.arange(corners.size), np.concatenate([first, second])))] = False
+        self.closed[self._at_boundary(edges)] = False
         a, b, c = (positions[corners[:, number]] for number in range(3))
         origin = a[np.unique(self.part, return_index=True)[1]][self.part]
         side = np.where(against, -1.0, 1.0)
@@ -140,18 +116,16 @@ class _Shells:
             turn = turn if same else sign * self._wanted() < 0
         return self._against ^ turn[self.part]
 
-    def _at_boundary(self, corners: Int) -> Int:
+    def _at_boundary(self, edges: EdgeTable) -> Int:
         """The parts whose faces do not pass each edge as often one way as the other, once they are made to agree.
 
-        Only the edges that begin at these corners are looked at: all but those of exactly two faces.
+        Edges of exactly two faces are not looked at.
         """
-        face = corners // 3
-        start, end = self._corners.ravel()[corners], np.roll(self._corners, -1, axis=1).ravel()[corners]
-        key = np.minimum(start, end) * (self._corners.max() + 1) + np.maximum(start, end)
-        edge, number = np.unique(key, return_inverse=True)
-        used, place = np.unique(self.part[face] * len(edge) + number, return_inverse=True)
-        way = np.where((start < end) ^ self._against[face], 1, -1)
-        return np.asarray(used[np.bincount(place, way) != 0] // max(len(edge), 1))
+        row = np.flatnonzero(np.repeat(edges.uses != 2, edges.uses))
+        face, number = edges.sides[row] // 3, edges.edge[edges.sides[row]]
+        used, place = np.unique(self.part[face] * len(edges.uses) + number, return_inverse=True)
+        way = np.where(edges.upward[row] ^ self._against[face], 1, -1)
+        return np.asarray(used[np.bincount(place, way) != 0] // max(len(edges.uses), 1))
 
     def _wanted(self) -> Float:
         """(P,) 1 for parts that look out, -1 for cavities."""

@@ -10,7 +10,7 @@ from core.geometry.directions import fibonacci_directions
 from core.geometry.products import product
 from core.geometry.spatial import Eye, SpatialIndex
 from core.geometry.surface import Surface
-from core.geometry.winding import consistent, neighbours
+from core.geometry.winding import consistent
 
 PARTS, SAMPLES, DIRECTIONS = 1024, 16, 24  # parts asked, the largest first; points on each; rays from each point
 GRAZING = 0.1  # cosine under which a ray tells nothing about a side
@@ -55,7 +55,9 @@ def orient(
         glazed: the same, for which they do; see-through parts are judged by it.
     """
     ids = np.flatnonzero(distinct)
-    one, two, agree = neighbours(surface.weld[surface.faces[ids]])
+    first, second, agree = surface.edges.among(distinct).pairs()
+    number = np.cumsum(distinct) - 1
+    one, two = number[first // 3], number[second // 3]
     fixed = one_sided[ids]
     together = agree | ~fixed[one] | ~fixed[two]
     one, two, agree = one[together], two[together], agree[together]

@@ -72,17 +72,17 @@ def find_sheets(surface: Surface, rank: Int) -> Sheets:
     pinned = np.zeros(len(corners), dtype=bool)
     if len(pairs):
         pinned[pairs[:, 0]] = True
-        pinned[distinct] &= _at_rim(corners[distinct])
+        pinned &= _at_rim(surface, distinct)
     duplicates = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
     return Sheets(distinct, np.column_stack([of, copy]), duplicates, twinned, covered, pinned)
 
 
-def _at_rim(corners: Int) -> Bool:
-    """(F,) which faces have an edge that no other face has."""
-    start, end = corners, np.roll(corners, -1, axis=1)
-    key = np.minimum(start, end) * (corners.max(initial=0) + 1) + np.maximum(start, end)
-    _, which, uses = np.unique(key, return_inverse=True, return_counts=True)
-    return np.asarray((uses[which] == 1).reshape(-1, 3).any(axis=1))
+def _at_rim(surface: Surface, distinct: Bool) -> Bool:
+    """(F,) which of the ``distinct`` (F,) faces have an edge that no other of them has."""
+    edges = surface.edges.among(distinct)
+    result = np.zeros(len(distinct), dtype=bool)
+    result[edges.sides[edges.first[edges.uses == 1]] // 3] = True
+    return result
 
 
 def _repeated(surface: Surface, ids: Int) -> Int:

@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from core.arrays import Bool, Float, Int
 from core.geometry.boxes import Boxes
+from core.geometry.edges import EdgeTable
 from core.geometry.spatial import Eye, SpatialIndex
 from core.geometry.surface import Surface
 from core.lettering.outline import Lettering, signed_area
@@ -59,34 +60,28 @@ class Rims:
 def rims(surface: Surface, distinct: Bool, lettering: Lettering) -> Rims | None:
     """The :class:`Rims` of the ``distinct`` (F,) faces of a ``surface`` under a text; None where it has none, as a
     smooth closed manifold."""
-    start, end, normals = _sharp_edges(surface.weld[surface.faces[distinct]], surface.normals[distinct])
-    if not len(start):
+    ends, normals = _sharp_edges(surface.edges.among(distinct), surface.normals)
+    if not len(ends):
         return None
     place = np.zeros((int(surface.weld.max()) + 1, 3))
     place[surface.weld] = surface.positions
-    first, along = place[start], place[end] - place[start]
+    first, along = place[ends[:, 0]], place[ends[:, 1]] - place[ends[:, 0]]
     length = np.linalg.norm(along, axis=1)
     pieces = np.ceil(length / max(SPACING, float(length.sum()) / MOST_POINTS)).astype(np.int64)
-    edge = np.repeat(np.arange(len(start)), pieces)
+    edge = np.repeat(np.arange(len(ends)), pieces)
     number = np.arange(len(edge)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     share = (number + 0.5) / pieces[edge]
     return Rims(cKDTree(first[edge] + share[:, None] * along[edge]), normals[edge], _ink(lettering))
 
 
-def _sharp_edges(corners: Int, normals: Float) -> tuple[Int, Int, Float]:
-    """Both vertices (E,), (E,) of each edge of the faces ``corners`` (F, 3), with unit ``normals`` (F, 3), that is
-    sharp or does not join exactly two of them, wound alike; and the normals there, see :class:`Rims`."""
-    count = int(corners.max(initial=0)) + 1
-    a, b = corners.ravel(), np.roll(corners, -1, axis=1).ravel()
-    directed = (np.minimum(a, b) * count + np.maximum(a, b)) * 2 + (a > b)
-    order = np.argsort(directed, kind="stable")
-    key = directed[order]
-    edge, first, uses = np.unique(key >> 1, return_index=True, return_counts=True)
-    pair = np.column_stack([first, np.minimum(first + 1, len(key) - 1)])
-    joined = (uses == 2) & (key[pair[:, 0]] != key[pair[:, 1]])
-    both = np.where(joined[:, None, None], normals[order[pair] // 3], 0.0)
+def _sharp_edges(edges: EdgeTable, normals: Float) -> tuple[Int, Float]:
+    """Both vertices (E, 2) of each edge that is sharp or does not join exactly two faces, wound alike; and the normals
+    there, of the unit ``normals`` (F, 3), see :class:`Rims`."""
+    pair = np.column_stack([edges.first, np.minimum(edges.first + 1, len(edges.sides) - 1)])
+    joined = (edges.uses == 2) & (edges.upward[pair[:, 0]] != edges.upward[pair[:, 1]])
+    both = np.where(joined[:, None, None], normals[edges.sides[pair] // 3], 0.0)
     sharp = np.einsum("ei,ei->e", both[:, 0], both[:, 1]) < CREASE
-    return edge[sharp] // count, edge[sharp] % count, both[sharp]
+    return edges.ends[sharp], both[sharp]
 
 
 def _ink(lettering: Lettering) -> Bool:

@@ -2,8 +2,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.embossing.patch import boundary_edges
 from core.embossing.pieces import mend_t_vertices
+from core.geometry.edges import boundary_edges
 
 
 @given(st.lists(st.lists(st.integers(1, 99), max_size=4, unique=True), min_size=3, max_size=3))
