@@ -19,7 +19,7 @@ ACCEPTED = "GLB, glTF, OBJ, STL, PLY, OFF, 3MF or DAE; with its other files as a
 
 def main(arguments: list[str] | None = None) -> int:
     """Runs one command; returns the exit status: 0 done, 1 it could not be done, 2 wrong usage."""
-    options = _parser().parse_args(arguments)
+    options = parser().parse_args(arguments)
     try:
         options.run(options)
     except MeshmarkError as error:
@@ -28,10 +28,11 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="meshmark", description="Emboss visible watermarks into 3D assets.")
-    parser.add_argument("--version", action="version", version=f"meshmark {__version__}")
-    commands = parser.add_subparsers(dest="command", required=True)
+def parser() -> argparse.ArgumentParser:
+    """All commands with their options."""
+    top = argparse.ArgumentParser(prog="meshmark", description="Emboss visible watermarks into 3D assets.")
+    top.add_argument("--version", action="version", version=f"meshmark {__version__}")
+    commands = top.add_subparsers(dest="command", required=True)
     _add_apply(commands)
     _add_evaluate(commands)
     _add_attack(commands)
@@ -39,7 +40,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_profile(commands)
     _add_sizing(commands)
     _add_models(commands)
-    return parser
+    return top
 
 
 def _add_apply(commands: Commands) -> None:

@@ -234,5 +234,5 @@ def parse_parameters(data: dict[str, Any] | str | bytes) -> Parameters:
         raise MeshmarkError(
             ErrorCode.INVALID_PARAMETERS,
             f"The parameters are not valid: {describe(error.errors(), 'params')}.",
-            "Correct the named fields; the README lists every parameter with its range.",
+            "Correct the named fields; the manual's page on parameters has each with its range.",
         ) from None

@@ -104,7 +104,7 @@ class Result:
 
     Attributes:
         model: the watermarked GLB.
-        report: ``meshmark.report/1`` (README, "The report").
+        report: ``meshmark.report/1``; ``service/docs/report.md`` has its fields.
         preview: a PNG contact sheet; None where none was asked for, or where none could be rendered (then the
             report's ``warnings`` say why).
     """

@@ -104,17 +104,22 @@ def openapi() -> str:
     return yaml.safe_dump(create_app(Settings()).openapi(), sort_keys=False, allow_unicode=True, width=120)
 
 
-def main() -> None:
-    """Run what the command line asks for."""
-    parser = argparse.ArgumentParser(prog="python -m service", description=__doc__)
-    parser.add_argument("--show-settings", action="store_true", help="print the settings in effect and end")
-    commands = parser.add_subparsers(dest="what", metavar="all|api|openapi|keys|jobs|adopt-store")
+def parser() -> argparse.ArgumentParser:
+    """All commands with their options."""
+    top = argparse.ArgumentParser(prog="python -m service", description=__doc__)
+    top.add_argument("--show-settings", action="store_true", help="print the settings in effect and end")
+    commands = top.add_subparsers(dest="what", metavar="all|api|openapi|keys|jobs|adopt-store")
     for name, meaning in (("all", "API and workers"), ("api", "the API alone"), ("openapi", "print its document")):
         commands.add_parser(name, help=meaning)
     add_keys_commands(commands.add_parser("keys", help="create, list and revoke API keys"))
     add_jobs_commands(commands.add_parser("jobs", help="list jobs whose workers died, and try them again"))
     commands.add_parser("adopt-store", help="make another database's artifact store this one's")
-    arguments = parser.parse_args()
+    return top
+
+
+def main() -> None:
+    """Run the command."""
+    arguments = parser().parse_args()
     if arguments.show_settings:
         rows = show_settings(load_settings())
         widths = [max(map(len, column)) for column in list(zip(*rows, strict=True))[:2]]

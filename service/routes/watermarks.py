@@ -35,7 +35,7 @@ CONTENT: dict[ArtifactKind, dict[str, Any]] = {
     ArtifactKind.MODEL: {"type": "string", "format": "binary"},
     ArtifactKind.REPORT: {
         "type": "object",
-        "description": "`meshmark.report/1`, as the README describes it.",
+        "description": "`meshmark.report/1`, as the manual's page on the report describes it.",
         "examples": [{"schema": "meshmark.report/1", "watermarks": [], "metrics": None, "warnings": []}],
     },
     ArtifactKind.PREVIEW: {"type": "string", "format": "binary"},

@@ -10,9 +10,10 @@ from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
-from tests.docker.commands import ROOT, FailedError, require, run, say, wait_until
+from tests.docker.commands import FailedError, require, run, say, wait_until
 from tests.docker.deployment import ASSET, ENDED, OURS, PROJECT, Client, Deployment, LargeAsset
 from tests.docker.engine import Engine
+from tests.manual import command_lines, page
 
 MIB = 1 << 20
 BUCKET = """
@@ -241,9 +242,9 @@ def taken_down(stack: Deployment) -> str:
 
 
 def one_container(engine: Engine, tag: str, folder: Path) -> str:
-    """The README's lines, as they stand there."""
+    """The manual's lines, as they stand there."""
     engine.docker("tag", tag, "meshmark")
-    text = (ROOT / "README.md").read_text().replace("\\\n", " ")
+    text = command_lines(page("deployment"))
     (start,) = re.findall(r"^docker run -d .*", text, re.MULTILINE)
     (make_key,) = re.findall(r"^docker exec meshmark .*", text, re.MULTILINE)
     (apply,) = re.findall(r"^docker run --rm .*", text, re.MULTILINE)
@@ -276,7 +277,7 @@ def one_container(engine: Engine, tag: str, folder: Path) -> str:
     shutil.copy(ASSET, work / "in.glb")
     run(["sh", "-c", apply], environment, cwd=work)
     require((work / "out.glb").read_bytes().startswith(b"glTF"), "the command line wrote no GLB")
-    return "hardened, by the README's own lines: key, job, restart, exit code 0; the command line without a network"
+    return "hardened, by the manual's own lines: key, job, restart, exit code 0; the command line without a network"
 
 
 def one_processor(engine: Engine, tag: str) -> str:

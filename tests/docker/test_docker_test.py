@@ -16,6 +16,7 @@ from tests.docker.engine import Footprint, processes_of
 from tests.docker.images import BASES, COMPOSE, STANDINS, WEED
 from tests.docker.test_compose import SERVICES
 from tests.docker.test_dockerfile import TEXT
+from tests.manual import command_lines, page
 
 ROOT = Path(__file__).parents[2]
 
@@ -86,8 +87,8 @@ def test_the_footprint_of_this_machine_is_its_links_and_rules() -> None:
     assert found == Footprint.now()
 
 
-def test_the_readme_has_the_lines_that_are_run() -> None:
-    text = (ROOT / "README.md").read_text().replace("\\\n", " ")
+def test_the_manual_has_the_lines_that_are_run() -> None:
+    text = command_lines(page("deployment"))
     (start,) = re.findall(r"^docker run -d .*", text, re.MULTILINE)
     (apply,) = re.findall(r"^docker run --rm .*", text, re.MULTILINE)
     assert len(re.findall(r"^docker exec meshmark .*keys create", text, re.MULTILINE)) == 1

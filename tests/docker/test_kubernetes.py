@@ -26,12 +26,12 @@ from service.outbound.addresses import GLOBAL_UNICAST, NOT_PUBLIC_V4, NOT_PUBLIC
 from service.outbound.policy import PORTS
 from tests.docker.test_compose import SERVICES
 from tests.docker.test_dockerfile import STAGES
+from tests.manual import page
 
 Manifest = dict[str, Any]
 
 ROOT = Path(__file__).parents[2]
 KUBERNETES = ROOT / "docker" / "kubernetes"
-README = (ROOT / "README.md").read_text()
 OLDEST, NEWEST = "1.25", "1.37"  # of the releases that kubernetes-validate has the schemas of
 OVERLAYS = ("base", "example")
 UNITS = {"": 1, "m": 1e-3, "Ki": 2**10, "Mi": 2**20, "Gi": 2**30}
@@ -327,15 +327,15 @@ def test_each_queue_that_jobs_can_wait_in_has_workers_that_are_scaled_by_it(over
         assert f'queue="{name.removeprefix("meshmark-worker-")}"' in trigger["metadata"]["query"]
 
 
-def test_there_are_as_many_workers_of_the_size_that_the_readme_says() -> None:
+def test_there_are_as_many_workers_of_the_size_that_the_manual_says() -> None:
     table = {
         int(row[0].replace(",", "")): int(row[1])
-        for row in re.findall(r"^\| ([\d,]+) \| [\d,]+ \| (\d+) \|", README, re.M)
+        for row in re.findall(r"^\| ([\d,]+) \| [\d,]+ \| (\d+) \|", page("sizing"), re.M)
     }
     rules = [item["spec"] for item in of_kind("base", "ScaledObject").values()]
     assert sum(rule["minReplicaCount"] for rule in rules) == table[1_000]
     assert sum(rule["maxReplicaCount"] for rule in rules) == table[41_667]
-    assert "Workers of one job and two cores each" in README
+    assert "Workers of one job and two cores each" in page("sizing")
     assert "MESHMARK_WORKER_CONCURRENCY" not in settings_of("base")
     for name, pod in pods("base").items():
         if name.startswith("worker-"):
@@ -378,10 +378,10 @@ def test_the_ingress_takes_whole_what_the_service_takes_and_lets_events_through(
     assert port["targetPort"] in {item["name"] for item in container(pods(overlay)["api"])["ports"]}
 
 
-def test_the_readme_says_for_how_long_idle_connections_are_kept() -> None:
+def test_the_manual_says_for_how_long_idle_connections_are_kept() -> None:
     kept = Server(FastAPI(), Settings()).config.timeout_keep_alive
-    assert f"An API closes a connection that is idle for {kept} seconds" in README
-    assert f'`upstream-keepalive-timeout: "{kept - 1}"`' in README
+    assert f"An API closes a connection that is idle for {kept} seconds" in page("kubernetes")
+    assert f'`upstream-keepalive-timeout: "{kept - 1}"`' in page("kubernetes")
 
 
 def reaches(overlay: str, name: str, address: str, port: int) -> bool:

@@ -1,0 +1,233 @@
+"""README and manual say of the service and the engine what is so: each table is held to the code it speaks of."""
+
+import argparse
+import json
+import re
+import shlex
+import tomllib
+from collections.abc import Iterator
+from dataclasses import asdict
+from enum import StrEnum
+from types import ModuleType
+
+from prometheus_client import REGISTRY
+
+from core.asset.budgets import DEFAULT_BUDGETS
+from core.attacks.attack import ATTACKS
+from core.benchmark.options import METHODS
+from core.cli import parser
+from core.embossing.refusal import EXPLAINED
+from core.errors import ErrorCode
+from core.metrics.measure import HIGHER_IS_BETTER, UNITS
+from core.parameters import PRESETS, Parameters, parse_parameters
+from core.pipeline import STAGES
+from service.__main__ import parser as service_parser
+from service.app import create_app
+from service.config import Settings
+from service.hooks.config import FILE
+from service.jobs.ledger_metrics import LedgerCollector
+from service.jobs.models import JobState
+from service.problems import STATUS
+from service.routes import events, watermarks
+from service.routes.webhook_schemas import ALL
+from service.show_settings import as_variable
+from tests.manual import MANUAL, README, ROOT, command_lines, names, page, rows
+from tests.service.conftest import Client
+
+EVERYTHING = "\n".join(path.read_text() for path in (README, *sorted(MANUAL.glob("*.md"))))
+
+
+def test_the_table_of_settings_is_that_of_the_service() -> None:
+    expected = [
+        [f"`MESHMARK_{name.upper()}`", f"`{default}`" if (default := as_variable(field.default)) else "empty", text]
+        for name, field in Settings.model_fields.items()
+        if (text := field.description)
+    ]
+    assert rows("configuration", "Settings") == expected
+
+
+def test_the_table_of_parameters_names_each_with_its_default_its_bounds_and_its_values() -> None:
+    table = rows("parameters", "Parameters")
+    assert [name for name, _, _ in table] == [f"`{name}`" for name in Parameters.model_fields]
+    for (name, default, meaning), field in zip(table, Parameters.model_fields.values(), strict=True):
+        if field.is_required():
+            assert default == "required"
+        elif field.default is not None:
+            assert default.strip("`") == str(field.default)
+        else:
+            assert default in ("preset", "`null`")
+        if isinstance(field.default, StrEnum):
+            assert all(f"`{value}`" in meaning for value in type(field.default)), name
+        bounds = [getattr(rule, side, None) for rule in field.metadata for side in ("ge", "le", "max_length")]
+        for bound in filter(None, bounds):
+            assert ("2^63 - 1" if bound == 2**63 - 1 else f"{bound:g}") in meaning, (name, bound)
+
+
+def test_the_table_of_presets_is_that_of_the_engine() -> None:
+    keys = ("size", "relief", "count", "solver")
+    expected = [
+        [preset.value, *("null" if values.get(key) is None else str(values[key]) for key in keys)]
+        for preset, values in PRESETS.items()
+    ]
+    assert [[cell.strip("`") for cell in row] for row in rows("parameters", "Presets")] == expected
+
+
+def test_the_tables_of_errors_have_every_code_with_its_status_once() -> None:
+    headings = re.findall(r"^## (.+)$", page("errors"), re.MULTILINE)
+    table = [row for heading in headings for row in rows("errors", heading)]
+    assert [(code.strip("`"), int(status)) for code, status, _, _ in table] == [
+        (code, STATUS[code]) for code in ErrorCode
+    ]
+    assert all(meaning and remedy for _, _, meaning, remedy in table)
+
+
+def test_the_table_of_metrics_has_each_with_its_direction_and_its_unit() -> None:
+    known = {name: better for kind in HIGHER_IS_BETTER.values() for name, better in kind.items()}
+    table = {row[0].strip("`"): row[1:] for row in rows("metrics", "Metrics")}
+    assert {name: better == "high" for name, (better, _, _) in table.items()} == known
+    assert {name: table[name][1] for name in UNITS} == UNITS
+
+
+def test_the_tables_of_attacks_and_methods_are_those_of_the_benchmark() -> None:
+    expected = [
+        [f"`{name}`", f"{attack.strength:g}", f"{attack.low:g} to {attack.high:g}", attack.help]
+        for name, attack in ATTACKS.items()
+    ]
+    assert rows("benchmark", "Attacks") == expected
+    assert names("benchmark", "Methods") == [*METHODS]
+
+
+def test_the_table_of_refused_places_is_that_of_the_engine() -> None:
+    assert rows("report", "Reasons for refused places") == [
+        [f"`{reason}`", meaning] for reason, (meaning, _) in EXPLAINED.items()
+    ]
+
+
+def test_the_table_of_budgets_is_that_of_the_engine() -> None:
+    table = {name.strip("`"): int(most.replace(",", "")) for name, most, _ in rows("limits", "Budgets of an asset")}
+    assert table == asdict(DEFAULT_BUDGETS)
+
+
+def test_the_table_of_metrics_for_prometheus_is_that_of_the_processes(client: Client) -> None:
+    ledger = LedgerCollector(client.worker.ledger.sessions)
+    families = [family for collector in (REGISTRY, ledger) for family in collector.collect()]
+    ours = {
+        family.name + {"counter": "_total", "info": "_info"}.get(family.type, "")
+        for family in families
+        if family.name.startswith("meshmark_")
+    }
+    assert set(names("observability", "Metrics")) == ours
+
+
+def test_the_example_of_an_error_is_what_the_service_answers(client: Client) -> None:
+    example = re.search(r"```json\n(.*?)```", page("errors"), re.DOTALL)
+    assert example is not None
+    files = {"file": ("asset.stl", bytes(80) + b"\xff" * 4)}
+    answer = client.http.post("/v1/watermarks", files=files, data={"params": '{"text": "watermark"}'})
+    assert answer.json() == json.loads(example[1])
+
+
+def test_every_state_and_every_stage_of_a_job_is_named() -> None:
+    states = re.search(r"\*\*Job states\*\*.*\n*.*", page("concepts"))
+    assert states is not None
+    assert set(re.findall(r"`(\w+)`", states[0].partition("\n")[0])) == set(JobState)
+    assert names("concepts", "Job") == [name for name, _, _ in STAGES]
+
+
+def test_every_event_that_an_endpoint_may_name_is_on_the_page_of_webhooks() -> None:
+    assert set(re.findall(r"watermark\.[a-z]+", page("webhooks"))) == set(ALL)
+
+
+def routes(*modules: ModuleType) -> set[str]:
+    return {route.path for module in modules for route in module.router.routes}
+
+
+def test_the_addresses_in_the_examples_exist_and_every_address_has_one() -> None:
+    variables = {"$ID": "{job_id}", "$URL": ""}
+    named = {
+        re.sub(r"\$\w+", lambda found: variables[found[0]], path)
+        for path in re.findall(r"127\.0\.0\.1:8080(/v1[\w/$-]*)", EVERYTHING)
+    }
+    assert named <= set(create_app(Settings()).openapi()["paths"])
+    assert routes(watermarks, events) <= named
+
+
+def test_every_address_of_the_api_is_in_the_manual() -> None:
+    for path in create_app(Settings()).openapi()["paths"]:
+        parts = [re.escape(part) if part[:1] != "{" else r"[^/\s`]+" for part in path.split("/")]
+        assert re.search("/".join(parts), EVERYTHING), path
+
+
+def test_the_parameters_in_the_examples_are_valid() -> None:
+    examples = re.findall(r"params=(\{.*?\})'", command_lines(EVERYTHING))
+    examples += re.findall(r"```json\n(.*?)```", page("parameters"), re.DOTALL)
+    assert len(examples) >= 4
+    for example in examples:
+        parse_parameters(example)
+
+
+def test_the_hook_in_the_readme_can_be_configured() -> None:
+    example = re.search(r"```toml\n(.*?)```", README.read_text(), re.DOTALL)
+    assert example is not None
+    FILE.validate_python(tomllib.loads(example[1]))
+
+
+def commands(parser: argparse.ArgumentParser, *above: str) -> Iterator[tuple[str, argparse.ArgumentParser]]:
+    """Every command below a parser that has none below itself, in words."""
+    below = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
+    if not below:
+        yield " ".join(above), parser
+    for action in below:
+        for name, command in action.choices.items():
+            yield from commands(command, *above, name)
+
+
+def options(parser: argparse.ArgumentParser) -> set[str]:
+    long = {option for action in parser._actions for option in action.option_strings if option.startswith("--")}
+    return long - {"--help"}
+
+
+def test_every_command_of_meshmark_is_shown_with_every_option_and_no_other() -> None:
+    known = dict(commands(parser()))
+    assert re.findall(r"^## ([a-z]+)$", page("command-line"), re.MULTILINE) == [*known]
+    for name, command in known.items():
+        section = page("command-line").split(f"\n## {name}\n")[1].split("\n## ")[0]
+        usage = re.search(rf"^meshmark {name} .*?```", section, re.MULTILINE | re.DOTALL)
+        assert usage is not None
+        assert set(re.findall(r"--[a-z][a-z0-9-]*", usage[0])) == options(command), name
+
+
+def test_every_command_of_the_service_is_named() -> None:
+    table = " ".join(names("command-line", "The service's commands"))
+    for name, _ in commands(service_parser()):
+        assert all(re.search(rf"\b{word}\b", table) for word in name.split()), name
+
+
+def test_every_command_line_in_the_manual_can_be_parsed() -> None:
+    """Those without placeholders: names, files and numbers as somebody would write them."""
+    lines = re.findall(r"^(meshmark|python -m service) (.*)$", command_lines(EVERYTHING), re.MULTILINE)
+    parsed = 0
+    for program, words in lines:
+        if re.search(r"\[|\||\.\.\.", words):
+            continue
+        arguments = shlex.split(words, comments=True)
+        (parser() if program == "meshmark" else service_parser()).parse_args(arguments)
+        parsed += 1
+    assert parsed > 10
+
+
+def test_the_house_of_the_manual_is_that_of_the_repository() -> None:
+    """The tree on the page for contributors has every folder with modules."""
+    tree = re.search(r"```\n(core/.*?)```", page("contributing"), re.DOTALL)
+    assert tree is not None
+    shown, top = set(), ""
+    for indent, name in re.findall(r"^( *)(\w+)/ ", tree[1], re.MULTILINE):
+        top = top if indent else name
+        shown.add(f"{top}/{name}" if indent else name)
+    there = {
+        init.parent.relative_to(ROOT).as_posix()
+        for package in ("core", "service", "worker")
+        for init in (ROOT / package).glob("**/__init__.py")
+    }
+    deeper = {"service/jobs/migrations"}
+    assert shown - {"service/docs", "docker", "tests"} == there - deeper
