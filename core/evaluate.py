@@ -17,6 +17,7 @@ from core.asset.gltf import Document
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.boxes import Boxes
 from core.geometry.surface import MODEL_SIZE, Surface
+from core.geometry.triangles import unit
 from core.ground.ground import eye_index
 from core.metrics.measure import Pair, Pictures, Subject, measure
 from core.parameters import Evaluate
@@ -82,17 +83,12 @@ def parse_watermarks(data: bytes) -> list[Watermark]:
 def to_boxes(watermarks: list[Watermark], surface: Surface) -> tuple[Boxes, Float]:
     """World watermarks as boxes (B) and heights of letters (B,) in the size-30 frame of ``surface``."""
     if not watermarks:
-        return Boxes(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3))), np.empty(0)
-    normal = _unit(np.array([mark.normal for mark in watermarks], dtype=np.float64))
-    right = _unit(np.cross([mark.up for mark in watermarks], normal))
+        return Boxes.empty(), np.empty(0)
+    normal = unit(np.array([mark.normal for mark in watermarks], dtype=np.float64))
+    right = unit(np.cross([mark.up for mark in watermarks], normal))
     axes = np.stack([right, np.cross(normal, right), normal], axis=1)
-    center = (np.array([mark.center for mark in watermarks]) - surface.offset) * surface.scale
-    size = np.array([mark.size for mark in watermarks]) * surface.scale
-    return Boxes(center, axes, size), np.abs([mark.relief * surface.scale for mark in watermarks])
-
-
-def _unit(vectors: Float) -> Float:
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
+    world = Boxes(np.array([mark.center for mark in watermarks]), axes, np.array([mark.size for mark in watermarks]))
+    return world.to_frame(surface.offset, surface.scale), np.abs([mark.relief * surface.scale for mark in watermarks])
 
 
 def evaluate(

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from core.arrays import Bool, Float, Int
 from core.asset.gltf import Document, dequantize, read_accessor
 from core.asset.skin import influence_sets, merge, quantize_weights, read_influences
+from core.geometry.triangles import unit
 
 # Always stored as floats in what is written: integers would round new rows visibly, or off the surface.
 GEOMETRIC = ("POSITION", "NORMAL", "TANGENT")
@@ -84,18 +85,6 @@ def interpolate_influences(document: Document, attributes: dict[str, Any], point
     stored = quantize_weights(strongest, min(dtypes, key=lambda dtype: dtype.itemsize))
     fractions = dequantize(stored, {"normalized": True})
     return np.where(fractions > 0, merged, 0), fractions
-
-
-def flat_normals(corners: Float) -> Float:
-    """(M, 3) unit normals of (M, 3, 3) triangles; zero for degenerate ones."""
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return unit(cross)
-
-
-def unit(vectors: Float) -> Float:
-    """(N, 3) vectors at length 1; zero where they have no direction."""
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.asarray(np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 1e-30))
 
 
 def orthogonal_tangents(tangents: Float, normals: Float) -> Float:

@@ -9,12 +9,10 @@ from numpy.typing import NDArray
 from core.arrays import Bool, Float, Int
 from core.asset.attributes import (
     Points,
-    flat_normals,
     interpolate_attribute,
     interpolate_influences,
     orthogonal_tangents,
     read_rows,
-    unit,
 )
 from core.asset.edit import Kind, SurfaceEdit
 from core.asset.flatten import SINGULAR, DrawnPrimitive, Scene, determinants
@@ -23,6 +21,7 @@ from core.asset.skin import blend, influence_sets
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.grouping import group_rows
 from core.geometry.products import solved
+from core.geometry.triangles import flat_normals, unit
 
 # Corners of one point share a row where their attributes agree to this fraction of the attribute's largest value;
 # those of a wall, whose two triangles are never quite coplanar, where their normals agree to a sixteenth of a degree.

@@ -121,7 +121,7 @@ def attack_file(data: bytes, name: str, strength: float | None, seed: int, origi
         surface = surface.in_frame_of(unmarked)
     target = Target(
         original_index=SpatialIndex(unmarked.positions, unmarked.faces),
-        boxes=Boxes(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3))),
+        boxes=Boxes.empty(),
         rng=np.random.default_rng(seed),
     )
     mesh = ATTACKS[name](Mesh(surface.positions, surface.faces), target, strength).mesh

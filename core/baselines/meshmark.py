@@ -26,11 +26,10 @@ def meshmark(
     result = watermark(prepared.data, unmeasured, font=prepared.font, preview=False, objective=objective)
     surface = prepared.surface
     marks = result.report["watermarks"]
-    axes = np.array([[mark["right"], mark["up"], mark["normal"]] for mark in marks])
     boxes = Boxes(
-        (np.array([mark["center"] for mark in marks]) - surface.offset) * surface.scale,
-        axes,
-        np.array([mark["size"] for mark in marks]) * surface.scale,
-    )
+        np.array([mark["center"] for mark in marks]),
+        np.array([[mark["right"], mark["up"], mark["normal"]] for mark in marks]),
+        np.array([mark["size"] for mark in marks]),
+    ).to_frame(surface.offset, surface.scale)
     relief = np.array([mark["relief"] for mark in marks]) * surface.scale
     return Marked(plain(flatten(Document.from_glb(result.model)).surface.in_frame_of(surface)), boxes, relief)

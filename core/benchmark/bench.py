@@ -35,7 +35,6 @@ from core.rendering.renderer import Frame, Renderer
 
 Pictures = NDArray[np.uint8]
 
-NO_BOXES = Boxes(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3)))
 
 # The parts of a prepared asset that a method needs. They are made once for all methods, and each method's run time
 # counts all that it needs; our own product, whole or without a term, reads the file itself and is not listed.
@@ -122,7 +121,7 @@ class AssetBench:
         with _timed(seconds, "marking"):
             if method == INVISIBLE:
                 bits = np.random.default_rng(self._seed).random(LENGTH) < 0.5
-                marked = Marked(embed(self._mesh, bits), NO_BOXES, np.empty(0))
+                marked = Marked(embed(self._mesh, bits), Boxes.empty(), np.empty(0))
             else:
                 parameters = self._parameters.model_copy(update={"count": count}).resolved()
                 marked = STRATEGIES[method](self._prepared, parameters, np.random.default_rng(self._seed))

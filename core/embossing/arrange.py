@@ -15,6 +15,7 @@ from core.arrays import Bool, Float, Int
 from core.embossing.patch import Patch
 from core.embossing.pieces import Pieces
 from core.geometry.edges import directed_edges
+from core.geometry.triangles import doubled_area, ring_area
 
 DEGENERATE = 1e-13  # signed areas below this (square text widths) do not tell left from right in float64
 
@@ -87,8 +88,8 @@ def _walk(
         end = ring[0] if is_last else ring[k + 1]
         near = np.flatnonzero(np.all((high >= np.minimum(start, end)) & (low <= np.maximum(start, end)), axis=1))
         a, b = plane[sides[near, 0]], plane[sides[near, 1]]
-        from_a, from_b = _area(start, end, a), _area(start, end, b)
-        from_start, from_end = _area(a, b, start), _area(a, b, end)
+        from_a, from_b = doubled_area(start, end, a), doubled_area(start, end, b)
+        from_start, from_end = doubled_area(a, b, start), doubled_area(a, b, end)
         crosses = (from_a * from_b < 0) & (from_start * from_end < 0)
         doubtful = np.minimum(np.abs(from_a), np.abs(from_b)) < DEGENERATE
         doubtful |= np.minimum(np.abs(from_start), np.abs(from_end)) < DEGENERATE
@@ -146,7 +147,7 @@ def _cells(triangle: list[int], inside: _Triangle, plane: Float) -> list[tuple[l
             cycle.append(here)
             here, there = there, _leftmost(here, there, following[there], plane)
         cycles.append(cycle)
-    areas = [_ring_area(plane[cycle]) for cycle in cycles]
+    areas = [ring_area(plane[cycle]) for cycle in cycles]
     outer = [k for k, area in enumerate(areas) if area > 0]
     holes: dict[int, list[list[int]]] = defaultdict(list)
     for k, area in enumerate(areas):
@@ -181,20 +182,9 @@ def _leftmost(before: int, here: int, ends: list[int], plane: Float) -> int:
     return min(others, key=turn) if others else before
 
 
-def _area(a: Float, b: Float, c: Float) -> Float:
-    """Twice the signed area of triangles a, b, c, broadcast."""
-    u, v = b - a, c - a
-    return np.asarray(u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0])
-
-
-def _ring_area(ring: Float) -> float:
-    x, y = ring[:, 0], ring[:, 1]
-    return float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) / 2)
-
-
 def _containing(point: Float, triangles: Float) -> int:
     """The one of (K, 3, 2) ``triangles`` that holds ``point`` strictly inside, -1 if none does."""
-    area = np.stack([_area(triangles[:, k], triangles[:, (k + 1) % 3], point) for k in range(3)])
+    area = np.stack([doubled_area(triangles[:, k], triangles[:, (k + 1) % 3], point) for k in range(3)])
     found = np.flatnonzero(np.all(area > DEGENERATE, axis=0))
     return int(found[0]) if len(found) else -1
 

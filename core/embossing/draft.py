@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from core.arrays import Float, Int
 from core.geometry.spatial import SpatialIndex
+from core.geometry.triangles import doubled_area
 
 # Of the strokes' mean width. OCR of uncoloured letters in the paper's views, mean of five assets: 0.64 upright, 0.72 at
 # 0.2, 0.73 at 0.25 and 0.3, 0.72 at 0.4; of eight assets: 0.69 upright, 0.79 at 0.25.
@@ -46,7 +47,7 @@ class Draft:
         corners = self.triangles[face]
         a, b, c = (self.index.positions[corners[:, k], :2] for k in range(3))
         point = nearest[:, :2]
-        area = np.stack([_area(b, c, point), _area(c, a, point), _area(a, b, point)], axis=1)
+        area = np.stack([doubled_area(b, c, point), doubled_area(c, a, point), doubled_area(a, b, point)], axis=1)
         shift = np.einsum("tk,tkj->tj", area / area.sum(axis=1, keepdims=True), self.shift[corners])
         return _eased(points, shift, triangles, CUT_ROOM)
 
@@ -56,7 +57,7 @@ def draft(islands: tuple[CrossSection, ...]) -> Draft:
     rings = [np.ascontiguousarray(ring) for island in islands for ring in island.to_polygons()]
     points = np.concatenate(rings)
     triangles = np.asarray(triangulate(rings), dtype=np.int64)
-    triangles = triangles[_area(*_corners(points, triangles)) > 0]
+    triangles = triangles[doubled_area(*_corners(points, triangles)) > 0]
     perimeter = sum(float(np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1).sum()) for ring in rings)
     stroke = 2 * sum(island.area() for island in islands) / perimeter  # of a long one, exactly its width
     inwards = INSET * stroke * np.concatenate([_mitres(ring) for ring in rings])
@@ -99,9 +100,9 @@ def _is_tight(points: Float, shift: Float, triangles: Int, room: float) -> NDArr
 
     The area is quadratic in the part of the way: it is least at an end or at the vertex of the parabola.
     """
-    start = _area(*_corners(points, triangles))
-    end = _area(*_corners(points + shift, triangles))
-    bend = _area(*_corners(shift, triangles))
+    start = doubled_area(*_corners(points, triangles))
+    end = doubled_area(*_corners(points + shift, triangles))
+    bend = doubled_area(*_corners(shift, triangles))
     slope = end - start - bend
     turn = np.clip(np.divide(-slope, 2 * bend, out=np.zeros_like(bend), where=bend > 0), 0.0, 1.0)
     least = np.minimum(end, start + turn * (slope + turn * bend))
@@ -110,9 +111,3 @@ def _is_tight(points: Float, shift: Float, triangles: Int, room: float) -> NDArr
 
 def _corners(points: Float, triangles: Int) -> tuple[Float, Float, Float]:
     return points[triangles[:, 0]], points[triangles[:, 1]], points[triangles[:, 2]]
-
-
-def _area(a: Float, b: Float, c: Float) -> Float:
-    """Twice the signed areas of the triangles a, b, c, (..., 2) each."""
-    u, v = b - a, c - a
-    return np.asarray(u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0])

@@ -12,7 +12,7 @@ from core.embossing.arrange import arrange
 from core.embossing.check import is_closed
 from core.embossing.draft import Draft
 from core.embossing.lift import MIN_AGREEMENT, folded, lift, obstructed, turned
-from core.embossing.mesh import WorkingMesh, barycentric
+from core.embossing.mesh import WorkingMesh
 from core.embossing.patch import AREA_TOLERANCE, Patch, patches
 from core.embossing.pieces import Pieces
 from core.embossing.refusal import Refusal
@@ -22,6 +22,7 @@ from core.geometry.boxes import Boxes
 from core.geometry.edges import boundary_edges, directed_edges
 from core.geometry.products import product
 from core.geometry.spatial import Eye, SpatialIndex
+from core.geometry.triangles import barycentric
 
 Cut = Callable[[Patch, CrossSection], Pieces | None]
 CUTS: tuple[tuple[str, Cut], ...] = (("split", split), ("arrangement", arrange))

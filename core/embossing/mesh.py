@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from core.arrays import Bool, Float, Int
 from core.asset.edit import Kind, SurfaceEdit
 from core.geometry.surface import Surface
+from core.geometry.triangles import barycentric
 from core.ground.sheets import Sheets, single_layer
 
 CELL = 1.0  # size-30 units; about a fifth of a usual text width, so that a query reads few cells
@@ -215,18 +216,3 @@ def _bounds(points: Float, corners: Int) -> tuple[Float, Float]:
     """(K, 3) lowest and highest coordinates of (K, 3) ``corners``; a reduction over so short an axis would be slow."""
     a, b, c = (points[corners[:, k]] for k in range(3))
     return np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
-
-
-def barycentric(points: Float, triangles: Float) -> Float:
-    """(M, 3, 3) barycentric coordinates of ``points`` (M, 3, 3: corner, xyz) in their ``triangles`` (M, 3, 3),
-    clamped into the triangle: feet lie on it up to rounding."""
-    origin = triangles[:, 0]
-    first, second = triangles[:, 1] - origin, triangles[:, 2] - origin
-    normal = np.cross(first, second)
-    area = np.maximum(np.sum(normal * normal, axis=1), np.finfo(float).tiny)[:, None]
-    relative = points - origin[:, None]
-    v = np.einsum("mkj,mj->mk", np.cross(relative, second[:, None]), normal) / area
-    w = np.einsum("mkj,mj->mk", np.cross(first[:, None], relative), normal) / area
-    result = np.clip(np.stack([1 - v - w, v, w], axis=-1), 0.0, 1.0)
-    result[result < 1e-9] = 0.0
-    return np.asarray(result / result.sum(axis=-1, keepdims=True))

@@ -10,6 +10,7 @@ from core.embossing.mesh import WorkingMesh
 from core.geometry.boxes import Boxes
 from core.geometry.edges import connected, directed_edges, edge_table
 from core.geometry.products import product
+from core.geometry.triangles import doubled_area
 
 MIN_FACING = 0.15  # cosine between the box normal and a face's normal
 MARGIN = 0.16  # how far beyond the text's rectangle faces are taken in, in text heights
@@ -64,7 +65,7 @@ class Patch:
         """(N,) z of the patch at (N, 2) ``points`` of the box plane, in text widths; nan beside it."""
         a, b, c = (self.points[self.triangles[:, k]] for k in range(3))
         at = points[:, None, :]
-        weights = np.stack([_cross(q[:, :2] - p[:, :2], at - p[:, :2]) for p, q in ((b, c), (c, a), (a, b))], axis=2)
+        weights = np.stack([doubled_area(p[:, :2], q[:, :2], at) for p, q in ((b, c), (c, a), (a, b))], axis=2)
         inside = np.asarray((weights >= 0).all(axis=2))
         under, which = inside.any(axis=1), inside.argmax(axis=1)
         share = np.take_along_axis(weights, which[:, None, None], axis=1)[:, 0]
@@ -75,11 +76,7 @@ class Patch:
     def projected_area(self) -> float:
         """The sum of the triangles' areas in the box plane."""
         a, b, c = (self.points[self.triangles[:, k], :2] for k in range(3))
-        return float(np.sum(_cross(b - a, c - a)) / 2)
-
-
-def _cross(a: Float, b: Float) -> Float:
-    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+        return float(np.sum(doubled_area(a, b, c)) / 2)
 
 
 def _loops(edges: Int, points: Float) -> list[Float]:

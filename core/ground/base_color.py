@@ -14,6 +14,7 @@ from core.asset.flatten import Scene
 from core.asset.materials import read_material
 from core.asset.pixels import read_texture
 from core.geometry.surface import Surface
+from core.geometry.triangles import barycentric
 
 TEXTURE_LIMIT = 1024  # pixels a side: a pixel of one that spans the asset is 0.03 size-30 units, a tenth of a letter
 TEXTURES_KEPT = 8  # decoded at a time, 4 MiB each
@@ -71,7 +72,7 @@ def appearance(scene: Scene, surface: Surface, points: Float, face: Int) -> Appe
     owner = surface.face_primitive[face]
     first = np.array([drawn.first_vertex for drawn in scene.primitives])
     corners = surface.faces[face]
-    inside = Points(corners - first[owner, None], barycentric(surface.positions[corners], points))
+    inside = Points(corners - first[owner, None], barycentric(points[:, None], surface.positions[corners])[:, 0])
 
     # Primitives that share attributes and material, such as instances, are read once.
     kinds: dict[tuple[Any, ...], int] = {}
@@ -93,14 +94,3 @@ def appearance(scene: Scene, surface: Surface, points: Float, face: Int) -> Appe
             glow[mine] = emitted(scene.document, seen.emission, dict(attributes), inside[mine])
         unlit[mine] = seen.unlit
     return Appearance(lit, glow, unlit)
-
-
-def barycentric(corners: Float, points: Float) -> Float:
-    """(N, 3) coordinates of ``points`` (N, 3) in the triangles ``corners`` (N, 3, 3) they lie in."""
-    a, b, to = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], points - corners[:, 0]
-    normal = np.cross(a, b)
-    area = np.einsum("ni,ni->n", normal, normal)
-    second = np.einsum("ni,ni->n", np.cross(to, b), normal) / area
-    third = np.einsum("ni,ni->n", np.cross(a, to), normal) / area
-    inside = np.clip(np.column_stack([1 - second - third, second, third]), 0, 1)
-    return np.asarray(inside / inside.sum(axis=1, keepdims=True))

@@ -9,7 +9,7 @@ from core.asset.flatten import DrawnPrimitive, Scene
 from core.asset.skin import influence_sets, read_influences
 from core.geometry.boxes import Boxes
 from core.geometry.surface import Surface
-from core.ground.base_color import barycentric
+from core.geometry.triangles import barycentric
 from core.ground.under import Samples
 
 
@@ -51,7 +51,7 @@ def joints(scene: Scene, surface: Surface, points: Float, face: Int) -> Joints |
         return None
     owner = surface.face_primitive[face]
     corners = surface.faces[face]
-    share = barycentric(surface.positions[corners], points)
+    share = barycentric(points[:, None], surface.positions[corners])[:, 0]
     most = 3 * max(found[0].shape[1] for found in skinned if found is not None)
     moved, weights = np.zeros((len(points), most), dtype=np.int64), np.zeros((len(points), most))
     for number in np.unique(owner).tolist():

@@ -9,7 +9,7 @@ from core.asset.attributes import Points
 from core.asset.flatten import Scene
 from core.asset.viewer import Look
 from core.geometry.surface import Surface
-from core.ground.base_color import barycentric
+from core.geometry.triangles import barycentric
 
 Opacity = Callable[[Float, Int], Bool]
 
@@ -34,7 +34,7 @@ def opacity(scene: Scene, surface: Surface, usable: Bool) -> Opacity | None:
         for number in np.unique(owner).tolist():
             mine, drawn = asked[owner == number], scene.primitives[number]
             corners = surface.faces[face[mine]]
-            inside = barycentric(surface.positions[corners], points[mine])
+            inside = barycentric(points[mine, None], surface.positions[corners])[:, 0]
             found[mine] = look.opaque_at(drawn, Points(corners - drawn.first_vertex, inside))
         return found
 

@@ -55,15 +55,9 @@ class Samples:
 
     def _inside(self, boxes: Boxes) -> tuple[Int, Int]:
         """Pairs of a box and a point inside it that looks at it: (P,), (P,)."""
-        if len(boxes) == 0:
-            return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
-        found = self._tree.query_ball_point(boxes.center, np.linalg.norm(boxes.size, axis=1) / 2)
-        owner = np.repeat(np.arange(len(boxes)), [len(item) for item in found])
-        which = np.concatenate([np.asarray(item, dtype=np.int64) for item in found])
-        local = np.einsum("ni,nji->nj", self.points[which] - boxes.center[owner], boxes.axes[owner])
-        toward = np.einsum("ni,ni->n", self.normals[which], boxes.axes[owner, 2])
-        inside = (np.abs(local) <= boxes.size[owner] / 2).all(axis=1) & (toward > 0)
-        return owner[inside], which[inside]
+        owner, which, _ = boxes.contained(self._tree)
+        toward = np.einsum("ni,ni->n", self.normals[which], boxes.axes[owner, 2]) > 0
+        return owner[toward], which[toward]
 
     def _nearest(self, boxes: Boxes) -> Int:
         """(B, 8) the points nearest to each centre that look at the box; others only where there are too few."""

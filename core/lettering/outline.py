@@ -10,6 +10,7 @@ from manifold3d import CrossSection, FillRule, JoinType, OpType
 
 from core.arrays import Float
 from core.errors import ErrorCode, MeshmarkError
+from core.geometry.triangles import ring_area
 from core.lettering.fonts import default_font, load_font
 from core.lettering.shaping import Glyph, shape
 
@@ -55,7 +56,7 @@ def lettering(text: str, font: bytes | None = None) -> Lettering:
     """
     hb_font = default_font() if font is None else load_font(font)
     shape_of_text = _united(_outlines(shape(text, hb_font), hb_font), text)
-    rings = [ring for ring in shape_of_text.to_polygons() if abs(signed_area(ring)) >= MIN_AREA]
+    rings = [ring for ring in shape_of_text.to_polygons() if abs(ring_area(ring)) >= MIN_AREA]
     if not rings:
         raise MeshmarkError(
             ErrorCode.EMPTY_TEXT,
@@ -70,7 +71,7 @@ def lettering(text: str, font: bytes | None = None) -> Lettering:
         text=text,
         polygons=tuple((ring - (low + high) / 2) / width for ring in rings),
         aspect=float(height / width),
-        ink=sum(map(signed_area, rings)) / float(width * height),
+        ink=sum(map(ring_area, rings)) / float(width * height),
     )
 
 
@@ -136,14 +137,8 @@ def _united(glyphs: list[list[Float]], text: str) -> CrossSection:
 
 
 def _topology(section: CrossSection) -> tuple[int, int]:
-    areas = [signed_area(ring) for ring in section.to_polygons()]
+    areas = [ring_area(ring) for ring in section.to_polygons()]
     return sum(area > MIN_AREA for area in areas), sum(area < -MIN_AREA for area in areas)
-
-
-def signed_area(ring: Float) -> float:
-    """Area of a closed ring (N, 2), in its units squared; positive where it runs counter-clockwise."""
-    x, y = (ring - ring[0]).T
-    return float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) / 2
 
 
 def _require_few_points(count: int, text: str) -> None:

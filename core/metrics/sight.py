@@ -3,7 +3,7 @@
 import numpy as np
 
 from core.arrays import Float
-from core.geometry.boxes import Boxes
+from core.geometry.boxes import Boxes, unit_grid
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
 from core.placement.filters import above, footprint
@@ -31,7 +31,7 @@ def top_face(boxes: Boxes) -> Float:
 
     On the face itself the rays of flat letters, which end there, would start inside them or not by rounding.
     """
-    u, v = np.meshgrid(*(np.linspace(-0.5, 0.5, count) for count in GRID), indexing="ij")
-    local = np.stack([u.ravel(), v.ravel(), np.full(u.size, 0.5)], axis=1)[None] * boxes.size[:, None, :]
+    front = np.pad(unit_grid(GRID), ((0, 0), (0, 1)), constant_values=0.5)
+    local = front[None] * boxes.size[:, None, :]
     local[..., 2] += CLEAR
     return np.asarray(np.einsum("bni,bij->bnj", local, boxes.axes) + boxes.center[:, None, :])

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from core.arrays import Bool, Float, Int
-from core.geometry.boxes import Boxes
+from core.geometry.boxes import Boxes, unit_grid
 from core.geometry.products import product
 from core.geometry.spatial import Eye, SpatialIndex
 from core.placement.finetune import LOSS_THRESHOLD
@@ -58,9 +58,8 @@ def footprint(
     The grid spans the front face and ``margin`` times the height more on all sides. ``normals`` (F, 3) are the
     unit face normals of the surface in ``index``.
     """
-    u, v = np.meshgrid(*(np.linspace(-0.5, 0.5, count) for count in grid), indexing="ij")
     spread = boxes.size[:, None, :2] + 2 * margin * boxes.size[:, None, 1:2]
-    local = np.stack([u.ravel(), v.ravel()], axis=1)[None] * spread
+    local = unit_grid(grid)[None] * spread
     start = boxes.size[:, 2] / 2 + clearance
     normal = boxes.axes[:, 2]
     origin = boxes.center + start[:, None] * normal
@@ -146,14 +145,9 @@ def roughness(boxes: Boxes, points: Float, normals: Float) -> Float:
     """
     if len(boxes) == 0:
         return np.empty(0)
-    reach = np.linalg.norm(boxes.size, axis=1) / 2
-    found = cKDTree(points).query_ball_point(boxes.center, reach, return_sorted=True)
-    owner = np.repeat(np.arange(len(boxes)), [len(item) for item in found])
-    which = np.concatenate([np.asarray(item, dtype=np.int64) for item in found])
-    local = np.einsum("ni,nji->nj", points[which] - boxes.center[owner], boxes.axes[owner])
-    toward = np.einsum("ni,ni->n", normals[which], boxes.axes[owner, 2])
-    inside = (np.abs(local) <= boxes.size[owner] / 2).all(axis=1) & (toward > -0.2)
-    owner, which = owner[inside], which[inside]
+    owner, which, _ = boxes.contained(cKDTree(points))
+    toward = np.einsum("ni,ni->n", normals[which], boxes.axes[owner, 2]) > -0.2
+    owner, which = owner[toward], which[toward]
     # The samples come in random order, so each box's first ones are a random choice.
     first = np.searchsorted(owner, np.arange(len(boxes)))
     rank = np.arange(len(owner)) - first[owner]

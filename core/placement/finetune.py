@@ -15,7 +15,7 @@ from torch import Tensor
 
 from core import process
 from core.arrays import Bool, Float
-from core.geometry.boxes import Boxes
+from core.geometry.boxes import Boxes, unit_grid
 from core.geometry.sampling import thin
 from core.geometry.spatial import SpatialIndex
 
@@ -195,8 +195,7 @@ def _fit(
     All but the look-ups in ``index`` happens on ``device``.
     ``reference`` (B, 3) is the up direction that the roll prior pulls to; the boxes' own if None.
     """
-    u, v = np.meshgrid(*(np.linspace(-0.5, 0.5, count) for count in grid), indexing="ij")
-    unit = torch.tensor(np.stack([u.ravel(), v.ravel(), np.zeros(u.size)], axis=1), device=device)
+    unit = torch.tensor(np.pad(unit_grid(grid), ((0, 0), (0, 1))), device=device)
     local = unit[None] * torch.tensor(boxes.size, device=device)[:, None, :]
     up = torch.tensor(boxes.axes[:, 1] if reference is None else reference, device=device)
     center, axes = torch.tensor(boxes.center, device=device), torch.tensor(boxes.axes, device=device)

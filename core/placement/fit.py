@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from core.arrays import Bool, Float, Int
-from core.geometry.boxes import Boxes, join
+from core.geometry.boxes import Boxes
 from core.geometry.products import product
 from core.geometry.sampling import sample
 from core.geometry.spatial import Eye
@@ -69,7 +69,6 @@ SKIN = 0.01  # how far from the surface rays start that must not meet it
 SIGHT_GRID = (8, 2)
 SIGHT = 8.0  # heights in front of a text in which no other part may stand
 SLIDES, SLIDE_GRID, SLIDE_MARGIN = (2.0, 1.0), (12, 16), 0.16  # with as much of the height to spare at the border
-NONE = Boxes(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3)))
 
 
 def fit(
@@ -121,11 +120,11 @@ def fit(
 
 def grow(site: Site, boxes: Boxes, most: Float) -> Placement:
     """Wider text at the places of ``boxes``, each in several widths below its ``most`` (B,), where there is room."""
-    start = NONE
+    start = Boxes.empty()
     for step in range(1, GROWTH_STEPS + 1):
         size = np.maximum(boxes.size * GROWTH**step, (0.0, 0.0, THINNEST))
         room = np.flatnonzero(size[:, 0] < most)
-        start = join(start, Boxes(boxes.center[room], boxes.axes[room], size[room]))
+        start = Boxes.concat(start, Boxes(boxes.center[room], boxes.axes[room], size[room]))
     grown, loss = correct(start, site.index, lambda fitted: _settled(site, fitted))
     return _survivors(site, grown, loss, loss_limit(grown.size), {})[0]
 
@@ -226,7 +225,7 @@ def _candidates(site: Site, size: tuple[float, float, float], wanted: Float | No
     area = float(site.ground.areas.sum()) * len(shown) / number
     shown = shown[:SAMPLES]
     if not len(shown):
-        return NONE
+        return Boxes.empty()
     boxes = candidates(points[shown], normals[shown], size, float(np.sqrt(PACKING * area / (CHOICE * most))))
     narrow = NARROW * min(text_width(1.0, site.lettering.aspect), size[0])
     around = shown[:: int(np.ceil(len(shown) * 4 * narrow**2 / (area * STRIP_SAMPLES)))]

@@ -8,7 +8,7 @@ import numpy as np
 
 from core.arrays import Bool
 from core.errors import ErrorCode, MeshmarkError
-from core.geometry.boxes import join
+from core.geometry.boxes import Boxes
 from core.geometry.surface import MODEL_SIZE
 from core.placement.fit import fit, grow
 from core.placement.legibility import USUAL_ASPECT, legible_height, text_width
@@ -154,7 +154,7 @@ def _poorly_served(site: Site, found: Placement, chosen: list[int], width: float
 def _pool(one: Placement, other: Placement) -> Placement:
     """The boxes of both; those of ``one`` keep their numbers."""
     return Placement(
-        boxes=join(one.boxes, other.boxes),
+        boxes=Boxes.concat(one.boxes, other.boxes),
         loss=np.concatenate([one.loss, other.loss]),
         roughness=np.concatenate([one.roughness, other.roughness]),
         visible=np.concatenate([one.visible, other.visible]),

@@ -11,7 +11,8 @@ from core.geometry.boxes import Boxes
 from core.geometry.edges import EdgeTable
 from core.geometry.spatial import Eye, SpatialIndex
 from core.geometry.surface import Surface
-from core.lettering.outline import Lettering, signed_area
+from core.geometry.triangles import ring_area
+from core.lettering.outline import Lettering
 from core.placement.filters import FACING
 
 SPACING = 0.05  # size-30 units between points of an edge, about a stroke of legible text; wider where edges are many
@@ -40,20 +41,16 @@ class Rims:
     def crossed(self, boxes: Boxes, index: SpatialIndex) -> Bool:
         """(B,) boxes in which a letter would be cut across an edge that does not join two faces that look at the box;
         what another layer hides does not count. ``index`` is over the surface."""
-        found = self.tree.query_ball_point(boxes.center, np.linalg.norm(boxes.size, axis=1) / 2)
-        owner = np.repeat(np.arange(len(boxes)), [len(item) for item in found])
-        which = np.concatenate([np.empty(0, dtype=np.int64), *(np.asarray(item, dtype=np.int64) for item in found)])
-        offset = np.asarray(self.tree.data)[which] - boxes.center[owner]
-        local = np.einsum("ni,nji->nj", offset, boxes.axes[owner]) / boxes.size[owner]
+        owner, which, local = boxes.contained(self.tree)
         apart = (np.einsum("nfi,ni->nf", self.normals[which], boxes.axes[owner, 2]) <= FACING).any(axis=1)
-        inside = np.flatnonzero(apart & (np.abs(local) < 0.5).all(axis=1))
-        column, row = ((local[inside, :2] + 0.5) * self.ink.shape[::-1]).astype(np.int64).T
-        inside = inside[self.ink[row, column]]
-        owner, local = owner[inside], local[inside]
-        normal, thickness = boxes.axes[owner, 2], boxes.size[owner, 2]
-        start = boxes.center[owner] + offset[inside] + ((0.5 - local[:, 2]) * thickness)[:, None] * normal
+        texel = (local[:, :2] / boxes.size[owner, :2] + 0.5) * self.ink.shape[::-1]
+        column, row = np.minimum(texel.astype(np.int64), np.array(self.ink.shape[::-1]) - 1).T
+        met = np.flatnonzero(apart & self.ink[row, column])
+        owner, normal = owner[met], boxes.axes[owner[met], 2]
+        above = boxes.size[owner, 2] / 2 - local[met, 2]
+        start = np.asarray(self.tree.data)[which[met]] + above[:, None] * normal
         distance, _ = index.first_hit(start, -normal, Eye.ORIGIN)
-        uppermost = distance > (0.5 - local[:, 2]) * thickness - UPPERMOST
+        uppermost = distance > above - UPPERMOST
         return np.bincount(owner[uppermost], minlength=len(boxes)) > 0
 
 
@@ -89,7 +86,7 @@ def _ink(lettering: Lettering) -> Bool:
     size = TEXELS, max(round(TEXELS * lettering.aspect), 1)
     picture = Image.new("1", size)
     draw = ImageDraw.Draw(picture)
-    for ring in sorted(lettering.polygons, key=lambda ring: -abs(signed_area(ring))):
+    for ring in sorted(lettering.polygons, key=lambda ring: -abs(ring_area(ring))):
         texels = (ring + np.array([0.5, lettering.aspect / 2])) * TEXELS - 0.5
-        draw.polygon([tuple(texel) for texel in texels.tolist()], fill=int(signed_area(ring) > 0))
+        draw.polygon([tuple(texel) for texel in texels.tolist()], fill=int(ring_area(ring) > 0))
     return np.asarray(picture)

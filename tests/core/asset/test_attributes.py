@@ -4,8 +4,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from core.asset.attributes import Points, encode, flat_normals, interpolate_attribute, orthogonal_tangents, unit
+from core.asset.attributes import Points, encode, interpolate_attribute, orthogonal_tangents
 from core.asset.gltf import dequantize
+from core.geometry.triangles import unit
 from tests.core.asset.builder import Builder
 
 VECTORS = arrays(np.float64, (4, 3), elements=st.floats(-10, 10))
@@ -31,11 +32,6 @@ def test_tangents_are_unit_and_orthogonal_whatever_comes_in(tangents: np.ndarray
     result = orthogonal_tangents(tangents, normals)
     np.testing.assert_allclose(np.linalg.norm(result, axis=1), 1, atol=1e-9)
     np.testing.assert_allclose(np.einsum("ni,ni->n", result, normals), 0, atol=1e-9)
-
-
-def test_a_degenerate_triangle_has_no_normal() -> None:
-    corners = np.array([[[0, 0, 0], [1, 1, 1], [2, 2, 2]], [[0, 0, 0], [2, 0, 0], [0, 2, 0]]], dtype=float)
-    np.testing.assert_array_equal(flat_normals(corners), [[0, 0, 0], [0, 0, 1]])
 
 
 def test_colours_are_mixed_and_identifiers_are_picked() -> None:

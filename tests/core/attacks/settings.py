@@ -14,7 +14,7 @@ def mesh_of(surface: Surface) -> Mesh:
 
 
 def target_of(mesh: Mesh, seed: int = 0, boxes: Boxes | None = None) -> Target:
-    nothing = Boxes(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3)))
+    nothing = Boxes.empty()
     index = SpatialIndex(mesh.positions, mesh.faces)
     return Target(index, nothing if boxes is None else boxes, np.random.default_rng(seed))
 

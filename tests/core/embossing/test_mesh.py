@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.embossing.mesh import FaceGrid, barycentric
+from core.embossing.mesh import FaceGrid
 from tests.core.embossing.bench import Bench, box_at
 from tests.core.shapes import grid
 
@@ -40,10 +40,3 @@ def test_equal_ids_are_equal_points() -> None:
     flat, positions = edit.vertex.ravel(), edit.position.reshape(-1, 3)
     _, first, inverse = np.unique(flat, return_index=True, return_inverse=True)
     assert np.array_equal(positions[first][inverse], positions)
-
-
-def test_barycentric_coordinates_stay_inside_the_triangle() -> None:
-    triangle = np.array([[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]])
-    outside = np.array([[[-1e-12, 0.5, 0.0], [2.0, 0.0, 0.0], [0.25, 0.25, 0.3]]])
-    result = barycentric(outside, triangle)[0]
-    assert np.allclose(result, np.array([[0.5, 0, 0.5], [0, 1, 0], [0.5, 0.25, 0.25]]))

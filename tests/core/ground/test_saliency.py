@@ -271,5 +271,5 @@ def test_where_no_side_faces_the_box_the_nearest_points_count_either_way() -> No
 
 
 def test_no_boxes_have_no_saliency() -> None:
-    none = Boxes(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3)))
+    none = Boxes.empty()
     assert [len(part) for part in hand_made().under(none)] == [0, 0]

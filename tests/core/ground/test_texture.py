@@ -229,7 +229,7 @@ def test_boxes_on_the_two_sides_of_a_sheet_see_their_own_colour() -> None:
 
 
 def test_no_boxes_have_no_colour() -> None:
-    none = Boxes(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3)))
+    none = Boxes.empty()
     assert len(found(plate(drawn(*eye(5, 4)))).color_under(none)) == 0
 
 

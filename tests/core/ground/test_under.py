@@ -37,5 +37,5 @@ def test_a_box_smaller_than_the_samples_asks_the_eight_nearest() -> None:
 
 def test_no_boxes_have_no_means() -> None:
     samples, values = sheet()
-    none = Boxes(np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3)))
+    none = Boxes.empty()
     assert samples.means_under(none, values).shape == (0, 2)
