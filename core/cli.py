@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from core import __version__
-from core.benchmark.datasets import LAYOUTS
-from core.benchmark.options import OBJECTIVE_METHODS, PAPER_ATTACKS, AttackAsked, BenchmarkOptions
 from core.errors import ErrorCode, MeshmarkError
+from core.lab.benchmark.datasets import LAYOUTS
+from core.lab.benchmark.options import OBJECTIVE_METHODS, PAPER_ATTACKS, AttackAsked, BenchmarkOptions
 from core.parameters import Evaluate, Mode, Preset, UnmarkedCopies, parse_parameters
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
@@ -305,7 +305,7 @@ def _evaluate(options: argparse.Namespace) -> None:
 
 
 def _attack(options: argparse.Namespace) -> None:
-    from core.attacks.attack import attack_file
+    from core.lab.attacks.attack import attack_file
 
     original = _read(options.original) if options.original else None
     left = attack_file(_read(options.input), options.name, options.strength, options.seed, original)
@@ -314,7 +314,7 @@ def _attack(options: argparse.Namespace) -> None:
 
 
 def _benchmark(options: argparse.Namespace) -> None:
-    from core.benchmark.run import run
+    from core.lab.benchmark.run import run
 
     asked = {name: getattr(options, name) for name in BenchmarkOptions.__dataclass_fields__}
     attacks = PAPER_ATTACKS if options.attacks == ("all",) else options.attacks
@@ -326,7 +326,7 @@ def _benchmark(options: argparse.Namespace) -> None:
 
 
 def _profile(options: argparse.Namespace) -> None:
-    from core.benchmark.profile import markdown, profile, write_profile
+    from core.lab.benchmark.profile import markdown, profile, write_profile
 
     found = profile(
         options.folder,
@@ -340,7 +340,7 @@ def _profile(options: argparse.Namespace) -> None:
 
 
 def _sizing(options: argparse.Namespace) -> None:
-    from core.benchmark.sizing import markdown, parse_mix, sizing
+    from core.lab.benchmark.sizing import markdown, parse_mix, sizing
 
     try:
         profile = json.loads(_read(options.profile))

@@ -9,15 +9,15 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from core import __version__
 from core.arrays import Float
-from core.asset.budgets import DEFAULT_BUDGETS, Budgets
-from core.asset.flatten import flatten
-from core.asset.formats import to_document
-from core.asset.gate import admit
-from core.asset.gltf import Document
+from core.budgets import DEFAULT_BUDGETS, Budgets
 from core.errors import ErrorCode, MeshmarkError
+from core.formats.admission import admit
+from core.formats.registry import to_document
 from core.geometry.boxes import Boxes
 from core.geometry.surface import MODEL_SIZE, Surface
 from core.geometry.triangles import unit
+from core.gltf.document import Document
+from core.gltf.scene import flatten
 from core.ground.ground import eye_index
 from core.metrics.measure import Pair, Pictures, Subject, measure
 from core.parameters import Evaluate

@@ -18,18 +18,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.asset.budgets import DEFAULT_BUDGETS, Budgets
-from core.asset.flatten import Scene, flatten
-from core.asset.formats import to_document
-from core.asset.gate import admit
-from core.asset.glb_check import is_beside
-from core.asset.gltf import Document
-from core.asset.pixels import undecoded_textures
-from core.asset.prune import unreferenced_bytes
-from core.asset.sniff import Format
-from core.asset.write import write
+from core.budgets import DEFAULT_BUDGETS, Budgets
 from core.embossing.mesh import WorkingMesh
 from core.errors import ErrorCode, MeshmarkError
+from core.formats.admission import admit
+from core.formats.registry import to_document
+from core.formats.sniff import Format
+from core.gltf.document import Document
+from core.gltf.prune import unreferenced_bytes
+from core.gltf.scene import Scene, flatten
+from core.gltf.textures import undecoded_textures
+from core.gltf.validate import is_beside
+from core.gltf.write import write
 from core.lettering.outline import Lettering, lettering
 from core.parameters import Evaluate, Parameters
 from core.preload import preload as preload

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core import __version__
-from core.asset.sniff import Format
 from core.device import device
 from core.embossing.copies import MarkedCopy
 from core.embossing.emboss import Mark
+from core.formats.sniff import Format
 from core.geometry.boxes import Boxes
 from core.geometry.directions import view_directions
 from core.geometry.surface import MODEL_SIZE, Surface

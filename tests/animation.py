@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from core.arrays import Float
-from core.asset.gltf import Document, dequantize, read_accessor
+from core.gltf.document import Document, dequantize, read_accessor
 
 
 def duration(document: Document, animation: int) -> float:

@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 import psutil
 
-from tests.core.asset.builder import CUBE, CUBE_FACES, simple
-from tests.core.asset.compressed import draco, instanced, meshopted
-from tests.core.asset.rich import rich
-from tests.core.asset.samples import SAMPLES
+from tests.core.formats.samples import SAMPLES
+from tests.core.gltf.builder import CUBE, CUBE_FACES, simple
+from tests.core.gltf.compressed import draco, instanced, meshopted
+from tests.core.gltf.rich import rich
 
 TIME_LIMIT = 300.0  # seconds after which a case counts as a hang; a sound one of these sizes takes under two
 MEMORY_LIMIT = 1536 * 2**20  # resident bytes of the process, torch and all
@@ -123,9 +123,9 @@ def outcome(number: int) -> str:
 
     "marked, unjudged" is a result that carries damage of its input by which the judges, unlike viewers, stumble.
     """
-    from core.asset.formats import to_document
-    from core.asset.gate import admit
     from core.errors import MeshmarkError
+    from core.formats.admission import admit
+    from core.formats.registry import to_document
     from core.parameters import Evaluate, Parameters
     from core.pipeline import watermark
     from tests.drawn import undrawn

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from manifold3d import triangulate
 
-from core.asset.flatten import flatten
-from core.asset.formats import to_document
-from core.asset.gate import admit
-from core.asset.gltf import Document
 from core.errors import MeshmarkError
+from core.formats.admission import admit
+from core.formats.registry import to_document
 from core.geometry.spatial import SpatialIndex
+from core.gltf.document import Document
+from core.gltf.scene import flatten
 from core.lettering.outline import lettering
 from core.parameters import Evaluate, Parameters
 from core.pipeline import Result, watermark

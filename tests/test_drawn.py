@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from core.asset.gltf import Document
-from tests.core.asset.builder import QUAD, QUAD_FACES, Builder
+from core.gltf.document import Document
+from tests.core.gltf.builder import QUAD, QUAD_FACES, Builder
 from tests.drawn import undrawn
 
 MARK = {"id": 7, "center": [0.5, 0.5, 0], "up": [0, 1, 0], "normal": [0, 0, 1], "size": [0.8, 0.5, 0.1], "relief": 0.02}

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from core.asset.gltf import Document
-from tests.core.asset.builder import CUBE, CUBE_FACES, Builder, grid, simple
-from tests.core.asset.compressed import draco, instanced, meshopted
-from tests.core.asset.rich import rich
-from tests.core.asset.samples import png
+from core.gltf.document import Document
+from tests.core.formats.samples import png
+from tests.core.gltf.builder import CUBE, CUBE_FACES, Builder, grid, simple
+from tests.core.gltf.compressed import draco, instanced, meshopted
+from tests.core.gltf.rich import rich
 from tests.residue import residue
 
 POINTS, FACES = grid(4)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.core.asset.builder import Builder, grid
+from tests.core.gltf.builder import Builder, grid
 from tests.restore import gives, guesses, recovered, telltale_names
 
 POINTS, FACES = grid(8)

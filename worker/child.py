@@ -50,7 +50,7 @@ def run(engine: Engine, request: dict[str, Any], say: Callable[..., None]) -> No
     Raises:
         MeshmarkError: as the engine does.
     """
-    from core.asset.budgets import Budgets
+    from core.budgets import Budgets
     from core.parameters import parse_parameters
 
     folder = Path(request["folder"])

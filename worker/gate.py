@@ -16,9 +16,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
-from core.asset.budgets import Budgets
-from core.asset.gate import admit
+from core.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
+from core.formats.admission import admit
 from core.lettering.fonts import load_font
 from core.lettering.shaping import shape
 from service.template import serve
@@ -35,8 +35,8 @@ def look(request: dict[str, Any], asset: bytes | None, font: bytes | None) -> No
     """Look through what came with an upload.
 
     Raises:
-        MeshmarkError: as :func:`core.asset.gate.admit` does; ``invalid_font``, ``missing_glyphs``, ``empty_text``,
-            ``invalid_parameters``, where there is a font.
+        MeshmarkError: as :func:`core.formats.admission.admit` does; where there is a font, ``invalid_font``,
+            ``missing_glyphs``, ``empty_text``, ``invalid_parameters``.
     """
     if font is not None:
         shape(request["text"], load_font(font))

@@ -13,7 +13,7 @@ from typing import Any
 import psutil
 import structlog
 
-from core.asset.budgets import Budgets
+from core.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
 from service.jobs.artifacts import StoreUnavailableError, writing
 from service.jobs.models import ArtifactKind

@@ -3,10 +3,6 @@
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
-from core.asset.copies import Copy, find_copies, leave_out, scene_of
-from core.asset.gltf import Document
-from core.asset.hierarchy import hidden_nodes, scene_nodes
-from core.asset.write import write
 from core.embossing.emboss import Mark
 from core.embossing.marks import emboss_boxes
 from core.embossing.mesh import WorkingMesh
@@ -14,6 +10,10 @@ from core.embossing.stamp import Stamp
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.boxes import Boxes
 from core.geometry.surface import Surface
+from core.gltf.copies import Copy, find_copies, leave_out, scene_of
+from core.gltf.document import Document
+from core.gltf.hierarchy import hidden_nodes, scene_nodes
+from core.gltf.write import write
 from core.ground.ground import survey
 from core.parameters import Parameters, UnmarkedCopies
 
@@ -41,7 +41,7 @@ class AssetMarks:
         surface: the asset's, whose size-30 frame the boxes are in.
         boxes: where its marks stand.
         letters: the islands in text widths.
-        colors, glowing: as for :func:`core.asset.write.write`, by number of the box.
+        colors, glowing: as for :func:`core.gltf.write.write`, by number of the box.
         parameters: relief, mode, and what to do with copies that cannot be marked.
     """
 

@@ -4,9 +4,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from core.arrays import Bool, Float
-from core.asset.edit import Kind, SurfaceEdit
-from core.asset.flatten import Scene
 from core.geometry.surface import Surface
+from core.gltf.edit import Kind, SurfaceEdit
+from core.gltf.scene import Scene
 
 ENOUGH = 0.95  # of the area of a mark's letter tops
 ROUNDED = 8  # spacings of the file's coordinates that a triangle may have moved by

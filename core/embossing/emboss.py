@@ -7,7 +7,6 @@ import numpy as np
 from manifold3d import CrossSection
 
 from core.arrays import Float, Int
-from core.asset.edit import Kind
 from core.embossing.arrange import arrange
 from core.embossing.check import is_closed
 from core.embossing.draft import Draft
@@ -23,6 +22,7 @@ from core.geometry.edges import boundary_edges, directed_edges
 from core.geometry.products import product
 from core.geometry.spatial import Eye, SpatialIndex
 from core.geometry.triangles import barycentric
+from core.gltf.edit import Kind
 
 Cut = Callable[[Patch, CrossSection], Pieces | None]
 CUTS: tuple[tuple[str, Cut], ...] = (("split", split), ("arrangement", arrange))

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Bool, Float, Int
-from core.asset.edit import Kind, SurfaceEdit
 from core.geometry.surface import Surface
 from core.geometry.triangles import barycentric
+from core.gltf.edit import Kind, SurfaceEdit
 from core.ground.sheets import Sheets, single_layer
 
 CELL = 1.0  # size-30 units; about a fifth of a usual text width, so that a query reads few cells

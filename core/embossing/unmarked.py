@@ -3,10 +3,10 @@
 import numpy as np
 
 from core.arrays import Float, Int
-from core.asset.flatten import Scene
 from core.geometry.directions import view_directions
 from core.geometry.spatial import Eye, SpatialIndex
 from core.geometry.surface import Surface
+from core.gltf.scene import Scene
 from core.ground.saliency import Saliency
 
 LOOKED_AT = 4  # every so manieth of the surface's samples is looked at

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from core.arrays import Bool, Float, Int
-from core.asset.attributes import Points
-from core.asset.base_color import base_color as base_color_of
-from core.asset.base_color import emitted
-from core.asset.flatten import Scene
-from core.asset.materials import read_material
-from core.asset.pixels import read_texture
 from core.geometry.surface import Surface
 from core.geometry.triangles import barycentric
+from core.gltf.attributes import Points
+from core.gltf.base_color import base_color as base_color_of
+from core.gltf.base_color import emitted
+from core.gltf.materials import read_material
+from core.gltf.scene import Scene
+from core.gltf.textures import read_texture
 
 TEXTURE_LIMIT = 1024  # pixels a side: a pixel of one that spans the asset is 0.03 size-30 units, a tenth of a letter
 TEXTURES_KEPT = 8  # decoded at a time, 4 MiB each

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.arrays import Bool, Float
-from core.asset.flatten import Scene
-from core.asset.gltf import Document, typed
-from core.asset.materials import UNLIT
-from core.asset.polygons import hex_linear, hex_srgb
+from core.formats.polygons import hex_linear, hex_srgb
 from core.geometry.boxes import Boxes
 from core.geometry.products import product
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
+from core.gltf.document import Document, typed
+from core.gltf.materials import UNLIT
+from core.gltf.scene import Scene
 from core.ground.base_color import Appearance, appearance
 from core.ground.texture import cielab, from_cielab
 

@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Bool, Float, Int
-from core.asset.edit import SurfaceEdit
-from core.asset.flatten import Scene
-from core.asset.viewer import Viewed, drawn_part
 from core.device import spatial_index
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.products import solved
 from core.geometry.spatial import Hides, SpatialIndex
 from core.geometry.surface import Surface
+from core.gltf.edit import SurfaceEdit
+from core.gltf.scene import Scene
+from core.gltf.viewer import Viewed, drawn_part
 from core.ground.orientation import Orientation, orient
 from core.ground.sheets import Sheets, find_sheets
 

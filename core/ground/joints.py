@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.arrays import Float, Int
-from core.asset.flatten import DrawnPrimitive, Scene
-from core.asset.skin import influence_sets, read_influences
 from core.geometry.boxes import Boxes
 from core.geometry.surface import Surface
 from core.geometry.triangles import barycentric
+from core.gltf.scene import DrawnPrimitive, Scene
+from core.gltf.skin import influence_sets, read_influences
 from core.ground.under import Samples
 
 

@@ -5,11 +5,11 @@ from collections.abc import Callable
 import numpy as np
 
 from core.arrays import Bool, Float, Int
-from core.asset.attributes import Points
-from core.asset.flatten import Scene
-from core.asset.viewer import Look
 from core.geometry.surface import Surface
 from core.geometry.triangles import barycentric
+from core.gltf.attributes import Points
+from core.gltf.scene import Scene
+from core.gltf.viewer import Look
 
 Opacity = Callable[[Float, Int], Bool]
 

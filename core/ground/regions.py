@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from core.arrays import Bool, Float, Int
-from core.asset.flatten import DrawnPrimitive, Scene
-from core.asset.gltf import Document, typed
-from core.asset.hierarchy import scene_nodes
-from core.asset.skin import read_influences
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.boxes import Boxes
 from core.geometry.overlap import boxes_meet, triangles_meet
 from core.geometry.surface import Surface
+from core.gltf.document import Document, typed
+from core.gltf.hierarchy import scene_nodes
+from core.gltf.scene import DrawnPrimitive, Scene
+from core.gltf.skin import read_influences
 from core.parameters import MAX_NAME_LENGTH, Box, BoxRegion, MaterialRegion, NodeRegion, Parameters
 
 LISTED = 10  # names in an error

@@ -6,10 +6,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from core.arrays import Float, Int
-from core.asset.flatten import Scene
 from core.geometry.boxes import Boxes
 from core.geometry.products import product
 from core.geometry.surface import Surface
+from core.gltf.scene import Scene
 from core.ground.base_color import base_color
 from core.ground.saliency import otsu
 from core.ground.under import Samples

@@ -57,7 +57,7 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from core.arrays import Bool, Float, Int
-from core.asset.polygons import hex_linear
+from core.formats.polygons import hex_linear
 from core.geometry.boxes import Boxes
 from core.geometry.directions import fibonacci_directions, view_directions
 from core.geometry.products import product

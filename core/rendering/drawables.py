@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Float, Int
-from core.asset.flatten import DrawnPrimitive, determinants, flatten
-from core.asset.gltf import Document, dequantize, malformed, read_accessor
-from core.asset.hierarchy import hidden_nodes
-from core.asset.materials import Emission, Material, read_material
-from core.asset.pixels import read_texture
+from core.gltf.document import Document, dequantize, malformed, read_accessor
+from core.gltf.hierarchy import hidden_nodes
+from core.gltf.materials import Emission, Material, read_material
+from core.gltf.scene import DrawnPrimitive, determinants, flatten
+from core.gltf.textures import read_texture
 
 Float32 = NDArray[np.float32]
 
@@ -45,12 +45,12 @@ def drawables(glb: bytes, texture_limit: int) -> list[Drawable]:
     """What the default scene of ``glb`` shows at its default pose, see-through primitives last.
 
     Nodes that KHR_node_visibility hides, triangles without an area, and what lies outside the frame of all that is seen
-    (:mod:`core.asset.viewer`), such as a far box of alpha 0, are left out, unless that leaves nothing.
+    (:mod:`core.gltf.viewer`), such as a far box of alpha 0, are left out, unless that leaves nothing.
     Positions and normals follow node transforms and skins; morph targets move positions only. Textures are reduced to
     ``texture_limit`` pixels a side.
 
     Raises:
-        MeshmarkError: as :func:`core.asset.flatten.flatten`, and ``malformed_file`` for attributes and materials
+        MeshmarkError: as :func:`core.gltf.scene.flatten`, and ``malformed_file`` for attributes and materials
             that contradict themselves.
     """
     document = Document.from_glb(glb)

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from core import process
 from core.arrays import Float
-from core.asset.pixels import Texture
 from core.errors import ErrorCode, MeshmarkError
+from core.gltf.textures import Texture
 from core.rendering.drawables import Drawable, drawables
 
 Float32 = NDArray[np.float32]

@@ -8,7 +8,7 @@ import pytest
 from core.errors import ErrorCode
 from core.parameters import Evaluate, Parameters
 from core.pipeline import watermark
-from tests.core.asset.samples import OBJ, SAMPLES, png, zipped
+from tests.core.formats.samples import OBJ, SAMPLES, png, zipped
 from tests.validator import error_counts
 
 MESHES = Path(os.environ.get("MESHMARK_TEST_MESHES", "../shared/meshes"))

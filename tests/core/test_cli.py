@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from core.asset.flatten import flatten
-from core.asset.gltf import Document
 from core.cli import main
 from core.errors import ErrorCode, MeshmarkError
+from core.gltf.document import Document
+from core.gltf.scene import flatten
 from core.lettering.fonts import DEFAULT_FONT
-from tests.core.asset.builder import CUBE, CUBE_FACES, simple
+from tests.core.gltf.builder import CUBE, CUBE_FACES, simple
 from tests.validator import error_counts
 
 SPOT = Path(__file__).parents[1] / "data" / "spot.glb"

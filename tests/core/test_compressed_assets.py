@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.asset.compression import DRACO
-from core.asset.gltf import Document
-from core.asset.prune import unreferenced_bytes
+from core.gltf.compression import DRACO
+from core.gltf.document import Document
+from core.gltf.prune import unreferenced_bytes
 from core.parameters import Evaluate, Parameters
 from core.pipeline import Result, watermark
-from tests.core.asset.compressed import MESHOPT, draco, meshopted
-from tests.core.asset.meshes import MESHES
+from tests.core.formats.meshes import MESHES
+from tests.core.gltf.compressed import MESHOPT, draco, meshopted
 from tests.validator import error_counts
 
 SPOT = Path(__file__).parents[1] / "data" / "spot.glb"

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from core.asset.formats import to_document
-from core.asset.gate import admit
-from core.asset.gltf import Document
+from core.formats.admission import admit
+from core.formats.registry import to_document
+from core.gltf.document import Document
 from core.parameters import Evaluate, Parameters
 from core.pipeline import Result, watermark
-from tests.core.asset.builder import CUBE, CUBE_FACES, Builder
-from tests.core.asset.samples import STL_BINARY
+from tests.core.formats.samples import STL_BINARY
+from tests.core.gltf.builder import CUBE, CUBE_FACES, Builder
 from tests.drawn import undrawn
 from tests.glb_file import GlbFile
 from tests.residue import touched
@@ -35,31 +35,31 @@ FIELD = {
     8: "core/test_field.py::test_letters_on_unlit_materials_have_a_colour_that_shows",
     10: "core/test_field.py::test_a_body_that_is_called_blended_but_is_opaque_carries_the_marks",
     11: "core/test_field.py::test_what_stands_in_a_case_of_glass_is_marked_and_not_the_glass",
-    12: "core/asset/test_obj_zip.py::test_materials_whose_names_are_in_a_code_page_are_told_apart_and_named",
-    14: "core/asset/test_obj_zip.py::test_a_texture_is_found_whatever_code_page_names_it",
-    17: "core/asset/test_pack.py::test_files_whose_names_are_written_without_escapes_are_packed",
-    19: "core/asset/test_obj.py::test_colours_of_any_range_stand_behind_the_coordinates",
-    20: "core/asset/test_ply.py::test_colours_of_any_type_are_fractions_of_what_they_go_up_to",
-    22: "core/asset/test_dae.py::test_a_body_in_skins_or_morphs_stays_in_bind_pose",
-    25: "core/asset/test_dae.py::test_transparency_is_read_in_every_convention",
-    27: "core/asset/test_dae.py::test_transparency_is_read_in_every_convention",
-    29: "core/asset/test_stl.py::test_colours_of_viscam_are_read_blue_first_where_their_bit_says_so",
-    30: "core/asset/test_ply.py::test_a_texture_that_is_not_in_the_upload_is_named",
-    31: "core/asset/test_ply.py::test_the_texture_that_a_ply_names_is_drawn_where_the_archive_has_it",
-    32: "core/asset/test_obj.py::test_the_polypaint_of_zbrush_is_read_without_its_mask",
-    33: "core/asset/test_threemf.py::test_volumes_that_are_tools_of_prusa_slicer_are_left_out_and_said",
-    35: "core/asset/test_threemf.py::test_attributes_that_slicers_paint_on_triangles_are_no_colours",
-    36: "core/asset/test_threemf.py::test_objects_that_are_no_model_are_left_out_and_said",
+    12: "core/formats/test_obj_zip.py::test_materials_whose_names_are_in_a_code_page_are_told_apart_and_named",
+    14: "core/formats/test_obj_zip.py::test_a_texture_is_found_whatever_code_page_names_it",
+    17: "core/formats/test_pack.py::test_files_whose_names_are_written_without_escapes_are_packed",
+    19: "core/formats/test_obj.py::test_colours_of_any_range_stand_behind_the_coordinates",
+    20: "core/formats/test_ply.py::test_colours_of_any_type_are_fractions_of_what_they_go_up_to",
+    22: "core/formats/test_dae.py::test_a_body_in_skins_or_morphs_stays_in_bind_pose",
+    25: "core/formats/test_dae.py::test_transparency_is_read_in_every_convention",
+    27: "core/formats/test_dae.py::test_transparency_is_read_in_every_convention",
+    29: "core/formats/test_stl.py::test_colours_of_viscam_are_read_blue_first_where_their_bit_says_so",
+    30: "core/formats/test_ply.py::test_a_texture_that_is_not_in_the_upload_is_named",
+    31: "core/formats/test_ply.py::test_the_texture_that_a_ply_names_is_drawn_where_the_archive_has_it",
+    32: "core/formats/test_obj.py::test_the_polypaint_of_zbrush_is_read_without_its_mask",
+    33: "core/formats/test_threemf.py::test_volumes_that_are_tools_of_prusa_slicer_are_left_out_and_said",
+    35: "core/formats/test_threemf.py::test_attributes_that_slicers_paint_on_triangles_are_no_colours",
+    36: "core/formats/test_threemf.py::test_objects_that_are_no_model_are_left_out_and_said",
     38: "core/test_field.py::test_what_is_hidden_far_away_changes_nothing",
     39: "core/test_field.py::test_what_is_hidden_far_away_changes_nothing",
-    43: "core/asset/test_glb_check.py::test_bytes_after_the_declared_length_are_ignored",
-    44: "core/asset/test_glb_check.py::test_an_image_of_another_kind_with_a_fallback_is_carried_without_a_word",
-    52: "core/asset/test_obj.py::test_a_normal_that_cannot_be_read_counts_as_absent",
-    58: "core/asset/test_glb_check.py::test_another_version_is_named_before_anything_that_differs_in_it",
-    62: "core/asset/test_glb_check.py::test_further_chunks_are_carried_with_a_warning_that_names_them",
+    43: "core/gltf/test_validate.py::test_bytes_after_the_declared_length_are_ignored",
+    44: "core/gltf/test_validate.py::test_an_image_of_another_kind_with_a_fallback_is_carried_without_a_word",
+    52: "core/formats/test_obj.py::test_a_normal_that_cannot_be_read_counts_as_absent",
+    58: "core/gltf/test_validate.py::test_another_version_is_named_before_anything_that_differs_in_it",
+    62: "core/gltf/test_validate.py::test_further_chunks_are_carried_with_a_warning_that_names_them",
     74: "core/test_field.py::test_no_level_of_detail_and_no_other_scene_keeps_a_clean_copy",
     78: "core/test_pipeline.py::test_letters_stand_out_by_the_same_share_of_their_height_however_long_the_text",
-    82: "core/asset/test_stl.py::test_a_header_that_claims_no_triangle_is_corrected_where_the_bytes_fit_exactly",
+    82: "core/formats/test_stl.py::test_a_header_that_claims_no_triangle_is_corrected_where_the_bytes_fit_exactly",
 }
 
 

@@ -7,15 +7,15 @@ from functools import partial
 import numpy as np
 import pytest
 
-from core.asset.formats import to_document
-from core.asset.gate import admit
-from core.asset.gltf import Document
+from core.formats.admission import admit
+from core.formats.registry import to_document
+from core.gltf.document import Document
 from core.parameters import Evaluate, Mode, Parameters
 from core.pipeline import Result, watermark
-from tests.core.asset.builder import CUBE, CUBE_FACES, Builder, grid, simple
-from tests.core.asset.compressed import draco, instanced, meshopted
-from tests.core.asset.rich import rich
-from tests.core.asset.samples import SAMPLES
+from tests.core.formats.samples import SAMPLES
+from tests.core.gltf.builder import CUBE, CUBE_FACES, Builder, grid, simple
+from tests.core.gltf.compressed import draco, instanced, meshopted
+from tests.core.gltf.rich import rich
 from tests.core.shapes import sphere
 from tests.drawn import undrawn
 from tests.glb_file import Json

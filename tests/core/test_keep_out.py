@@ -9,15 +9,15 @@ import pytest
 from numpy.typing import NDArray
 
 from core.arrays import Float
-from core.asset.flatten import flatten
-from core.asset.gltf import Document
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.surface import Surface
+from core.gltf.document import Document
+from core.gltf.scene import flatten
 from core.ground.regions import regions
 from core.parameters import NodeRegion, Parameters, parse_parameters
 from core.pipeline import Result, watermark
-from tests.core.asset.builder import CUBE, CUBE_FACES, Builder
-from tests.core.asset.meshes import MESHES
+from tests.core.formats.meshes import MESHES
+from tests.core.gltf.builder import CUBE, CUBE_FACES, Builder
 
 SPOT = (Path(__file__).parents[1] / "data" / "spot.glb").read_bytes()
 # Spot looks along -z; its head begins at the shoulders.

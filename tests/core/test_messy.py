@@ -8,13 +8,13 @@ import trimesh
 from numpy.typing import NDArray
 
 from core.arrays import Int
-from core.asset.flatten import flatten
-from core.asset.gltf import Document
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.surface import Surface
+from core.gltf.document import Document
+from core.gltf.scene import flatten
 from core.parameters import Evaluate, Mode, Parameters
 from core.pipeline import Result, watermark
-from tests.core.asset.builder import simple
+from tests.core.gltf.builder import simple
 from tests.core.shapes import box, grid, join, moved, sphere, surface
 
 FEW = Parameters(text="watermark", count=3, size=3.0, evaluate=Evaluate.GEOMETRY)

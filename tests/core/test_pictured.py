@@ -15,13 +15,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from core.asset.flatten import flatten
-from core.asset.gltf import Document
 from core.errors import MeshmarkError
+from core.gltf.document import Document
+from core.gltf.scene import flatten
 from core.parameters import Evaluate, Parameters
 from core.pipeline import watermark
 from core.rendering.renderer import Frame, Renderer
-from tests.core.asset.builder import CUBE, CUBE_FACES, Builder
+from tests.core.gltf.builder import CUBE, CUBE_FACES, Builder
 from tests.drawn import undrawn
 from tests.glb_file import GlbFile, Json
 

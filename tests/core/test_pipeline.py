@@ -10,13 +10,13 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
-from core.asset.flatten import flatten
-from core.asset.gltf import Document
-from core.asset.prune import unreferenced_bytes
 from core.errors import ErrorCode, MeshmarkError
+from core.gltf.document import Document
+from core.gltf.prune import unreferenced_bytes
+from core.gltf.scene import flatten
 from core.parameters import Evaluate, Mode, Parameters, Preset
 from core.pipeline import STAGES, Result, watermark
-from tests.core.asset.ktx2_samples import UASTC
+from tests.core.gltf.ktx2_samples import UASTC
 from tests.core.rendering.glb import CORNERS, CUBE_FACES, GlbWriter, plain
 from tests.validator import error_counts
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.asset.flatten import flatten
-from core.asset.gltf import Document
 from core.geometry.spatial import SpatialIndex
+from core.gltf.document import Document
+from core.gltf.scene import flatten
 from core.parameters import Evaluate, Parameters
 from core.pipeline import watermark
 from tests.animation import duration, posed

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from core.asset.gltf import Document, dequantize, read_accessor
+from core.gltf.document import Document, dequantize, read_accessor
 from core.parameters import Evaluate, Parameters
 from core.pipeline import watermark
-from tests.core.asset.builder import CUBE, CUBE_FACES, simple
-from tests.core.asset.compressed import draco, instanced, meshopted
-from tests.core.asset.rich import rich
+from tests.core.gltf.builder import CUBE, CUBE_FACES, simple
+from tests.core.gltf.compressed import draco, instanced, meshopted
+from tests.core.gltf.rich import rich
 
 Json = dict[str, Any]
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import yaml
 
-from core.asset.flatten import flatten
-from core.asset.formats import to_document
-from core.asset.gate import admit
+from core.formats.admission import admit
+from core.formats.registry import to_document
+from core.gltf.scene import flatten
 from tests.docker.deployment import LargeAsset
 from tests.docker.engine import Footprint, processes_of
 from tests.docker.images import BASES, COMPOSE, STANDINS, WEED

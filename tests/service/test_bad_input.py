@@ -18,7 +18,7 @@ import psutil
 import pytest
 
 from core.lettering.fonts import DEFAULT_FONT
-from tests.core.asset.samples import GLB, OBJ, OFF, PLY_ASCII, STL_ASCII, STL_BINARY, ply_binary
+from tests.core.formats.samples import GLB, OBJ, OFF, PLY_ASCII, STL_ASCII, STL_BINARY, ply_binary
 from tests.service.harness import Service
 from tests.worker.waiting import wait_until
 

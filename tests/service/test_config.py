@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from core.asset.budgets import DEFAULT_BUDGETS
+from core.budgets import DEFAULT_BUDGETS
 from service.config import Settings, load_settings
 from service.outbound.policy import Policy
 from tests.service.conftest import client_with

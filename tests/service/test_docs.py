@@ -12,12 +12,12 @@ from types import ModuleType
 
 from prometheus_client import REGISTRY
 
-from core.asset.budgets import DEFAULT_BUDGETS
-from core.attacks.attack import ATTACKS
-from core.benchmark.options import METHODS
+from core.budgets import DEFAULT_BUDGETS
 from core.cli import parser
 from core.embossing.refusal import EXPLAINED
 from core.errors import ErrorCode
+from core.lab.attacks.attack import ATTACKS
+from core.lab.benchmark.options import METHODS
 from core.metrics.measure import HIGHER_IS_BETTER, UNITS
 from core.parameters import PRESETS, Parameters, parse_parameters
 from core.pipeline import STAGES

@@ -15,14 +15,14 @@ import httpx2
 import psutil
 import pytest
 
-from core.asset.gate import admit
 from core.errors import ErrorCode, MeshmarkError
+from core.formats.admission import admit
 from service.config import Settings
 from service.intake import Intake
 from service.jobs.artifacts import Staged
 from service.jobs.tenants import Scope, create_key
 from service.template import Template
-from tests.core.asset.samples import SAMPLES, zipped
+from tests.core.formats.samples import SAMPLES, zipped
 from tests.service import gates
 from tests.service.conftest import Client, client_with, gate
 from tests.service.gates import NO_FACE

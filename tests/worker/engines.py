@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from core.asset.budgets import Budgets
+from core.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
 from core.parameters import Parameters
 from tests.worker.waiting import PATIENCE

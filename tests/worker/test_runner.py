@@ -9,7 +9,7 @@ from typing import Any
 import psutil
 import pytest
 
-from core.asset.budgets import DEFAULT_BUDGETS
+from core.budgets import DEFAULT_BUDGETS
 from core.errors import ErrorCode, MeshmarkError
 from service.jobs.models import ArtifactKind
 from tests.worker.engines import asset
@@ -139,7 +139,7 @@ def test_the_child_dies_with_a_worker_that_is_killed(tmp_path: Path) -> None:
     pid_file = work.folder / "pid"
     script = (
         "import sys; from pathlib import Path; from worker.runner import *; from worker.template import Template\n"
-        "from core.asset.budgets import DEFAULT_BUDGETS\n"
+        "from core.budgets import DEFAULT_BUDGETS\n"
         "source, folder = map(Path, sys.argv[1:])\n"
         "work = Work(source, None, {'text': 'HI'}, DEFAULT_BUDGETS, folder)\n"
         "list(run_engine(Template('tests.worker.engines:directed', 1), work, Limits(60, 2**32)))"

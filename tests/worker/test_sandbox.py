@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from core.asset.budgets import DEFAULT_BUDGETS
+from core.budgets import DEFAULT_BUDGETS
 from core.errors import MeshmarkError
 from tests.worker.engines import asset
 from worker.runner import Limits, Work, run_engine

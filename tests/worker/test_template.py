@@ -12,7 +12,7 @@ from typing import Any
 import psutil
 import pytest
 
-from core.asset.budgets import DEFAULT_BUDGETS
+from core.budgets import DEFAULT_BUDGETS
 from core.errors import ErrorCode, MeshmarkError
 from service import template as template_module
 from service.jobs.models import ArtifactKind
@@ -134,7 +134,7 @@ def test_a_template_that_does_not_answer_is_replaced(
 def test_nothing_survives_a_worker_that_is_killed(tmp_path: Path) -> None:
     script = (
         "import sys; from pathlib import Path; from worker.runner import *; from worker.template import Template\n"
-        "from core.asset.budgets import DEFAULT_BUDGETS\n"
+        "from core.budgets import DEFAULT_BUDGETS\n"
         "source, folder = map(Path, sys.argv[1:])\n"
         "work = Work(source, None, {'text': 'HI'}, DEFAULT_BUDGETS, folder)\n"
         "list(run_engine(Template('tests.worker.engines:directed', 1), work, Limits(60, 2**32)))"

@@ -3,7 +3,6 @@
 import numpy as np
 
 from core.arrays import Int
-from core.asset.edit import SurfaceEdit
 from core.embossing.emboss import Mark, emboss
 from core.embossing.mesh import WorkingMesh
 from core.embossing.refusal import Refusal
@@ -11,6 +10,7 @@ from core.embossing.stamp import Stamp, stamp
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
+from core.gltf.edit import SurfaceEdit
 from core.lettering.outline import lettering
 
 TEXT = lettering("watermark")

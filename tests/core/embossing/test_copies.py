@@ -5,12 +5,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from core.asset.flatten import flatten
-from core.asset.gltf import Document
-from core.asset.prune import unreferenced_bytes
+from core.gltf.document import Document
+from core.gltf.prune import unreferenced_bytes
+from core.gltf.scene import flatten
 from core.parameters import Evaluate, Parameters, UnmarkedCopies
 from core.pipeline import Result, watermark
-from tests.core.asset.builder import CUBE, CUBE_FACES, Builder
+from tests.core.gltf.builder import CUBE, CUBE_FACES, Builder
 from tests.validator import error_counts
 
 FEW = Parameters(text="W", count=3, size=1.5, evaluate=Evaluate.NONE)

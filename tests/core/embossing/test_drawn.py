@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from core.asset.edit import Kind, SurfaceEdit
-from core.asset.flatten import Scene, flatten
-from core.asset.gltf import Document
 from core.embossing.drawn import drawn_marks
+from core.gltf.document import Document
+from core.gltf.edit import Kind, SurfaceEdit
+from core.gltf.scene import Scene, flatten
 from core.ground.ground import HIDING
 from tests.core.rendering.glb import QUAD, QUAD_FACES, QUAD_UV, GlbWriter, plain, png
 

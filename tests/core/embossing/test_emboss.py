@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core.arrays import Float, Int
-from core.asset.edit import Kind
 from core.embossing import emboss as module
 from core.embossing.arrange import arrange
 from core.embossing.emboss import Mark
@@ -17,6 +16,7 @@ from core.embossing.refusal import Refusal
 from core.embossing.split import split
 from core.embossing.stamp import stamp
 from core.geometry.surface import Surface
+from core.gltf.edit import Kind
 from core.lettering.outline import lettering
 from tests.core.embossing.bench import LETTERS, TEXT, Bench, box_at
 from tests.core.shapes import box, edge_counts, grid, join, moved, sphere, surface

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from core.asset.flatten import flatten
-from core.asset.gltf import Document
 from core.embossing.unmarked import unmarked_parts
+from core.gltf.document import Document
+from core.gltf.scene import flatten
 from core.ground.ground import survey
 from core.ground.saliency import saliency
 from tests.core.rendering.glb import CORNERS, CUBE_FACES, GlbWriter, plain

@@ -14,15 +14,15 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from core.arrays import Bool, Float, Int
-from core.asset.flatten import flatten
-from core.asset.formats import to_document
-from core.asset.gate import admit
+from core.formats.admission import admit
+from core.formats.registry import to_document
 from core.geometry.spatial import SpatialIndex
 from core.geometry.spatial_warp import WarpIndex
 from core.geometry.surface import Surface
+from core.gltf.scene import flatten
 from core.parameters import Parameters
 from core.pipeline import watermark
-from tests.core.asset.meshes import MESHES
+from tests.core.formats.meshes import MESHES
 from tests.core.shapes import box, grid, join, moved, sphere
 
 DEVICES = ["cpu", "cuda"] if torch.cuda.is_available() else ["cpu"]

@@ -5,9 +5,9 @@ import pytest
 from numpy.typing import ArrayLike
 
 from core.arrays import Float
-from core.asset.flatten import Scene, flatten
-from core.asset.gltf import Document
 from core.errors import ErrorCode, MeshmarkError
+from core.gltf.document import Document
+from core.gltf.scene import Scene, flatten
 from core.ground.base_color import appearance, base_color
 from tests.core.placement.shapes import inside_out
 from tests.core.rendering.glb import QUAD, QUAD_FACES, QUAD_UV, GlbWriter, plain, png

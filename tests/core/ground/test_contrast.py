@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from core.asset.flatten import Scene, flatten
-from core.asset.gltf import Document
-from core.asset.polygons import hex_linear, hex_srgb
+from core.formats.polygons import hex_linear, hex_srgb
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
+from core.gltf.document import Document
+from core.gltf.scene import Scene, flatten
 from core.ground.contrast import LetterColor, contrasting, letter_colors
 from core.ground.texture import cielab, from_cielab
 from tests.core.rendering.glb import QUAD, QUAD_FACES, QUAD_UV, GlbWriter, plain, png

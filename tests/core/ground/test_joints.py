@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from core.asset.flatten import flatten
-from core.asset.gltf import Document
 from core.geometry.boxes import Boxes
 from core.geometry.sampling import sample
+from core.gltf.document import Document
+from core.gltf.scene import flatten
 from core.ground.joints import Joints, joints
-from tests.core.asset.builder import Builder, grid
+from tests.core.gltf.builder import Builder, grid
 
 
 def made(weights: list[tuple[float, float]]) -> Joints:

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from core.asset.flatten import Scene, flatten
-from core.asset.gltf import Document
+from core.gltf.document import Document
+from core.gltf.scene import Scene, flatten
 from core.ground.opacity import opacity
 from tests.core.rendering.glb import QUAD, QUAD_FACES, QUAD_UV, GlbWriter, png
 

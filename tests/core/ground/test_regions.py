@@ -5,17 +5,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from core.asset.budgets import DEFAULT_BUDGETS
-from core.asset.flatten import Scene, flatten
-from core.asset.formats import to_document
-from core.asset.gate import admit
+from core.budgets import DEFAULT_BUDGETS
 from core.errors import ErrorCode, MeshmarkError
+from core.formats.admission import admit
+from core.formats.registry import to_document
 from core.geometry.boxes import Boxes
+from core.gltf.scene import Scene, flatten
 from core.ground.regions import Regions, regions
 from core.parameters import parse_parameters
-from tests.core.asset.builder import CUBE, CUBE_FACES, Builder
-from tests.core.asset.meshes import MESHES
-from tests.core.asset.samples import DAE, OBJ_ZIP, STL_BINARY, THREEMF
+from tests.core.formats.meshes import MESHES
+from tests.core.formats.samples import DAE, OBJ_ZIP, STL_BINARY, THREEMF
+from tests.core.gltf.builder import CUBE, CUBE_FACES, Builder
 
 CRATE, LID, WHEEL = (np.arange(36) // 12 == number for number in range(3))
 

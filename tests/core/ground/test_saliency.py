@@ -9,15 +9,15 @@ from scipy.spatial import cKDTree
 from scipy.stats import spearmanr
 
 from core.arrays import Float
-from core.asset.budgets import DEFAULT_BUDGETS
-from core.asset.flatten import flatten
-from core.asset.formats import to_document
-from core.asset.gate import admit
-from core.asset.plain import Mesh
+from core.budgets import DEFAULT_BUDGETS
 from core.errors import ErrorCode, MeshmarkError
+from core.formats.admission import admit
+from core.formats.registry import to_document
 from core.geometry.boxes import Boxes
 from core.geometry.surface import Surface
+from core.gltf.scene import flatten
 from core.ground.saliency import SAMPLES, Saliency, saliency
+from core.lab.plain import Mesh
 from tests.core.placement.shapes import box, boxes, cuboid, inside_out, join, moved, plane, rotation, sphere, surface
 
 DATA = Path(__file__).parents[2] / "data"

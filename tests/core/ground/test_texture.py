@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from core.asset.budgets import DEFAULT_BUDGETS
-from core.asset.flatten import Scene, flatten
-from core.asset.formats import to_document
-from core.asset.gate import admit
-from core.asset.gltf import Document
+from core.budgets import DEFAULT_BUDGETS
 from core.errors import ErrorCode, MeshmarkError
+from core.formats.admission import admit
+from core.formats.registry import to_document
 from core.geometry.boxes import Boxes
 from core.geometry.sampling import sample
+from core.gltf.document import Document
+from core.gltf.scene import Scene, flatten
 from core.ground.saliency import saliency
 from core.ground.texture import Detail, detail
 from core.placement.objective import LUMINANCE

@@ -9,17 +9,17 @@ import pytest
 import trimesh
 
 from core.arrays import Bool, Float
-from core.asset.budgets import DEFAULT_BUDGETS
-from core.asset.flatten import flatten
-from core.asset.formats import to_document
-from core.asset.gate import admit
-from core.asset.gltf import Document
-from core.asset.plain import plain
+from core.budgets import DEFAULT_BUDGETS
+from core.formats.admission import admit
+from core.formats.registry import to_document
 from core.geometry.boxes import Boxes
 from core.geometry.directions import fibonacci_directions, view_directions
 from core.geometry.sampling import sample
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
+from core.gltf.document import Document
+from core.gltf.scene import flatten
+from core.lab.plain import plain
 from core.metrics import smse as smse_module
 from core.metrics.coverage import coverage
 from core.metrics.ipe import ipe

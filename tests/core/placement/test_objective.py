@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.asset.polygons import hex_linear
+from core.formats.polygons import hex_linear
 from core.geometry.boxes import Boxes
 from core.placement.candidates import upright
 from core.placement.objective import (

@@ -4,11 +4,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from core.asset.flatten import flatten
-from core.asset.formats import to_document
-from core.asset.gate import admit
 from core.errors import ErrorCode, MeshmarkError
+from core.formats.admission import admit
+from core.formats.registry import to_document
 from core.geometry.surface import Surface
+from core.gltf.scene import flatten
 from core.ground.saliency import saliency
 from core.parameters import Mode, Parameters, Preset
 from core.placement.candidates import upright
@@ -18,7 +18,7 @@ from core.placement.objective import Placement
 from core.placement.place import HEIGHTS, ladder, place, place_more
 from core.placement.selection import select
 from core.placement.site import Site, open_site
-from tests.core.asset.meshes import MESHES
+from tests.core.formats.meshes import MESHES
 from tests.core.placement.shapes import cuboid, index_of, inside_out, join, moved, plane, sphere, surface, text
 
 ASPECT = 0.125

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from core.rendering.renderer import Renderer
-from tests.core.asset.ktx2_samples import ETC1S, UASTC
+from tests.core.gltf.ktx2_samples import ETC1S, UASTC
 from tests.core.rendering.glb import QUAD, QUAD_FACES, QUAD_UV, GlbWriter, plain, png
 from tests.core.rendering.shots import BLUE, FOUR_COLORS, GREEN, RED, SIZE, YELLOW, hue, quadrants, shoot
 

@@ -1,1 +1,0 @@
-"""Bytes <-> a welded working surface: intake limits, formats, lossless GLB editing."""

@@ -1,0 +1,170 @@
+"""COLLADA (DAE), alone or in an archive with its textures, loaded by trimesh."""
+
+import io
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from core.arrays import Float
+from core.budgets import Budgets
+from core.errors import ErrorCode, MeshmarkError
+from core.formats.archive import Archive
+from core.formats.assembly import Assembly, Instance, dropped
+from core.formats.dae_prepare import prepare
+from core.formats.dae_scan import Scan
+from core.formats.polygons import Attribute, Material, PolygonMesh, linear
+from core.formats.textures import check_pixels, usable_image
+from core.geometry.grouping import weld
+from core.geometry.products import product
+from core.refusals import malformed, no_faces
+
+Load = Callable[[str], bytes | None]
+
+_UP = {
+    "X_UP": np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]),
+    "Y_UP": np.eye(4),
+    "Z_UP": np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]]),
+}
+
+
+def read_dae(data: bytes, budgets: Budgets) -> Assembly:
+    """A DAE on its own, without its textures; see :func:`read_dae_zip`."""
+    return _read(data, lambda _path: None, budgets)
+
+
+def read_dae_zip(archive: Archive, budgets: Budgets) -> Assembly:
+    """The one DAE of an archive: a body and an instance for each set of polygons that its scene draws.
+
+    Carried are positions, normals, the first UV set, colours of vertices, and of materials the colour, texture, normal
+    map and transparency, in all conventions. Skins and morphs are drawn in their bind pose, without joints and targets;
+    animations, cameras and lights are not carried.
+
+    Raises:
+        MeshmarkError: ``malformed_file``, ``no_faces``, ``budget_exceeded``, or ``unsupported_feature`` for a
+            document type or several models.
+    """
+    name = archive.only(".dae")
+
+    def load(path: str) -> bytes | None:
+        found = archive.locate(path, name)
+        return None if found is None else archive.read(found)
+
+    return _read(archive.read(name), load, budgets)
+
+
+def _read(data: bytes, load: Load, budgets: Budgets) -> Assembly:
+    scan = Scan(data, budgets)
+    # Imported here because it takes half a second, which no other format shall cost.
+    from trimesh.exchange.dae import load_collada
+
+    warnings: list[MeshmarkError] = []
+    images = _Images(load, warnings)
+    prepared = prepare(data, warnings)
+    try:
+        with np.errstate(all="ignore"):
+            loaded = load_collada(io.BytesIO(prepared), resolver=images)  # type: ignore[no-untyped-call]
+    except Exception as error:  # pycollada lets everything through that its own code runs into
+        raise malformed(f"The DAE cannot be read ({type(error).__name__}: {str(error)[:100]}).") from None
+    assembly = Assembly([], [], [], product(_UP[scan.up_axis], np.diag([scan.metres] * 3 + [1.0])), warnings)
+    for use in loaded["graph"]:
+        key = use["geometry"]
+        body = _body(loaded["geometry"][key], images)
+        matrix = np.asarray(use["matrix"], np.float64)
+        if not np.isfinite(matrix).all():
+            raise malformed("The DAE has a transform that is not finite.")
+        name = scan.names.get(key) or scan.names.get(key.rpartition("_")[0]) or key
+        assembly.instances.append(Instance(name, len(assembly.bodies), matrix))
+        assembly.bodies.append(body)
+        assembly.names.append(name)
+    if scan.has_controllers:
+        warnings.append(
+            dropped("The DAE has skinned or morphing meshes; they are kept in bind pose, without joints and targets.")
+        )
+    for what in sorted(scan.not_read):
+        warnings.append(dropped(f"The DAE has {what}, which are not read."))
+    if not assembly.bodies:
+        raise no_faces(scan.why_nothing_is_drawn)
+    if len(assembly.bodies) < scan.drawn:
+        missing = scan.drawn - len(assembly.bodies)
+        warnings.append(dropped(f"{missing:,} of {scan.drawn:,} sets of polygons of the DAE are damaged, and dropped."))
+    check_pixels([material for body in assembly.bodies for material in body.materials], budgets)
+    return assembly
+
+
+class _Images:
+    """Stands in for the textures: trimesh gets an empty image whose width is a number, so that it decodes nothing.
+
+    Images are never re-encoded, and trimesh keeps them decoded only.
+    """
+
+    def __init__(self, load: Load, warnings: list[MeshmarkError]) -> None:
+        self._load = load
+        self._warnings = warnings
+        self._loaded: dict[str, bytes | None] = {}
+
+    def get(self, path: str) -> bytes:
+        """Called by trimesh, which takes any exception for a texture that is not there."""
+        from PIL import Image
+
+        if path not in self._loaded:
+            content = self._load(path)
+            if content is None and ":/" in path:
+                self._loaded[path] = None
+                self._warnings.append(
+                    MeshmarkError(
+                        ErrorCode.EXTERNAL_REFERENCE,
+                        f"The texture {path[:60]!r} lies outside the uploaded file; it was not opened.",
+                        "Send the DAE in a ZIP archive with its textures.",
+                    )
+                )
+            else:
+                self._loaded[path] = usable_image(path, content, self._warnings)
+        if self._loaded[path] is None:
+            raise KeyError(path)
+        stream = io.BytesIO()
+        Image.new("1", (1 + list(self._loaded).index(path), 1)).save(stream, "PNG")
+        return stream.getvalue()
+
+    def of(self, placeholder: Any) -> bytes | None:
+        """The bytes that a placeholder stands for."""
+        return None if placeholder is None else list(self._loaded.values())[placeholder.width - 1]
+
+
+def _body(geometry: dict[str, Any], images: _Images) -> PolygonMesh:
+    """One set of triangles; trimesh gives every corner a vertex of its own."""
+    positions = np.asarray(geometry["vertices"], np.float64)
+    corners = weld(positions)
+    attributes: dict[str, Attribute] = {}
+    material = Material()
+    if geometry["vertex_normals"] is not None:
+        attributes["NORMAL"] = _attribute(np.asarray(geometry["vertex_normals"], np.float64))
+    if (visual := geometry["visual"]) is not None:
+        if visual.uv is not None:
+            uv = np.asarray(visual.uv, np.float64)
+            attributes["TEXCOORD_0"] = _attribute(np.column_stack([uv[:, 0], 1 - uv[:, 1]]))
+        material = _material(visual.material, images)
+    if geometry["vertex_colors"] is not None:
+        colors = np.asarray(geometry["vertex_colors"], np.float64)
+        if colors.shape[1] >= 3:
+            opaque = np.column_stack([colors[:, :3], np.ones(len(colors))])
+            attributes["COLOR_0"] = _attribute(colors if colors.shape[1] == 4 else opaque)
+    count = len(positions) // 3
+    return PolygonMesh(positions, corners, np.full(count, 3), np.zeros(count, np.int64), attributes, (material,))
+
+
+def _attribute(values: Float) -> Attribute:
+    return Attribute(values, weld(values))
+
+
+def _material(found: Any, images: _Images) -> Material:
+    color = np.asarray(found.baseColorFactor)
+    fractions = color / 255 if color.dtype.kind == "u" else color.astype(np.float64)
+    red, green, blue, alpha = linear(np.clip(fractions, 0, 1)).round(6).tolist()
+    texture = images.of(found.baseColorTexture)
+    return Material(
+        color=(1.0, 1.0, 1.0, alpha) if texture else (red, green, blue, alpha),
+        roughness=float(np.clip(found.roughnessFactor, 0, 1)),
+        texture=texture,
+        normal_map=images.of(found.normalTexture),
+    )

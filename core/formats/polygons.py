@@ -1,0 +1,112 @@
+"""Polygons with indexed corners, as OBJ, PLY and OFF store them."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from core.arrays import Float, Int
+from core.budgets import Budgets, within
+
+
+@dataclass(frozen=True, eq=False)
+class Attribute:
+    """Values that corners refer to.
+
+    Attributes:
+        values: (K, n) float64.
+        index: (C,) int64, the row of each corner; -1 where a corner has none.
+    """
+
+    values: Float
+    index: Int
+
+
+@dataclass(frozen=True)
+class Material:
+    """How a group of polygons looks; all colours are linear.
+
+    Attributes:
+        name: as in the file, empty where it has none.
+        color: base colour with alpha; ``None`` where the file says nothing.
+        metallic: 0 to 1.
+        roughness: 0 to 1, as perceived.
+        emissive: light of its own.
+        texture: an encoded image that gives the base colour on TEXCOORD_0; its bytes are never changed.
+        normal_map: an encoded tangent-space normal map.
+        masked: whether the alpha of the texture cuts the surface out.
+    """
+
+    name: str = ""
+    color: tuple[float, float, float, float] | None = None
+    metallic: float = 0.0
+    roughness: float = 0.7
+    emissive: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    texture: bytes | None = None
+    normal_map: bytes | None = None
+    masked: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class PolygonMesh:
+    """Polygons in file order.
+
+    Attributes:
+        positions: (V, 3) float64.
+        corners: (C,) int64 into ``positions``, polygon after polygon; may be out of range as read from a file.
+        sizes: (P,) int64, corners of each polygon.
+        attributes: by glTF name: NORMAL (K, 3), TEXCOORD_0 (K, 2) with V downwards, COLOR_0 (K, 4) sRGB in 0-1.
+        group: (P,) int64 into ``materials``.
+        materials: one without a name where the format has none.
+    """
+
+    positions: Float
+    corners: Int
+    sizes: Int
+    group: Int
+    attributes: dict[str, Attribute] = field(default_factory=dict)
+    materials: tuple[Material, ...] = (Material(),)
+
+
+def linear(colors: Float) -> Float:
+    """Colours (..., 3 or 4) in 0-1 from sRGB, as files store them, to linear, as glTF does; alpha stays."""
+    rgb = colors[..., :3]
+    result = colors.copy()
+    result[..., :3] = np.where(rgb <= 0.04045, rgb / 12.92, ((np.maximum(rgb, 0) + 0.055) / 1.055) ** 2.4)
+    return result
+
+
+def color_fractions(colors: Float) -> Float:
+    """Colours (N, 3 or 4) in 0-1 from numbers of a range that nothing tells; what is not finite stays.
+
+    They are in 0-255 where they plainly are, by whole numbers over 1 or by any over 2, and in 0-65535 over 255; what
+    an optimiser left slightly over 1 is clipped. An alpha of at most 1 is a fraction whatever the range of the others.
+    """
+    result = colors.copy()
+    for channels in (slice(0, 3), slice(3, 4)):
+        values = colors[:, channels]
+        finite = values[np.isfinite(values)]
+        most = finite.max(initial=0.0)
+        if most > 2 or (most > 1 and np.all(finite == np.floor(finite))):
+            result[:, channels] = values / (65535.0 if most > 255 else 255.0)
+    return np.clip(result, 0, 1)
+
+
+def hex_linear(color: str) -> Float:
+    """(3,) linear RGB, 0-1, of ``"#rrggbb"``."""
+    return linear(np.array([int(color[start : start + 2], 16) / 255 for start in (1, 3, 5)]))
+
+
+def hex_srgb(color: Float) -> str:
+    """The nearest ``"#rrggbb"`` to linear RGB (3,) in 0-1: the inverse of :func:`hex_linear`."""
+    encoded = np.where(color <= 0.0031308, 12.92 * color, 1.055 * color ** (1 / 2.4) - 0.055)
+    return "#" + "".join(f"{level:02x}" for level in np.rint(encoded * 255).astype(int).tolist())
+
+
+def check_sizes(sizes: Int, budgets: Budgets) -> None:
+    """Refuse polygons, given the corners (P,) of each, that are too large or make too many triangles.
+
+    Raises:
+        MeshmarkError: ``budget_exceeded``.
+    """
+    within(int(sizes.max(initial=0)), budgets.polygon_corners, "corners in one polygon")
+    within(int(np.maximum(sizes - 2, 0).sum()), budgets.faces, "triangles")

@@ -1,0 +1,104 @@
+"""A GLB being edited: entries are replaced or appended, and what nothing refers to in the end is not written."""
+
+import json
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.gltf.document import COMPONENT_TYPES, ELEMENT_TYPES, Document
+from core.gltf.prune import ARRAY_BUFFER, prune
+
+ELEMENT_ARRAY_BUFFER = 34963
+SPARSE = 0.5  # share of rows that are not zero, up to which storing these alone is smaller
+
+_COMPONENT_CODES = {dtype: code for code, dtype in COMPONENT_TYPES.items()}
+
+
+class Editor:
+    """A document on its way to another; the original stays as it is.
+
+    Attributes:
+        document: as it was read.
+        json: a deep copy of its JSON, to be changed in place. New accessors and buffer views stand behind the old ones
+            until :meth:`to_document` gives them the places of those that went.
+    """
+
+    def __init__(self, document: Document) -> None:
+        self.document = document
+        self.json: dict[str, Any] = json.loads(json.dumps(document.json))
+        self._payloads: dict[int, bytes] = {}  # of the new buffer views, by number
+
+    def append(self, kind: str, entry: dict[str, Any]) -> int:
+        """Add ``entry`` to ``json[kind]`` and return its index."""
+        entries = self.json.setdefault(kind, [])
+        entries.append(entry)
+        return len(entries) - 1
+
+    def is_new(self, accessor: int) -> bool:
+        """Whether an accessor was added here."""
+        return accessor >= len(self.document.json.get("accessors", []))
+
+    def add_attribute(self, values: NDArray[Any], like: int, bounded: bool) -> int:
+        """A vertex attribute (N, n) of any component type; returns its accessor.
+
+        Args:
+            values: one row a vertex, matrices column by column.
+            like: the accessor it stands in for: element type, normalisation, and whether it was all zeros but for
+                sparse rows, so that rows which are not zero are stored alone while they are few.
+            bounded: whether to declare ``min`` and ``max``, which positions need.
+        """
+        source = self.json["accessors"][like]
+        rows = values.reshape(len(values), -1)
+        accessor: dict[str, Any] = {"componentType": _COMPONENT_CODES[rows.dtype]}
+        if rows.dtype.kind != "f" and "normalized" in source:
+            accessor["normalized"] = source["normalized"]
+        accessor |= {"count": len(rows), "type": source["type"]}
+        if bounded:
+            accessor |= {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()}
+        columns, height = ELEMENT_TYPES[source["type"]]
+        used = np.flatnonzero(rows.any(axis=1))
+        if "bufferView" in source or like in self.document.draco or len(used) > SPARSE * len(rows):
+            accessor = {"bufferView": self._add_vertex_view(rows, columns, height), **accessor}
+        elif len(used):
+            packed = rows[used] if columns == 1 else _column_aligned(rows[used], columns, height)[0]
+            accessor["sparse"] = {
+                "count": len(used),
+                "indices": {"bufferView": self.add_view(used.astype("<u4").tobytes(), {}), "componentType": 5125},
+                "values": {"bufferView": self.add_view(packed.tobytes(), {})},
+            }
+        return self.append("accessors", accessor)
+
+    def add_indices(self, indices: NDArray[np.int64], smallest: np.dtype[Any]) -> int:
+        """Triangle indices in the first of uint8, uint16 and uint32, from ``smallest`` on, that can hold them."""
+        # The largest value of each type is reserved for primitive restart.
+        fitting = (np.dtype(name) for name in ("<u1", "<u2", "<u4") if indices.max() < np.iinfo(name).max)
+        dtype = next(candidate for candidate in fitting if candidate.itemsize >= smallest.itemsize)
+        view = self.add_view(indices.astype(dtype).tobytes(), {"target": ELEMENT_ARRAY_BUFFER})
+        return self.append(
+            "accessors",
+            {"bufferView": view, "componentType": _COMPONENT_CODES[dtype], "count": indices.size, "type": "SCALAR"},
+        )
+
+    def add_view(self, data: bytes, properties: dict[str, Any]) -> int:
+        """A buffer view of its own over ``data``; returns its number."""
+        number = self.append("bufferViews", {"buffer": 0, "byteLength": len(data)} | properties)
+        self._payloads[number] = data
+        return number
+
+    def to_document(self) -> Document:
+        """The edited document, without what nothing in it refers to: see :func:`core.gltf.prune.prune`."""
+        return prune(self.json, self.document, self._payloads)
+
+    def _add_vertex_view(self, rows: NDArray[Any], columns: int, height: int) -> int:
+        aligned, padded = _column_aligned(rows, columns, height)
+        stride = {"byteStride": aligned.itemsize * aligned.shape[1]} if padded and columns == 1 else {}
+        return self.add_view(aligned.tobytes(), stride | {"target": ARRAY_BUFFER})
+
+
+def _column_aligned(rows: NDArray[Any], columns: int, height: int) -> tuple[NDArray[Any], bool]:
+    """Rows with every column (a vector is one) filled up to a multiple of four bytes, and whether that added any."""
+    padding = -height * rows.itemsize % 4 // rows.itemsize
+    split = rows.reshape(len(rows), columns, height)
+    aligned = np.pad(split, ((0, 0), (0, 0), (0, padding))).reshape(len(rows), -1)
+    return aligned, padding > 0

@@ -1,0 +1,366 @@
+"""A GLB document as one working surface, with the way back from every face to its accessor rows."""
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.arrays import Bool, Float, Int
+from core.errors import ErrorCode, MeshmarkError
+from core.geometry.grouping import float_words, group_rows
+from core.geometry.products import product
+from core.geometry.surface import MODEL_SIZE, Surface
+from core.gltf.document import Document, dequantize, malformed, read_accessor, typed
+from core.gltf.hierarchy import scene_nodes, world_matrices
+from core.gltf.instances import instance_matrices
+from core.gltf.skin import blend, influence_sets, joint_matrices, read_influences
+from core.gltf.viewer import Look, Viewed, has_area, viewed
+
+TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN = 4, 5, 6
+# |det| over the product of the column lengths, below which a matrix cannot be inverted in any useful sense
+SINGULAR = 1e-6
+BEYOND = 1e6  # size-30 units: vertices of what is not drawn are kept this near, so that nothing overflows
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnPrimitive:
+    """One mesh primitive as one node of the scene draws it.
+
+    Attributes:
+        node, mesh, primitive: glTF indices.
+        instance: which of the node's instances (EXT_mesh_gpu_instancing); ``None`` where it has none.
+        triangles: (T, 3) int64 accessor rows in the file's winding; strips and fans as triangle lists.
+        first_vertex: row of ``Surface.positions`` where accessor row 0 lies. Primitives of one mesh that share all
+            their vertex attributes share these rows.
+        matrices: (V, 3, 4) for a skinned primitive, else (1, 3, 4): local -> world at the default pose.
+        joint_matrices: (J, 3, 4) bind pose -> world, for a skinned primitive.
+        morph_weights: (K,) the default weights of its morph targets.
+        mirrored: the transform of its node turns it inside out, so its faces in the surface have the opposite winding.
+            Of a skin no other transform counts either (3.7.4): where only its joints mirror, viewers show its inside.
+        invertible: every vertex in use can be taken back from world to local.
+    """
+
+    node: int
+    mesh: int
+    primitive: int
+    instance: int | None
+    triangles: Int
+    first_vertex: int
+    matrices: Float
+    joint_matrices: Float | None
+    morph_weights: Float
+    mirrored: bool
+    invertible: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A document, its surface, and the drawn primitives that ``Surface.face_primitive`` counts."""
+
+    document: Document
+    surface: Surface
+    primitives: tuple[DrawnPrimitive, ...]
+
+    @cached_property
+    def viewed(self) -> Viewed:
+        """What a viewer draws of the faces of ``surface``."""
+        return viewed(self.document, self.surface, self.primitives)
+
+
+@dataclass(frozen=True, eq=False)
+class _Shape:
+    """The vertices that primitives of one mesh with the same attributes share, before they are placed.
+
+    ``matrices`` and ``joint_matrices`` are ``None`` where no skin moves them.
+    """
+
+    local: NDArray[np.float32]
+    morphed: Float
+    matrices: Float | None
+    joint_matrices: Float | None
+    morph_weights: Float
+    deformed: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Vertices:
+    """A shape as one node, or one instance of it, draws it; ``owner`` numbers these."""
+
+    owner: int
+    node: int
+    instance: int | None
+    first: int
+    shape: _Shape
+    matrices: Float
+    world: Float
+
+
+def flatten(document: Document) -> Scene:
+    """Every triangle of the default scene in one size-30 :class:`Surface`, at the default pose.
+
+    Node transforms, instances, skins, default morph weights, strips, fans and quantised positions are applied.
+    Points, lines and instances that a skin or an animation of morph weights moves are left out: they stay in the file
+    as they are. The frame is that of what a viewer draws: the faces that are hidden or have no area do not count.
+
+    Raises:
+        MeshmarkError: ``no_faces``, ``non_finite_positions``, ``index_out_of_range``, ``malformed_file``,
+            ``external_reference``.
+    """
+    worlds = world_matrices(document)
+    blocks: list[_Vertices] = []
+    primitives: list[DrawnPrimitive] = []
+    rows = owner = 0
+    for node in scene_nodes(document):
+        entry = document.entry("nodes", node)
+        if "mesh" not in entry:
+            continue
+        placements = _placements(document, node, worlds)
+        shapes, drawn = _read_mesh(document, node, worlds) if placements else ({}, [])
+        for instance, world in placements:
+            placed: dict[str, _Vertices] = {}
+            for index, key, triangles in drawn:
+                if key not in placed:
+                    placed[key] = _place(shapes[key], owner, node, instance, world, rows)
+                    rows += len(shapes[key].local)
+                if len(triangles):
+                    primitives.append(_draw(placed[key], entry["mesh"], index, triangles, world))
+            blocks += placed.values()
+            owner += 1
+    if not primitives:
+        raise _no_faces("The asset has no triangles in its default scene.")
+    return Scene(document, _surface(document, blocks, primitives), tuple(primitives))
+
+
+def _placements(document: Document, node: int, worlds: Float) -> list[tuple[int | None, Float]]:
+    """(instance, mesh -> world matrix) of each time that a node draws its mesh."""
+    instances = instance_matrices(document, node)
+    if instances is None:
+        return [(None, worlds[node])]
+    if "skin" in document.entry("nodes", node) or _has_animated_weights(document, node):
+        return []
+    with np.errstate(over="ignore", invalid="ignore"):  # refused where vertices are placed
+        return list(enumerate(product(worlds[node], instances)))
+
+
+def _has_animated_weights(document: Document, node: int) -> bool:
+    channels = [
+        channel
+        for animation in typed(document.json, "animations", list)
+        for channel in typed(animation, "channels", list)
+    ]
+    return any(
+        typed(channel, "target", dict).get("node") == node and channel["target"].get("path") == "weights"
+        for channel in channels
+    )
+
+
+def _read_mesh(document: Document, node: int, worlds: Float) -> tuple[dict[str, _Shape], list[tuple[int, str, Int]]]:
+    """The shapes of a node's mesh by a key, and the (index, key, triangles) of each of its primitives."""
+    entry = document.entry("nodes", node)
+    mesh = document.entry("meshes", entry["mesh"])
+    weights = typed(entry if "weights" in entry else mesh, "weights", list)
+    shapes: dict[str, _Shape] = {}
+    drawn = []
+    for index, primitive in enumerate(typed(mesh, "primitives", list)):
+        if not isinstance(primitive, dict):
+            raise malformed(f"meshes[{entry['mesh']}].primitives[{index}] is not a JSON object.")
+        if primitive.get("mode", TRIANGLES) not in (TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN):
+            continue
+        if "POSITION" not in typed(primitive, "attributes", dict):
+            continue
+        key = json.dumps([primitive["attributes"], primitive.get("targets")], sort_keys=True)
+        if key not in shapes:
+            shapes[key] = _read_shape(document, node, primitive, weights, worlds)
+        drawn.append((index, key, _triangles(document, primitive, len(shapes[key].local))))
+    return shapes, drawn
+
+
+@np.errstate(over="ignore", invalid="ignore")  # what overflows is refused once it is placed
+def _read_shape(document: Document, node: int, primitive: dict[str, Any], weights: list[Any], worlds: Float) -> _Shape:
+    attributes, targets = primitive["attributes"], typed(primitive, "targets", list)
+    if not all(isinstance(target, dict) for target in targets) or not all(_is_number(weight) for weight in weights):
+        raise malformed(f"The morph targets that nodes[{node}] draws, or their weights, are not well-formed.")
+    _check_attributes(document, [attributes, *targets])
+    local = _read_positions(document, attributes["POSITION"])
+    morph_weights = np.zeros(len(targets))
+    morph_weights[: len(weights)] = weights[: len(targets)]
+    morphed = local
+    for target, weight in zip(targets, morph_weights, strict=True):
+        if weight and "POSITION" in target:
+            morphed = morphed + weight * _read_positions(document, target["POSITION"])
+    joints = matrices = None
+    skin = document.entry("nodes", node).get("skin")
+    if skin is not None and influence_sets(attributes):
+        joints = joint_matrices(document, skin, worlds)  # the transform of a skinned node itself is ignored
+        matrices = blend(*read_influences(document, attributes), joints)
+    deformed = joints is not None or morphed is not local
+    return _Shape(local.astype(np.float32), morphed, matrices, joints, morph_weights, deformed)
+
+
+@np.errstate(over="ignore", invalid="ignore")  # what overflows is refused at the end
+def _place(shape: _Shape, owner: int, node: int, instance: int | None, world: Float, first: int) -> _Vertices:
+    """Take the vertices of a shape to the world."""
+    matrices = world[None, :3] if shape.matrices is None else shape.matrices
+    # Not a matrix product: it must round the same for equal rows.
+    placed = matrices[:, :, 3] + sum(matrices[:, :, axis] * shape.morphed[:, axis, None] for axis in range(3))
+    if not np.isfinite(placed).all():
+        raise MeshmarkError(
+            ErrorCode.NON_FINITE_POSITIONS,
+            f"The mesh that nodes[{node}] draws has positions that are not finite numbers.",
+            "Remove the broken vertices, or export the asset again.",
+        )
+    return _Vertices(owner, node, instance, first, shape, matrices, placed)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _check_attributes(document: Document, maps: list[dict[str, Any]]) -> None:
+    """Refuse attributes, of the base mesh or its morph targets, that the vertices of one primitive cannot have."""
+    count = document.entry("accessors", maps[0]["POSITION"]).get("count")
+    for number, attributes in enumerate(maps):
+        expected = {"POSITION": "VEC3", "NORMAL": "VEC3", "TANGENT": "VEC3" if number else "VEC4"}
+        for name, index in attributes.items():
+            accessor = document.entry("accessors", index)
+            if accessor.get("count") != count:
+                raise malformed(f"accessors[{index}] ({name}) does not have a row for each of {count} positions.")
+            kind = "VEC4" if name.startswith(("JOINTS_", "WEIGHTS_")) else expected.get(name, accessor.get("type"))
+            if accessor.get("type") != kind:
+                raise malformed(f"accessors[{index}] ({name}) is not of type {kind}.")
+
+
+def _read_positions(document: Document, accessor: int) -> Float:
+    return dequantize(read_accessor(document, accessor), document.entry("accessors", accessor))
+
+
+def _triangles(document: Document, primitive: dict[str, Any], vertex_count: int) -> Int:
+    """(T, 3) accessor rows of a primitive's triangles; strips and fans as in specification 3.7.2.1."""
+    if "indices" in primitive:
+        accessor = primitive["indices"]
+        indices = read_accessor(document, accessor)
+        if indices.ndim != 1 or indices.dtype.kind != "u":
+            raise malformed(f"accessors[{accessor}] should hold indices, one unsigned integer each.")
+        if indices.max() >= vertex_count:
+            raise MeshmarkError(
+                ErrorCode.INDEX_OUT_OF_RANGE,
+                f"A triangle refers to vertex {indices.max()}, but its primitive has {vertex_count} vertices.",
+                "Export the asset again; its index data is damaged.",
+            )
+        indices = indices.astype(np.int64)
+    else:
+        indices = np.arange(vertex_count)
+    mode = primitive.get("mode", TRIANGLES)
+    if mode == TRIANGLES:
+        return indices[: len(indices) // 3 * 3].reshape(-1, 3)
+    first = np.arange(max(len(indices) - 2, 0))
+    if mode == TRIANGLE_STRIP:
+        odd = first % 2
+        return indices[np.stack([first, first + 1 + odd, first + 2 - odd], axis=1)]
+    return indices[np.stack([first + 1, first + 2, np.zeros_like(first)], axis=1)]
+
+
+def determinants(matrices: Float) -> Float:
+    """(M,) of the linear parts of matrices (M, 3, 4)."""
+    x, y, z = (matrices[:, :, axis] for axis in range(3))
+    return np.asarray(np.einsum("vi,vi->v", np.cross(x, y), z))
+
+
+@np.errstate(over="ignore", invalid="ignore")  # a matrix this large is not invertible in any useful sense
+def _draw(vertices: _Vertices, mesh: int, index: int, triangles: Int, world: Float) -> DrawnPrimitive:
+    matrices = vertices.matrices if len(vertices.matrices) == 1 else vertices.matrices[np.unique(triangles)]
+    columns = [matrices[:, :, axis] for axis in range(3)]
+    determinant = determinants(matrices)
+    volume = np.prod([np.linalg.norm(column, axis=1) for column in columns], axis=0)
+    return DrawnPrimitive(
+        node=vertices.node,
+        mesh=mesh,
+        primitive=index,
+        instance=vertices.instance,
+        triangles=triangles,
+        first_vertex=vertices.first,
+        matrices=vertices.matrices,
+        joint_matrices=vertices.shape.joint_matrices,
+        morph_weights=vertices.shape.morph_weights,
+        mirrored=bool(determinants(world[None, :3])[0] < 0),
+        invertible=bool((np.abs(determinant) > SINGULAR * volume).all()),
+    )
+
+
+def _surface(document: Document, blocks: list[_Vertices], primitives: list[DrawnPrimitive]) -> Surface:
+    world = np.concatenate([block.world for block in blocks])
+    faces = np.concatenate(
+        [drawn.first_vertex + drawn.triangles[:, [0, 2, 1] if drawn.mirrored else [0, 1, 2]] for drawn in primitives]
+    )
+    low, high = _bounds(document, world, faces, primitives)
+    side = float((high - low).max())
+    if not 0.0 < side < np.inf or not np.isfinite(MODEL_SIZE / side):
+        raise _no_faces("The asset has no extent: all its triangles lie in one point, or its size overflows.")
+    offset = low + (high - low) / 2
+    scale = MODEL_SIZE / side
+    counts = [len(drawn.triangles) for drawn in primitives]
+    with np.errstate(over="ignore"):  # outside the frame is only what nobody sees
+        positions = (world - offset) * scale
+    positions = np.clip(positions, -BEYOND, BEYOND, out=positions)
+    return Surface(
+        positions=positions,
+        faces=faces,
+        weld=_weld(blocks),
+        face_primitive=np.repeat(np.arange(len(primitives)), counts),
+        face_triangle=np.concatenate([np.arange(count) for count in counts]),
+        scale=scale,
+        offset=offset,
+    )
+
+
+def _bounds(document: Document, world: Float, faces: Int, primitives: list[DrawnPrimitive]) -> tuple[Float, Float]:
+    """The lowest and highest corner (3,) of the faces that are drawn and have an area; where there are none, of those
+    that have an area, else of all."""
+    used = np.zeros(len(world), dtype=bool)
+    used[faces] = True
+    low, high = world[used].min(axis=0), world[used].max(axis=0)
+    # Nearly always faces that count reach all six sides, and nobody has to look at the others.
+    outermost = ((world == low) | (world == high)).any(axis=1)
+    rim = world[faces[_counting(document, world, faces, primitives, outermost[faces].any(axis=1))]].reshape(-1, 3)
+    if len(rim) and (rim.min(axis=0) == low).all() and (rim.max(axis=0) == high).all():
+        return low, high
+    counting = _counting(document, world, faces, primitives, np.ones(len(faces), dtype=bool))
+    if not len(counting):
+        counting = np.flatnonzero(has_area(world[faces]))
+    if not len(counting):
+        return low, high
+    corners = world[faces[counting]].reshape(-1, 3)
+    return corners.min(axis=0), corners.max(axis=0)
+
+
+def _counting(document: Document, world: Float, faces: Int, primitives: list[DrawnPrimitive], asked: Bool) -> Int:
+    """Those of the faces ``asked`` (F,) for that are drawn and have an area."""
+    look, first = Look(document), 0
+    found = []
+    for drawn in primitives:
+        which = np.flatnonzero(asked[first : first + len(drawn.triangles)])
+        if len(which):
+            which = which[look.drawn(drawn, drawn.triangles[which])[0]]
+            found.append(first + which)
+        first += len(drawn.triangles)
+    drawn_faces = np.concatenate([np.empty(0, dtype=np.int64), *found])
+    return drawn_faces[has_area(world[faces[drawn_faces]])]
+
+
+def _weld(blocks: list[_Vertices]) -> Int:
+    """Labels that are equal where owner, local float position and, under deformation, world position are."""
+    deformed = {block.owner for block in blocks if block.shape.deformed}
+    owner = np.repeat([block.owner for block in blocks], [len(block.world) for block in blocks])
+    words = [owner[:, None].astype(np.uint32), float_words(np.concatenate([block.shape.local for block in blocks]))]
+    if deformed:
+        # Equal local positions of a rigid node have equal world positions anyway: zeros keep its rows out of this.
+        moved = [block.world if block.owner in deformed else np.zeros_like(block.world) for block in blocks]
+        words.append(float_words(np.concatenate(moved)))
+    return group_rows(np.hstack(words))
+
+
+def _no_faces(sentence: str) -> MeshmarkError:
+    return MeshmarkError(ErrorCode.NO_FACES, sentence, "Send a mesh with triangles that span an area.")

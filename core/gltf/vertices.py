@@ -1,0 +1,283 @@
+"""The new corners of an edited surface, taken back to accessor rows: where they lie and what they carry."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.arrays import Bool, Float, Int
+from core.errors import ErrorCode, MeshmarkError
+from core.geometry.grouping import group_rows
+from core.geometry.products import solved
+from core.geometry.triangles import flat_normals, unit
+from core.gltf.attributes import (
+    Points,
+    interpolate_attribute,
+    interpolate_influences,
+    orthogonal_tangents,
+    read_rows,
+)
+from core.gltf.document import Document, dequantize, read_accessor
+from core.gltf.edit import Kind, SurfaceEdit
+from core.gltf.scene import SINGULAR, DrawnPrimitive, Scene, determinants
+from core.gltf.skin import blend, influence_sets
+
+# Corners of one point share a row where their attributes agree to this fraction of the attribute's largest value;
+# those of a wall, whose two triangles are never quite coplanar, where their normals agree to a sixteenth of a degree.
+SAME_ATTRIBUTE, SAME_WALL = 2.0**-20, 2.0**-10
+SMOOTH = np.cos(np.radians(30))  # between walls that meet at less than 30 degrees shading runs on: they are a curve
+
+
+@dataclass(eq=False)
+class Patch:
+    """New triangles whose source primitives share their vertex attributes: C = 3M corners, in surface order.
+
+    Attributes:
+        drawn: indices into ``scene.primitives``, ascending.
+        maps: semantic -> accessor, of the base mesh and then of each morph target.
+        triangles: (M,) int64, which triangles of the edit these are.
+        points: where the corners lie in their source faces.
+        vertex: (C,) int64 point ids.
+        original: (C,) int64, the accessor row that a corner is, or -1.
+        wall: (C,) bool.
+        winding: (M,) float64, -1 where what takes the triangle to the world mirrors it, else 1. A skin may, whatever
+            its node does.
+        local: (C, 3) float32 positions in the mesh's own frame; equal ids have equal positions in all of a node.
+        values: one dictionary for each of ``maps``: semantic -> (C, n) float64.
+    """
+
+    drawn: list[int]
+    maps: list[dict[str, int]]
+    triangles: Int
+    points: Points
+    vertex: Int
+    original: Int
+    wall: Bool
+    winding: Float
+    local: NDArray[np.float32]
+    values: list[dict[str, Float]]
+
+
+def cut_patches(scene: Scene, edit: SurfaceEdit) -> list[Patch]:
+    """The touched primitives of an edit, together where they share their vertex attributes.
+
+    Raises:
+        MeshmarkError: ``unsupported_feature`` where a vertex cannot be taken back to its node's frame.
+    """
+    surface = scene.surface
+    owner = surface.face_primitive[edit.source_face]
+    together: dict[int, list[int]] = {}
+    for index in np.union1d(surface.face_primitive[~edit.keep], owner).tolist():
+        together.setdefault(scene.primitives[index].first_vertex, []).append(index)
+    patches = []
+    for first_vertex, drawn in together.items():
+        triangles = np.flatnonzero(np.isin(owner, drawn))
+        original = edit.original[triangles].reshape(-1)
+        source = primitive_json(scene.document, scene.primitives[drawn[0]])
+        maps = [source["attributes"], *source.get("targets", [])]
+        patch = Patch(
+            drawn=drawn,
+            maps=maps,
+            triangles=triangles,
+            points=Points(
+                np.repeat(surface.faces[edit.source_face[triangles]] - first_vertex, 3, axis=0),
+                edit.barycentric[triangles].reshape(-1, 3),
+            ),
+            vertex=edit.vertex[triangles].reshape(-1),
+            original=np.where(original >= 0, original - first_vertex, -1),
+            wall=np.repeat(edit.kind[triangles] == Kind.WALL, 3),
+            winding=np.ones(len(triangles)),
+            local=np.empty((0, 3), np.float32),
+            values=[{} for _ in maps],
+        )
+        _place(scene, surface.to_world(edit.position[triangles].reshape(-1, 3)), patch)
+        patches.append(patch)
+    _share_points(scene, patches)
+    for patch in patches:
+        _interpolate(scene.document, patch)
+    return patches
+
+
+def primitive_json(document: Document, drawn: DrawnPrimitive) -> dict[str, Any]:
+    """The JSON object of a drawn primitive."""
+    primitive: dict[str, Any] = document.entry("meshes", drawn.mesh)["primitives"][drawn.primitive]
+    return primitive
+
+
+def row_labels(patch: Patch, corners: Int) -> Int:
+    """(N,) labels of ``corners`` (N,): equal for those that can share one row.
+
+    These are corners of the same point, both of a wall or neither where there are normals, whose attributes agree.
+    Positions, joints and weights belong to the point and need no comparison.
+    """
+    wall = patch.wall[corners] & has_normals(patch)
+    words = [patch.vertex[corners, None].view(np.uint32), wall[:, None].astype(np.uint32)]
+    for values in patch.values:
+        for name, value in values.items():
+            if name == "POSITION" or name.startswith(("JOINTS_", "WEIGHTS_")):
+                continue
+            value = np.nan_to_num(value)
+            largest = max(float(np.abs(value).max(initial=0.0)), np.finfo(np.float32).tiny)
+            coarse = name in ("NORMAL", "TANGENT")
+            step = np.where(wall & coarse, SAME_WALL, SAME_ATTRIBUTE)[:, None] * largest
+            words.append(np.round(value[corners] / step).astype(np.int32).view(np.uint32))
+    return group_rows(np.hstack(words))
+
+
+def has_normals(patch: Patch) -> bool:
+    """Whether vertices carry normals, so that walls need rows of their own."""
+    return any("NORMAL" in attributes for attributes in patch.maps)
+
+
+def _place(scene: Scene, world: Float, patch: Patch) -> None:
+    """Local positions of the corners, with the influences and morphs that take them to where they belong.
+
+    All corners of one point take these from the first of them, so that it stays one point in every pose.
+    """
+    document, drawn = scene.document, scene.primitives[patch.drawn[0]]
+    first = _first_of_each(patch.vertex, patch.original)
+    points, matrices = patch.points[first], drawn.matrices
+    if influence_sets(patch.maps[0]):
+        joints, weights = interpolate_influences(document, patch.maps[0], points)
+        if drawn.joint_matrices is not None:
+            matrices = blend(joints, weights, drawn.joint_matrices)
+        for number in range(joints.shape[1] // 4):
+            columns = slice(4 * number, 4 * number + 4)
+            patch.values[0][f"JOINTS_{number}"] = joints[:, columns].astype(np.float64)
+            patch.values[0][f"WEIGHTS_{number}"] = weights[:, columns]
+        _keep_influences(document, patch, patch.original[first])
+    _require_invertible(drawn, matrices)
+    patch.winding *= np.where(determinants(matrices) < 0, -1.0, 1.0)[:: 3 if len(matrices) > 1 else 1]
+    local = solved(matrices[:, :, :3], world - matrices[:, :, 3])
+    for weight, target, values in zip(drawn.morph_weights, patch.maps[1:], patch.values[1:], strict=True):
+        if "POSITION" in target:
+            delta = interpolate_attribute(document, "POSITION", target["POSITION"], points).astype(np.float32)
+            values["POSITION"] = delta.astype(np.float64)
+            local -= weight * values["POSITION"]
+    patch.local = local.astype(np.float32)
+    untouched = patch.original >= 0
+    rows = read_rows(document, "POSITION", patch.maps[0]["POSITION"])
+    patch.local[untouched] = rows[patch.original[untouched]]
+
+
+def _keep_influences(document: Document, patch: Patch, original: Int) -> None:
+    """Give corners at an untouched vertex (``original`` >= 0) the joints and weights of its row to the last bit."""
+    at_vertex = original >= 0
+    for name, values in patch.values[0].items():
+        accessor = patch.maps[0][name]
+        entry = document.entry("accessors", accessor) | ({"normalized": True} if name.startswith("WEIGHTS_") else {})
+        values[at_vertex] = dequantize(read_accessor(document, accessor)[original[at_vertex]], entry)
+
+
+def _share_points(scene: Scene, patches: list[Patch]) -> None:
+    """Give the corners of one point one position across all primitives of their node, and one way of moving across
+    those that store their influences and morphs alike."""
+    nodes: dict[tuple[int, int | None], list[Patch]] = {}
+    alike: dict[tuple[tuple[int, int | None], str], list[Patch]] = {}
+    for patch in patches:
+        drawn = scene.primitives[patch.drawn[0]]
+        node = drawn.node, drawn.instance
+        types = [
+            [(name, scene.document.entry("accessors", accessors[name])["componentType"]) for name in values]
+            for accessors, values in zip(patch.maps, patch.values, strict=True)
+        ]
+        nodes.setdefault(node, []).append(patch)
+        alike.setdefault((node, repr(types)), []).append(patch)
+    for group in nodes.values():
+        for patch, local in zip(group, _shared(group, [patch.local for patch in group]), strict=True):
+            patch.local = local
+    for group in alike.values():
+        for number, names in enumerate(group[0].values):
+            for name in names:
+                columns = _shared(group, [patch.values[number][name] for patch in group])
+                for patch, values in zip(group, columns, strict=True):
+                    patch.values[number][name] = values
+    for patch in patches:
+        patch.values[0]["POSITION"] = patch.local.astype(np.float64)
+
+
+def _shared(group: list[Patch], values: list[NDArray[Any]]) -> list[NDArray[Any]]:
+    """The (C, n) ``values`` of each patch with those of the first corner of the same point in any of them."""
+    vertex = np.concatenate([patch.vertex for patch in group])
+    original = np.concatenate([patch.original for patch in group])
+    ends = np.cumsum([len(patch.vertex) for patch in group])
+    return np.split(np.concatenate(values)[_first_of_each(vertex, original)], ends[:-1])
+
+
+def _first_of_each(vertex: Int, original: Int) -> Int:
+    """(C,) for each corner, the first corner of the same point, one at an untouched vertex before all others."""
+    order = np.lexsort((original < 0, vertex))
+    _, start, label = np.unique(vertex[order], return_index=True, return_inverse=True)
+    first = np.empty(len(vertex), dtype=np.int64)
+    first[order] = order[start][label]
+    return first
+
+
+def _require_invertible(drawn: DrawnPrimitive, matrices: Float) -> None:
+    linear = matrices[:, :, :3]
+    volume = np.linalg.norm(linear, axis=1).prod(axis=1)
+    if not (np.abs(determinants(matrices)) > SINGULAR * volume).all():
+        raise MeshmarkError(
+            ErrorCode.UNSUPPORTED_FEATURE,
+            f"nodes[{drawn.node}] flattens its mesh, so that no letter can be put back into the mesh's own frame.",
+            "Apply the transforms of that node to its mesh and send it again.",
+        )
+
+
+def _interpolate(document: Document, patch: Patch) -> None:
+    """Fill ``patch.values`` with what :func:`_place` has not put there already."""
+    for attributes, values in zip(patch.maps, patch.values, strict=True):
+        for name, accessor in attributes.items():
+            if name not in values:
+                values[name] = interpolate_attribute(document, name, accessor, patch.points)
+    base, targets = patch.values[0], patch.values[1:]
+    if "NORMAL" not in base:
+        return
+    flat = _flat_normals(patch, base["POSITION"])
+    smooth = unit(base["NORMAL"])
+    one, two, share = _curves(patch, flat, base["POSITION"])
+    walls = _along_curves(flat, one, two, share)
+    is_flat = (patch.wall | ~smooth.any(axis=1)) & flat.any(axis=1)
+    normals = np.where(is_flat[:, None], walls, smooth)
+    normals[~normals.any(axis=1)] = (0.0, 0.0, 1.0)  # a triangle without area or normals: any unit vector is valid
+    base["NORMAL"] = normals
+    for target in targets:
+        if "NORMAL" in target and "POSITION" in target:
+            turned = _along_curves(_flat_normals(patch, base["POSITION"] + target["POSITION"]), one, two, share)
+            follows = patch.wall & flat.any(axis=1) & turned.any(axis=1)
+            target["NORMAL"][follows] = (turned - walls)[follows]
+    if "TANGENT" in base:
+        base["TANGENT"][:, :3] = orthogonal_tangents(base["TANGENT"][:, :3], normals)
+        handedness = read_rows(document, "TANGENT", patch.maps[0]["TANGENT"])[:, 3:]
+        base["TANGENT"][:, 3:] = patch.points.nearest(handedness)
+
+
+def _curves(patch: Patch, flat: Float, local: Float) -> tuple[Int, Int, Float]:
+    """Pairs (P,), (P,) of wall corners at one point that are shaded as one curve, each with itself too, and the angle
+    (P,) of the triangle at the second: how much its normal counts."""
+    wall = np.flatnonzero(patch.wall & flat.any(axis=1))
+    wall = wall[np.argsort(patch.vertex[wall], kind="stable")]
+    _, start, which, size = np.unique(patch.vertex[wall], return_index=True, return_inverse=True, return_counts=True)
+    reach = size[which]
+    one = np.repeat(np.arange(len(wall)), reach)
+    two = np.repeat(start[which], reach) + np.arange(len(one)) - np.repeat(np.cumsum(reach) - reach, reach)
+    one, two = wall[one], wall[two]
+    curved = np.einsum("pi,pi->p", flat[one], flat[two]) > SMOOTH
+    one, two = one[curved], two[curved]
+    corner = local.reshape(-1, 3, 3)[two // 3]
+    at = np.arange(len(two)), two % 3
+    to = [unit(corner[at[0], (at[1] + step) % 3] - corner[at]) for step in (1, 2)]
+    return one, two, np.arccos(np.clip(np.einsum("pi,pi->p", *to), -1, 1))
+
+
+def _along_curves(flat: Float, one: Int, two: Int, share: Float) -> Float:
+    """``flat`` (C, 3) normals, those of the corners ``one`` the mean over their ``two``, weighted by ``share``."""
+    total = [np.bincount(one, weights=share * flat[two, axis], minlength=len(flat)) for axis in range(3)]
+    mean = unit(np.column_stack(total).astype(np.float64))  # of no corners bincount counts integers
+    return np.where(mean.any(axis=1, keepdims=True), mean, flat)
+
+
+def _flat_normals(patch: Patch, local: Float) -> Float:
+    """(C, 3) normals of the new triangles at local corner positions (C, 3), outwards in the mesh's own frame."""
+    return np.repeat(flat_normals(local.reshape(-1, 3, 3)) * patch.winding[:, None], 3, axis=0)

@@ -1,0 +1,288 @@
+"""An edited surface back into its GLB: what was touched is written anew, and nothing is left of what it was."""
+
+from collections import Counter
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.arrays import Float, Int
+from core.formats.polygons import hex_linear
+from core.geometry.morton import morton_order
+from core.gltf.attributes import encode, read_rows
+from core.gltf.compact import drop_unused_rows, kept_outline
+from core.gltf.compression import DRACO
+from core.gltf.document import Document
+from core.gltf.edit import Kind, SurfaceEdit
+from core.gltf.editor import Editor
+from core.gltf.hierarchy import hidden_nodes, scene_nodes
+from core.gltf.instances import instance_attributes, split_off
+from core.gltf.materials import UNLIT
+from core.gltf.references import OUTLINE
+from core.gltf.scene import TRIANGLES, Scene
+from core.gltf.vertices import Patch, cut_patches, has_normals, primitive_json, row_labels
+
+Owner = tuple[int, int | None]  # a node, and which of its instances
+Replacement = tuple[dict[str, Any] | None, list[dict[str, Any]]]  # the surface and the coloured letters of a primitive
+
+# What a plain material has no use for, and what would tint it.
+TEXTURING = ("TANGENT", "TEXCOORD_", "COLOR_")
+
+
+def write(
+    scene: Scene, edit: SurfaceEdit, colors: Sequence[str | None], glowing: Collection[int] = frozenset()
+) -> bytes:
+    """The scene's GLB with ``edit`` applied.
+
+    A touched primitive gets new accessors with the rows that it draws and no others, old and new ones alike in the
+    order of a space-filling curve. Of its old accessors, and of all else that nothing refers to, no byte is written:
+    see :func:`core.gltf.prune.prune`. Untouched primitives keep their exact values, images their exact bytes. A mesh
+    that other nodes of the scene draw too is cloned for the node that was touched; nodes that the scene does not show
+    draw the edited one. Same input, same bytes.
+
+    Args:
+        scene: what the edit refers to.
+        edit: the faces that go and the triangles that come.
+        colors: of each mark that ``edit.mark`` counts: ``"#rrggbb"`` puts its caps and walls into a primitive with a
+            plain material of that colour; ``None`` leaves them in the source primitive. On unlit sources they are
+            unlit.
+        glowing: the marks whose colour is given off as light, to be seen on ground that glows; on unlit sources none
+            needs to.
+
+    Raises:
+        MeshmarkError: ``unsupported_feature`` where a touched vertex cannot be taken back to its node's frame.
+    """
+    if edit.keep.all() and not len(edit.source_face):
+        return scene.document.to_glb()
+    editor = Editor(scene.document)
+    paint = _Paint(editor)
+    # Looks are numbered so that letters of one look share a primitive; 0 is the source's own.
+    looks = [(color, number in glowing) if color is not None else None for number, color in enumerate(colors)]
+    palette = list(dict.fromkeys(look for look in looks if look is not None))
+    look_of_mark = np.array([0 if look is None else palette.index(look) + 1 for look in looks], dtype=np.int64)
+    changes: dict[Owner, dict[int, Replacement]] = {}
+    for patch in cut_patches(scene, edit):
+        table = _rows(scene.document, patch)
+        base: dict[int, Int] = {}
+        letters: dict[int, list[tuple[int, Int]]] = {}
+        for index in patch.drawn:
+            drawn = scene.primitives[index]
+            first = np.searchsorted(scene.surface.face_primitive, index)  # its faces are consecutive, in order
+            kept = drawn.triangles[edit.keep[first : first + len(drawn.triangles)]]
+            mine = scene.surface.face_primitive[edit.source_face[patch.triangles]] == index
+            added = table.corners.reshape(-1, 3)[mine][:, [0, 2, 1] if drawn.mirrored else [0, 1, 2]]
+            is_letter = edit.kind[patch.triangles][mine] != Kind.SURFACE
+            look = np.where(is_letter, look_of_mark[edit.mark[patch.triangles][mine]], 0)
+            base[index] = np.concatenate([kept, added[look == 0]])
+            if _is_blended(scene.document, primitive_json(scene.document, drawn)):
+                came = scene.surface.face_triangle[edit.source_face[patch.triangles][mine][look == 0]]
+                stay = np.flatnonzero(edit.keep[first : first + len(drawn.triangles)])
+                base[index] = base[index][np.argsort(np.concatenate([stay, came]), kind="stable")]
+            letters[index] = [(number, added[look == number]) for number in np.unique(look[look > 0]).tolist()]
+        shared = _Vertices(editor, patch, table, [triangles for triangles in base.values() if len(triangles)])
+        for index in patch.drawn:
+            drawn, source = scene.primitives[index], primitive_json(scene.document, scene.primitives[index])
+            changes.setdefault((drawn.node, drawn.instance), {})[drawn.primitive] = (
+                shared.primitive(source, base[index]) if len(base[index]) else None,
+                [
+                    paint.primitive(source, patch, table, triangles, *palette[number - 1])
+                    for number, triangles in letters[index]
+                ],
+            )
+    _replace_primitives(editor, changes)
+    drop_unused_rows(editor)
+    return editor.to_document().to_glb()
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """The vertex rows of a patch: those of the file, then new ones.
+
+    Attributes:
+        values: for each map of the patch, semantic -> (V, n), in the component type that is written.
+        corners: (C,) the row of each corner of the patch.
+        local: (V, 3) positions.
+    """
+
+    values: list[dict[str, NDArray[Any]]]
+    corners: Int
+    local: Float
+
+
+def _rows(document: Document, patch: Patch) -> _Rows:
+    new = np.flatnonzero((patch.original < 0) | (patch.wall & has_normals(patch)))
+    _, representative, label = np.unique(row_labels(patch, new), return_index=True, return_inverse=True)
+    corners = patch.original.copy()
+    corners[new] = document.entry("accessors", patch.maps[0]["POSITION"])["count"] + label
+    values = []
+    for attributes, added in zip(patch.maps, patch.values, strict=True):
+        columns = {}
+        for name, accessor in attributes.items():
+            old = read_rows(document, name, accessor)
+            normalized = document.entry("accessors", accessor).get("normalized", False) or name.startswith("WEIGHTS_")
+            rows = encode(added[name][new[representative]], old.dtype, normalized)
+            columns[name] = np.concatenate([old, rows])
+        values.append(columns)
+    return _Rows(values, corners, values[0]["POSITION"].astype(np.float64))
+
+
+class _Vertices:
+    """The accessors that some primitives of a patch share: the rows that their triangles use, in spatial order.
+
+    Args:
+        editor: where they are added.
+        patch: what the primitives belong to.
+        table: its rows.
+        triangles: (T, 3) rows of ``table``, of each primitive.
+        names: the attributes that are kept; all of them if None.
+    """
+
+    def __init__(
+        self, editor: Editor, patch: Patch, table: _Rows, triangles: list[Int], names: set[str] | None = None
+    ) -> None:
+        self._editor, self._local = editor, table.local
+        is_used = np.zeros(len(table.local), dtype=bool)
+        for part in triangles:
+            is_used[part] = True
+        used = np.flatnonzero(is_used)
+        used = used[morton_order(table.local[used])] if len(used) else used
+        self._number = np.full(len(table.local), -1)
+        self._number[used] = np.arange(len(used))
+        self.maps: list[dict[str, int]] = [
+            {
+                name: editor.add_attribute(values[name][used], accessor, name == "POSITION")
+                for name, accessor in attributes.items()
+                if names is None or name in names
+            }
+            for attributes, values in zip(patch.maps, table.values, strict=True)
+            if len(used)
+        ]
+
+    def primitive(self, source: dict[str, Any], triangles: Int) -> dict[str, Any]:
+        """``source`` with other, plain accessors, as a list of ``triangles`` (T, 3) rows of the table; everything
+        else about it stays."""
+        primitive = source | {"attributes": self.maps[0], "indices": self._indices(source, triangles)}
+        if "mode" in source:
+            primitive["mode"] = TRIANGLES
+        if "targets" in source:
+            primitive["targets"] = self.maps[1:]
+        extensions = {name: value for name, value in source.get("extensions", {}).items() if name != DRACO}
+        if OUTLINE in extensions:
+            extensions = kept_outline(self._editor, extensions, self._number)
+        primitive.pop("extensions", None)
+        return primitive | ({"extensions": extensions} if extensions else {})
+
+    def _indices(self, source: dict[str, Any], triangles: Int) -> int:
+        """The index accessor of some triangles, each from its first row on, in spatial order; where the material is
+        blended, which viewers do triangle by triangle, in the order of the triangles they were cut from."""
+        if not _is_blended(self._editor.document, source):
+            triangles = triangles[morton_order(self._local[triangles].mean(axis=1))]
+        return self._editor.add_indices(_from_lowest(self._number[triangles]), np.dtype("<u2"))
+
+
+def _from_lowest(rows: Int) -> Int:
+    """Triangles (T, 3) that begin with their lowest row; the winding stays."""
+    return np.take_along_axis(rows, (rows.argmin(axis=1)[:, None] + np.arange(3)) % 3, axis=1)
+
+
+def _is_blended(document: Document, primitive: dict[str, Any]) -> bool:
+    """Whether what is seen of a primitive depends on the order of its triangles."""
+    if "material" not in primitive:
+        return False
+    return bool(document.entry("materials", primitive["material"]).get("alphaMode") == "BLEND")
+
+
+class _Paint:
+    """Plain materials of some colours, made when first needed, and primitives that wear them."""
+
+    def __init__(self, editor: Editor) -> None:
+        self._editor = editor
+        self._materials: dict[tuple[bool, bool, bool, str], int] = {}
+
+    def primitive(
+        self, source: dict[str, Any], patch: Patch, table: _Rows, triangles: Int, color: str, glows: bool
+    ) -> dict[str, Any]:
+        """A primitive of ``triangles`` (T, 3), rows of ``table``, without what only the textures of ``source`` need."""
+        kept = {name for name in patch.maps[0] if not name.startswith(TEXTURING)}
+        for target in patch.maps[1:]:
+            if kept.isdisjoint(target):
+                kept |= target.keys()  # a morph target must not become empty
+        bare = {key: value for key, value in source.items() if key in ("indices", "targets")}
+        vertices = _Vertices(self._editor, patch, table, [triangles], kept)
+        return vertices.primitive(bare, triangles) | {"material": self._material(source, color, glows)}
+
+    def _material(self, source: dict[str, Any], color: str, glows: bool) -> int:
+        ground = self._editor.json["materials"][source["material"]] if "material" in source else {}
+        double_sided, unlit = bool(ground.get("doubleSided", False)), UNLIT in ground.get("extensions", {})
+        key = double_sided, unlit, glows and not unlit, color
+        if key not in self._materials:
+            self._materials[key] = self._editor.append("materials", letter_material(*key))
+            used = self._editor.json.get("extensionsUsed", [])
+            if unlit and UNLIT not in used:  # the file had forgotten to say so
+                self._editor.json["extensionsUsed"] = [*used, UNLIT]
+        return self._materials[key]
+
+
+def letter_material(double_sided: bool, unlit: bool, glows: bool, color: str) -> dict[str, Any]:
+    """A plain material of the colour ``"#rrggbb"``; one that ``glows`` is black but for the light it gives off."""
+    rgb = hex_linear(color).round(6).tolist()
+    base = {
+        "baseColorFactor": [*([0.0] * 3 if glows else rgb), 1.0],
+        "metallicFactor": 0.0,
+        "roughnessFactor": 0.9 if unlit else 0.6,  # 0.9: what KHR_materials_unlit advises for viewers without it
+    }
+    material: dict[str, Any] = {"pbrMetallicRoughness": base}
+    if glows:
+        material["emissiveFactor"] = rgb
+    if double_sided:
+        material["doubleSided"] = True
+    if unlit:
+        material["extensions"] = {UNLIT: {}}
+    return material
+
+
+def _replace_primitives(editor: Editor, changes: dict[Owner, dict[int, Replacement]]) -> None:
+    """Put the rewritten primitives (by their number) into the meshes of their nodes; an instance becomes a node.
+
+    Nodes that the default scene does not show follow one that it does: they draw the edited mesh, too.
+    """
+    json = editor.json
+    shown = set(scene_nodes(editor.document)) - hidden_nodes(editor.document)
+    drawn = shown | {index for index, _ in changes}
+    users: Counter[int] = Counter()
+    for node in (json["nodes"][index] for index in drawn):
+        if "mesh" in node:
+            accessors = instance_attributes(node).values()
+            users[node["mesh"]] += max((json["accessors"][number]["count"] for number in accessors), default=1)
+    instances: dict[int, dict[int, int]] = {}
+    edited: dict[int, int] = {}
+    for (index, instance), replaced in sorted(changes.items()):
+        node = json["nodes"][index]
+        number = _edit_mesh(editor, node["mesh"], replaced, shared=users[node["mesh"]] > 1)
+        users[node["mesh"]] -= 1
+        edited[node["mesh"]] = number
+        if instance is None:
+            json["nodes"][index] = node | {"mesh": number}
+        else:
+            instances.setdefault(index, {})[instance] = number
+    for index, node in enumerate(json["nodes"]):
+        if index not in drawn and node.get("mesh") in edited:
+            json["nodes"][index] = node | {"mesh": edited[node["mesh"]]}
+    for index, meshes in instances.items():
+        split_off(editor, editor.document, index, meshes)
+
+
+def _edit_mesh(editor: Editor, index: int, replaced: dict[int, Replacement], shared: bool) -> int:
+    """The mesh with some primitives replaced, in its place or, where others draw it too, as a new one."""
+    mesh = editor.json["meshes"][index]
+    pairs = [replaced.get(number, (primitive, [])) for number, primitive in enumerate(mesh["primitives"])]
+    primitives = [base for base, _ in pairs if base] + [painted for _, letters in pairs for painted in letters]
+    if not primitives:
+        raise ValueError(f"the edit leaves no triangle of meshes[{index}]")
+    edited = mesh | {"primitives": primitives}
+    if shared:
+        return editor.append("meshes", edited)
+    editor.json["meshes"][index] = edited
+    return index

@@ -1,0 +1,65 @@
+"""What an attack is given besides the mesh, and what it gives back."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from core.arrays import Bool, Float
+from core.geometry.boxes import Boxes
+from core.geometry.spatial import SpatialIndex
+from core.lab.plain import Mesh
+
+ON_SURFACE = 1e-3  # size-30 units; a GLB's float32 rounds to 1e-6, the lowest relief is ten times as high
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """The watermarked asset as its attacker may know it, in the size-30 frame of the original.
+
+    Attributes:
+        original_index: the surface without watermarks; only :mod:`core.lab.attacks.removal` asks it.
+        boxes: where the B watermarks are; only used to say which of them an attack leaves.
+        rng: of every random draw; the same state gives the same attack.
+    """
+
+    original_index: SpatialIndex
+    boxes: Boxes
+    rng: np.random.Generator
+
+
+@dataclass(frozen=True, eq=False)
+class Attacked:
+    """What an attack leaves.
+
+    Attributes:
+        mesh: in the size-30 frame of the original, unless ``transform`` takes it out of it.
+        kept: (B,) bool, the boxes whose watermark the attack did not cut away.
+        transform: (4, 4) float64, the similarity that was applied to column vectors; the identity for all attacks
+            but rotation, translation and scaling.
+    """
+
+    mesh: Mesh
+    kept: Bool
+    transform: Float = field(default_factory=lambda: np.eye(4))
+
+
+def whole(mesh: Mesh, target: Target) -> Attacked:
+    """An attack that stays in place and leaves every watermark where it was."""
+    return Attacked(mesh, np.ones(len(target.boxes), dtype=bool))
+
+
+def moved(mesh: Mesh, target: Target, transform: Float) -> Attacked:
+    """``mesh`` and its watermarks under a (4, 4) similarity."""
+    positions = mesh.positions @ transform[:3, :3].T + transform[:3, 3]
+    return Attacked(Mesh(positions, mesh.faces), np.ones(len(target.boxes), dtype=bool), transform)
+
+
+def diagonal(mesh: Mesh) -> float:
+    """Length of the bounding box's diagonal."""
+    return float(np.linalg.norm(np.ptp(mesh.positions, axis=0)))
+
+
+def letter_faces(mesh: Mesh, original_index: SpatialIndex) -> Bool:
+    """(F,) bool, the faces of watermarks: those with a vertex further than 1e-3 from the original surface."""
+    distance, _, _ = original_index.closest(mesh.positions)
+    return np.asarray((distance > ON_SURFACE)[mesh.faces].any(axis=1))

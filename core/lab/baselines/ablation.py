@@ -1,0 +1,36 @@
+"""Our own product without one of the objective's terms: what each of them is for."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from core.lab.baselines.meshmark import meshmark
+from core.lab.baselines.strategy import Marked, Prepared, Strategy
+from core.parameters import Parameters
+from core.placement.objective import OBJECTIVE, Objective
+
+WITHOUT: dict[str, Objective] = {
+    "seeing": replace(OBJECTIVE, seen=0.0),
+    "legibility": replace(OBJECTIVE, legibility=0.0),
+    "backup": replace(OBJECTIVE, backup=0.0),
+    "crowd": replace(OBJECTIVE, crowd=0.0),
+    "joint": replace(OBJECTIVE, joint=0.0),
+    "crops": replace(OBJECTIVE, crops=0.0),
+    "obstructed": replace(OBJECTIVE, obstructed=0.0),
+    "saliency": replace(OBJECTIVE, salient=0.0, bars=False),
+    "roll": replace(OBJECTIVE, roll=0.0),
+    "flatness": replace(OBJECTIVE, bend=0.0, rough=0.0),
+    "exposed": replace(OBJECTIVE, exposed=0.0),
+    "texture": replace(OBJECTIVE, detail=0.0, busy=0.0),
+    "cost-of-marks": replace(OBJECTIVE, mark=0.0, distortion=0.0),
+}
+
+
+def _without(objective: Objective) -> Strategy:
+    def strategy(prepared: Prepared, parameters: Parameters, rng: np.random.Generator) -> Marked:
+        return meshmark(prepared, parameters, rng, objective)
+
+    return strategy
+
+
+ABLATED: dict[str, Strategy] = {f"meshmark-no-{name}": _without(objective) for name, objective in WITHOUT.items()}

@@ -1,0 +1,35 @@
+"""Our own product, on the same footing as what it is compared with."""
+
+import numpy as np
+
+from core.geometry.boxes import Boxes
+from core.gltf.document import Document
+from core.gltf.scene import flatten
+from core.lab.baselines.strategy import Marked, Prepared
+from core.lab.plain import plain
+from core.parameters import Evaluate, Parameters
+from core.pipeline import watermark
+from core.placement.objective import OBJECTIVE, Objective
+
+
+def meshmark(
+    prepared: Prepared, parameters: Parameters, _rng: np.random.Generator, objective: Objective = OBJECTIVE
+) -> Marked:
+    """What :func:`core.pipeline.watermark` makes of the file itself, read back from the GLB it writes.
+
+    Its draws come from ``parameters.seed``, as they do for every user.
+
+    Raises:
+        MeshmarkError: as the pipeline does.
+    """
+    unmeasured = parameters.model_copy(update={"evaluate": Evaluate.NONE})
+    result = watermark(prepared.data, unmeasured, font=prepared.font, preview=False, objective=objective)
+    surface = prepared.surface
+    marks = result.report["watermarks"]
+    boxes = Boxes(
+        np.array([mark["center"] for mark in marks]),
+        np.array([[mark["right"], mark["up"], mark["normal"]] for mark in marks]),
+        np.array([mark["size"] for mark in marks]),
+    ).to_frame(surface.offset, surface.scale)
+    relief = np.array([mark["relief"] for mark in marks]) * surface.scale
+    return Marked(plain(flatten(Document.from_glb(result.model)).surface.in_frame_of(surface)), boxes, relief)

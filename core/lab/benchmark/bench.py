@@ -1,0 +1,275 @@
+"""One asset on the bench: watermarked, attacked and measured, with everything shared made once."""
+
+import hashlib
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.arrays import Float
+from core.errors import MeshmarkError
+from core.geometry.boxes import Boxes
+from core.geometry.spatial import SpatialIndex
+from core.geometry.surface import Surface
+from core.lab.attacks.attack import ATTACKS
+from core.lab.attacks.target import Attacked, Target, letter_faces, whole
+from core.lab.baselines import STRATEGIES
+from core.lab.baselines.invisible import LENGTH, bit_accuracy, embed, extract
+from core.lab.baselines.strategy import Marked, Prepared, prepare, text_width
+from core.lab.benchmark.datasets import Asset
+from core.lab.benchmark.options import INVISIBLE, NO_ATTACK, AttackAsked, BenchmarkOptions
+from core.lab.benchmark.rows import Row
+from core.lab.plain import Mesh, plain, plain_glb
+from core.metrics.measure import Pair, Subject, measure
+from core.metrics.ocr import ocr
+from core.metrics.recognition import Reader
+from core.parameters import Evaluate, Parameters
+from core.rendering.pictures import DIRECTIONS, UPS, pictures
+from core.rendering.renderer import Frame, Renderer
+
+Pictures = NDArray[np.uint8]
+
+
+# The parts of a prepared asset that a method needs. They are made once for all methods, and each method's run time
+# counts all that it needs; our own product, whole or without a term, reads the file itself and is not listed.
+_BOOLEAN = ("reading", "solid")
+_FITTED = (*_BOOLEAN, "candidates", "fine-tuning")
+NEEDS: dict[str, tuple[str, ...]] = {
+    "li": _BOOLEAN,
+    "paper": (*_FITTED, "saliency"),
+    "paper-no-curve-matching": (*_FITTED, "saliency"),
+    "paper-no-optimization": (*_BOOLEAN, "candidates", "saliency"),
+    "paper-no-filtering": _FITTED,
+    INVISIBLE: ("reading",),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A watermarked asset with what its rows repeat.
+
+    Attributes:
+        marked: the result, in the original's size-30 frame.
+        seconds: by step, and ``run`` from the file's bytes to the result.
+        bits: what an invisible watermark says; None for visible ones.
+    """
+
+    marked: Marked
+    seconds: dict[str, float]
+    bits: NDArray[np.bool_] | None
+
+    @cached_property
+    def index(self) -> SpatialIndex:
+        """Over the result."""
+        return SpatialIndex(self.marked.mesh.positions, self.marked.mesh.faces)
+
+    def letters(self, attacked: Attacked, original: SpatialIndex) -> NDArray[np.bool_]:
+        """(F,) the faces of ``attacked`` that show a letter: a colour stays on its part of the surface through every
+        attack, so a face has the colour of the nearest place before it."""
+        before = moved_points(attacked.mesh.positions, np.asarray(np.linalg.inv(attacked.transform), dtype=np.float64))
+        _, nearest, _ = self.index.closest(before[attacked.mesh.faces].mean(axis=1))
+        return letter_faces(self.marked.mesh, original)[nearest]
+
+
+def open_bench(asset: Asset, seed: int, options: BenchmarkOptions) -> "AssetBench":
+    """The bench of one file.
+
+    Raises:
+        MeshmarkError: for everything that keeps the file from being read.
+    """
+    return AssetBench(asset.path.read_bytes(), seed, options)
+
+
+class AssetBench:
+    """See :class:`core.lab.benchmark.worker.Bench`.
+
+    Args:
+        data: the file.
+        seed: of every draw on this asset; methods that draw the same kind of thing draw the same.
+        options: of the run.
+    """
+
+    def __init__(self, data: bytes, seed: int, options: BenchmarkOptions) -> None:
+        self._seed, self._options = seed, options
+        self._parts: dict[str, float] = {}
+        with _timed(self._parts, "reading"):
+            self._prepared: Prepared = prepare(data, options.text, seed)
+        self._mesh = plain(self._prepared.surface)
+        self._parameters = Parameters(
+            text=options.text, size=options.size, relief=options.relief, color=options.color, seed=seed
+        )
+
+    def facts(self) -> Row:
+        """Bytes, vertices (those of one place and node counted once) and faces of the asset."""
+        mesh = self._mesh
+        return {"bytes": len(self._prepared.data), "vertices": len(mesh.positions), "faces": len(mesh.faces)}
+
+    def mark(self, method: str, count: int) -> Trial:
+        """The asset watermarked by ``method``.
+
+        Raises:
+            MeshmarkError: where the method refuses the asset.
+        """
+        seconds = {part: self._part(part) for part in NEEDS.get(method, ())}
+        bits = None
+        with _timed(seconds, "marking"):
+            if method == INVISIBLE:
+                bits = np.random.default_rng(self._seed).random(LENGTH) < 0.5
+                marked = Marked(embed(self._mesh, bits), Boxes.empty(), np.empty(0))
+            else:
+                parameters = self._parameters.model_copy(update={"count": count}).resolved()
+                marked = STRATEGIES[method](self._prepared, parameters, np.random.default_rng(self._seed))
+        return Trial(marked, seconds | {"run": round(sum(seconds.values()), 4)}, bits)
+
+    def measure(self, trial: Trial, attack: AttackAsked) -> Row:
+        """All metrics of ``trial`` after ``attack``, against the original moved along with it.
+
+        A mark that the attack cut away is not measured; where none is left, or none was ever visible, no view has a
+        mark that faces it, and Ray and coverage are 0 by their definition.
+
+        Raises:
+            MeshmarkError: where the attack cannot be made.
+        """
+        options, marked = self._options, trial.marked
+        seconds = dict(trial.seconds) if attack.name == NO_ATTACK else {}
+        attacked = self._attacked(marked, attack, seconds)
+        original, frame = self._original(attacked.transform)
+        scale = float(np.cbrt(np.linalg.det(attacked.transform[:3, :3])))
+        boxes = moved_boxes(marked.boxes[attacked.kept], attacked.transform)
+        surface = attacked.mesh.surface()
+        # Of an invisible watermark only the bits are asked for after an attack.
+        only_read = trial.bits is not None and attack.name != NO_ATTACK
+        seen = None if only_read else self._seen(plain_glb(attacked.mesh), seconds, "pictures", frame)
+        pair = Pair(
+            original=original,
+            watermarked=Subject(surface, SpatialIndex(surface.positions, surface.faces), seen, self._seed),
+            boxes=boxes,
+            relief=marked.relief[attacked.kept] * scale,
+            text=options.text,
+            seed=self._seed,
+        )
+        found = measure(pair, Evaluate.GEOMETRY if only_read else options.level)
+        values: dict[str, float | None] = dict(found.values)
+        missing = {name: reason["code"] for name, reason in found.missing.items()}
+        if len(boxes) == 0:
+            values |= {"ray": 0.0, "ray_box": 0.0, "coverage": 0.0, "crop_survival": 0.0}
+            missing = {name: code for name, code in missing.items() if values[name] is None}
+        if options.color is not None and options.level is Evaluate.FULL and trial.bits is None:
+            letters = trial.letters(attacked, self._prepared.index)
+            values |= self._coloured(plain_glb(attacked.mesh, letters, options.color), seconds, frame)
+        row: Row = {
+            "marks": len(marked.boxes) if trial.bits is None else None,
+            "survived": float(attacked.kept.mean()) if len(attacked.kept) else None,
+            "metrics": {name: _finite(value) for name, value in values.items()},
+            "missing": missing,
+            "semantics": found.semantics or None,
+            "seconds": seconds | {f"measuring {name}": spent for name, spent in found.seconds.items()},
+        }
+        if trial.bits is not None:
+            try:
+                row["bit_accuracy"] = bit_accuracy(trial.bits, extract(attacked.mesh, len(trial.bits)))
+            except MeshmarkError as error:  # the attack left too few vertices to read anything
+                row["missing"]["bit_accuracy"] = error.code.value
+        return row
+
+    def _part(self, name: str) -> float:
+        """Seconds that a shared part took, which is made now unless it is there."""
+        make: dict[str, Callable[[], Any]] = {
+            "solid": lambda: self._prepared.solid,
+            "candidates": lambda: self._prepared.initial(text_width(self._parameters)),
+            "fine-tuning": lambda: self._prepared.fitted(text_width(self._parameters)),
+            "saliency": lambda: self._prepared.saliency,
+        }
+        if name not in self._parts:
+            with _timed(self._parts, name):
+                make[name]()
+        return self._parts[name]
+
+    def _attacked(self, marked: Marked, attack: AttackAsked, seconds: dict[str, float]) -> Attacked:
+        # Seeded by asset and attack: every method is cut by the same plane and turned about the same axis.
+        stream = int.from_bytes(hashlib.sha256(attack.name.encode()).digest()[:4])
+        target = Target(self._prepared.index, marked.boxes, np.random.default_rng([self._seed, stream]))
+        if attack.name == NO_ATTACK:
+            return whole(marked.mesh, target)
+        with _timed(seconds, "attack"):
+            return ATTACKS[attack.name](marked.mesh, target, attack.strength)
+
+    def _original(self, transform: Float) -> tuple[Subject, Frame | None]:
+        """The original moved along with an attack, and the frame in which both are shown."""
+        if (transform == np.eye(4)).all():
+            return self._unmoved
+        surface = replace(self._prepared.surface, positions=moved_points(self._prepared.surface.positions, transform))
+        mesh = Mesh(moved_points(self._mesh.positions, transform), self._mesh.faces)
+        return self._shown(surface, SpatialIndex(surface.positions, surface.faces), mesh)
+
+    @cached_property
+    def _unmoved(self) -> tuple[Subject, Frame | None]:
+        return self._shown(self._prepared.surface, self._prepared.index, self._mesh)
+
+    def _shown(self, surface: Surface, index: SpatialIndex, mesh: Mesh) -> tuple[Subject, Frame | None]:
+        seen = self._seen(plain_glb(mesh), {}, "original", None)
+        renderer = self._renderer if isinstance(seen, np.ndarray) and len(seen) else None
+        return Subject(surface, index, seen, self._seed), renderer.frame if isinstance(renderer, Renderer) else None
+
+    def _coloured(self, glb: bytes, seconds: dict[str, float], frame: Frame | None) -> dict[str, float]:
+        seen = self._seen(glb, seconds, "coloured pictures", frame)
+        if isinstance(seen, MeshmarkError) or len(seen) == 0:
+            return {}
+        with _timed(seconds, "coloured OCR"):
+            read = ocr(seen, self._options.text, self._reader)
+        return {"ocr_color": read.ratio, "ocr_color_ge_0.8": read.ge_08, "ocr_color_exact": read.exact}
+
+    def _seen(self, glb: bytes, seconds: dict[str, float], step: str, frame: Frame | None) -> Pictures | MeshmarkError:
+        """Pictures of ``glb``, evenly chosen among the paper's 24 views; or why there are none. Timed as ``step``."""
+        if self._options.level is not Evaluate.FULL:
+            return np.empty((0, 1, 1, 3), dtype=np.uint8)
+        renderer = self._renderer
+        if isinstance(renderer, MeshmarkError):
+            return renderer
+        views = np.arange(self._options.views) * len(DIRECTIONS) // self._options.views
+        try:
+            with _timed(seconds, step):
+                return pictures(glb, renderer, DIRECTIONS[views], UPS[views], frame)
+        except MeshmarkError as error:
+            return error
+
+    @cached_property
+    def _renderer(self) -> Renderer | MeshmarkError:
+        # Lives as long as the process, which works on this asset only.
+        try:
+            return Renderer(self._options.resolution)
+        except MeshmarkError as error:
+            return error
+
+    @cached_property
+    def _reader(self) -> Reader:
+        return Reader()
+
+
+def moved_points(points: Float, transform: Float) -> Float:
+    """(N, 3) points under a (4, 4) similarity."""
+    return np.asarray(points @ transform[:3, :3].T + transform[:3, 3])
+
+
+def moved_boxes(boxes: Boxes, transform: Float) -> Boxes:
+    """Boxes under a (4, 4) similarity without a mirror."""
+    scale = float(np.cbrt(np.linalg.det(transform[:3, :3])))
+    axes = boxes.axes @ (transform[:3, :3] / scale).T
+    return Boxes(moved_points(boxes.center, transform), axes, boxes.size * scale)
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None
+
+
+@contextmanager
+def _timed(seconds: dict[str, float], name: str) -> Iterator[None]:
+    start = time.perf_counter()
+    yield
+    seconds[name] = round(time.perf_counter() - start, 4)

@@ -1,0 +1,81 @@
+"""A mesh and nothing else: what baselines and attacks work on, where textures and nodes play no part."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from core.arrays import Bool, Float, Int
+from core.formats.assemble import assemble
+from core.formats.assembly import Assembly, Instance
+from core.formats.polygons import Material, PolygonMesh, hex_linear
+from core.geometry.surface import Surface
+
+GREY = Material("surface", (0.8, 0.8, 0.8, 1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Indexed triangles; vertices that several faces share are one row.
+
+    Attributes:
+        positions: (V, 3) float64, in the size-30 frame of the original asset unless a function says otherwise.
+        faces: (F, 3) int64 into ``positions``.
+    """
+
+    positions: Float
+    faces: Int
+
+    def surface(self) -> Surface:
+        """The mesh as the working surface the metrics measure, in its own coordinates (scale 1, offset 0)."""
+        count = len(self.faces)
+        return Surface(
+            positions=self.positions,
+            faces=self.faces,
+            weld=np.arange(len(self.positions)),
+            face_primitive=np.zeros(count, np.int64),
+            face_triangle=np.arange(count),
+            scale=1.0,
+            offset=np.zeros(3),
+        )
+
+
+def plain(surface: Surface) -> Mesh:
+    """The triangles of ``surface``, its welded vertices merged and unused ones left out; faces keep their order.
+
+    Faces that the weld collapses to a line or a point stay, so that faces of both correspond.
+    """
+    _, first, label = np.unique(surface.weld, return_index=True, return_inverse=True)
+    return compact(Mesh(surface.positions[first], label[surface.faces]))
+
+
+def compact(mesh: Mesh) -> Mesh:
+    """The same faces without the vertices that none of them uses."""
+    used = np.zeros(len(mesh.positions), dtype=bool)
+    used[mesh.faces] = True
+    return Mesh(mesh.positions[used], (np.cumsum(used) - 1)[mesh.faces])
+
+
+def plain_glb(mesh: Mesh, letters: Bool | None = None, color: str | None = None) -> bytes:
+    """A GLB of one grey mesh without normals, which is drawn with flat shading.
+
+    Args:
+        mesh: what to write.
+        letters: (F,) the faces that get ``color``.
+        color: ``"#rrggbb"``; None leaves all faces grey.
+
+    Raises:
+        MeshmarkError: ``no_faces``.
+    """
+    painted = letters if letters is not None and color is not None else np.zeros(len(mesh.faces), dtype=bool)
+    materials = [GREY]
+    if color is not None:
+        red, green, blue = hex_linear(color).tolist()
+        materials.append(Material("letters", (red, green, blue, 1.0)))
+    body = PolygonMesh(
+        positions=mesh.positions,
+        corners=mesh.faces.ravel(),
+        sizes=np.full(len(mesh.faces), 3),
+        group=painted.astype(np.int64),
+        materials=tuple(materials),
+    )
+    return assemble(Assembly([body], ["model"], [Instance("model", 0)])).to_glb()

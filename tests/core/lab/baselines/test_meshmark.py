@@ -1,0 +1,26 @@
+import numpy as np
+import pytest
+
+from core.lab.baselines.meshmark import meshmark
+from core.placement.finetune import LOSS_THRESHOLD, alignment_loss
+from tests.core.lab.baselines.assets import asset, raised, same, wanted
+from tests.core.shapes import moved, sphere
+
+BALL = asset(moved(sphere(2.5, 4), 7, 8, 9))
+
+
+def test_marks_are_read_back_in_the_frame_of_the_original() -> None:
+    marked = meshmark(BALL, wanted(3), np.random.default_rng(0))
+    assert len(marked.boxes) == 3
+    assert marked.boxes.size[:, 0] == pytest.approx(4.0)
+    assert marked.relief == pytest.approx(0.05)
+    assert (alignment_loss(marked.boxes, BALL.index) < LOSS_THRESHOLD).all()
+    tops, distance = raised(BALL, marked)
+    assert distance == pytest.approx(0.05, rel=0.01)
+    nearest = np.linalg.norm(tops[:, None] - marked.boxes.center[None], axis=2).min(axis=1)
+    assert nearest.max() < 2.2
+
+
+def test_the_parameters_seed_decides_and_no_other() -> None:
+    first, again = (meshmark(BALL, wanted(2), np.random.default_rng(seed)).mesh for seed in (0, 1))
+    assert same(first, again)
