@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from core.arrays import Float
-from core.gltf.document import Document, dequantize, read_accessor
+from core.gltf.accessors import dequantize, read_accessor
+from core.gltf.document import Document
 
 
 def duration(document: Document, animation: int) -> float:

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from core.arrays import Bool, Float, Int
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.assembly import Assembly
-from core.formats.polygons import Attribute, Material, PolygonMesh, linear
+from core.formats.polygons import Attribute, Material, PolygonMesh
 from core.geometry.products import product
 from core.geometry.triangulation import triangulate
 from core.geometry.winding import Outward, outward
+from core.gltf.colors import linear
 from core.gltf.document import Document
 from core.gltf.images import mime_type
 from core.refusals import no_faces, non_finite

@@ -13,10 +13,11 @@ from core.formats.archive import Archive
 from core.formats.assembly import Assembly, Instance, dropped
 from core.formats.dae_prepare import prepare
 from core.formats.dae_scan import Scan
-from core.formats.polygons import Attribute, Material, PolygonMesh, linear
+from core.formats.polygons import Attribute, Material, PolygonMesh
 from core.formats.textures import check_pixels, usable_image
 from core.geometry.grouping import weld
 from core.geometry.products import product
+from core.gltf.colors import linear
 from core.refusals import malformed, no_faces
 
 Load = Callable[[str], bytes | None]

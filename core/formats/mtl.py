@@ -7,9 +7,10 @@ import numpy as np
 from core.errors import MeshmarkError
 from core.formats.assembly import dropped
 from core.formats.names import decode, texts
-from core.formats.polygons import Material, linear
+from core.formats.polygons import Material
 from core.formats.text import joined_lines
 from core.formats.textures import usable_image
+from core.gltf.colors import linear
 
 Load = Callable[[bytes], bytes | None]
 

@@ -67,14 +67,6 @@ class PolygonMesh:
     materials: tuple[Material, ...] = (Material(),)
 
 
-def linear(colors: Float) -> Float:
-    """Colours (..., 3 or 4) in 0-1 from sRGB, as files store them, to linear, as glTF does; alpha stays."""
-    rgb = colors[..., :3]
-    result = colors.copy()
-    result[..., :3] = np.where(rgb <= 0.04045, rgb / 12.92, ((np.maximum(rgb, 0) + 0.055) / 1.055) ** 2.4)
-    return result
-
-
 def color_fractions(colors: Float) -> Float:
     """Colours (N, 3 or 4) in 0-1 from numbers of a range that nothing tells; what is not finite stays.
 
@@ -89,17 +81,6 @@ def color_fractions(colors: Float) -> Float:
         if most > 2 or (most > 1 and np.all(finite == np.floor(finite))):
             result[:, channels] = values / (65535.0 if most > 255 else 255.0)
     return np.clip(result, 0, 1)
-
-
-def hex_linear(color: str) -> Float:
-    """(3,) linear RGB, 0-1, of ``"#rrggbb"``."""
-    return linear(np.array([int(color[start : start + 2], 16) / 255 for start in (1, 3, 5)]))
-
-
-def hex_srgb(color: Float) -> str:
-    """The nearest ``"#rrggbb"`` to linear RGB (3,) in 0-1: the inverse of :func:`hex_linear`."""
-    encoded = np.where(color <= 0.0031308, 12.92 * color, 1.055 * color ** (1 / 2.4) - 0.055)
-    return "#" + "".join(f"{level:02x}" for level in np.rint(encoded * 255).astype(int).tolist())
 
 
 def check_sizes(sizes: Int, budgets: Budgets) -> None:

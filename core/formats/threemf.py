@@ -11,12 +11,13 @@ from core.budgets import Budgets, within
 from core.errors import MeshmarkError
 from core.formats.archive import Archive
 from core.formats.assembly import Assembly, Instance, dropped
-from core.formats.polygons import Attribute, Material, PolygonMesh, linear
+from core.formats.polygons import Attribute, Material, PolygonMesh
 from core.formats.textures import check_pixels, usable_image
 from core.formats.threemf_model import IDENTITY, Group, Model, Object
 from core.formats.threemf_slicer import OBJECT_TYPES, Tools, read_tools
 from core.formats.xml import Tally, parse_xml
 from core.geometry.products import product
+from core.gltf.colors import linear
 from core.refusals import malformed, no_faces
 
 Key = tuple[str, str]  # a model part and the id of an object in it

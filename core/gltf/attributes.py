@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from core.arrays import Bool, Float, Int
 from core.geometry.triangles import unit
-from core.gltf.document import Document, dequantize, read_accessor
+from core.gltf.accessors import dequantize, read_accessor
+from core.gltf.document import Document
 from core.gltf.skin import influence_sets, merge, quantize_weights, read_influences
 
 # Always stored as floats in what is written: integers would round new rows visibly, or off the surface.

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from core.arrays import Bool, Int
+from core.gltf.accessors import read_accessor
 from core.gltf.compression import DRACO
-from core.gltf.document import read_accessor
 from core.gltf.editor import Editor
 from core.gltf.references import OUTLINE
 

@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 
 from core.arrays import Float
-from core.gltf.document import Document, dequantize, malformed, read_accessor, typed
+from core.gltf.accessors import dequantize, read_accessor
+from core.gltf.document import Document, malformed, typed
 from core.gltf.editor import Editor
 from core.gltf.hierarchy import transforms
 from core.gltf.references import INSTANCING

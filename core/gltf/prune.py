@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from core.arrays import Bool
+from core.gltf.accessors import read_view
 from core.gltf.compression import DRACO, MESHOPT, encode_meshopt, meshopt_of
-from core.gltf.document import COMPONENT_TYPES, ELEMENT_TYPES, Document, read_view
+from core.gltf.document import COMPONENT_TYPES, ELEMENT_TYPES, Document
 from core.gltf.references import INSTANCING, LOD, Reference, accessor_references, accessor_views, view_references
 
 Json = dict[str, Any]

@@ -13,7 +13,8 @@ from core.errors import ErrorCode, MeshmarkError
 from core.geometry.grouping import float_words, group_rows
 from core.geometry.products import product
 from core.geometry.surface import MODEL_SIZE, Surface
-from core.gltf.document import Document, dequantize, malformed, read_accessor, typed
+from core.gltf.accessors import dequantize, read_accessor
+from core.gltf.document import Document, malformed, typed
 from core.gltf.hierarchy import scene_nodes, world_matrices
 from core.gltf.instances import instance_matrices
 from core.gltf.skin import blend, influence_sets, joint_matrices, read_influences

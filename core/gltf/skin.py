@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from core.arrays import Float, Int
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.products import product
-from core.gltf.document import Document, dequantize, malformed, read_accessor, typed
+from core.gltf.accessors import dequantize, read_accessor
+from core.gltf.document import Document, malformed, typed
 
 
 def influence_sets(attributes: dict[str, Any]) -> int:

@@ -11,6 +11,7 @@ from core.errors import ErrorCode, MeshmarkError
 from core.geometry.grouping import group_rows
 from core.geometry.products import solved
 from core.geometry.triangles import flat_normals, unit
+from core.gltf.accessors import dequantize, read_accessor
 from core.gltf.attributes import (
     Points,
     interpolate_attribute,
@@ -18,7 +19,7 @@ from core.gltf.attributes import (
     orthogonal_tangents,
     read_rows,
 )
-from core.gltf.document import Document, dequantize, read_accessor
+from core.gltf.document import Document
 from core.gltf.edit import Kind, SurfaceEdit
 from core.gltf.scene import SINGULAR, DrawnPrimitive, Scene, determinants
 from core.gltf.skin import blend, influence_sets

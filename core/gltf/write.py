@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Float, Int
-from core.formats.polygons import hex_linear
 from core.geometry.morton import morton_order
 from core.gltf.attributes import encode, read_rows
+from core.gltf.colors import hex_linear
 from core.gltf.compact import drop_unused_rows, kept_outline
 from core.gltf.compression import DRACO
 from core.gltf.document import Document

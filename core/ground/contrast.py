@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.arrays import Bool, Float
-from core.formats.polygons import hex_linear, hex_srgb
 from core.geometry.boxes import Boxes
 from core.geometry.products import product
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
+from core.gltf.colors import hex_linear, hex_srgb
 from core.gltf.document import Document, typed
 from core.gltf.materials import UNLIT
 from core.gltf.scene import Scene

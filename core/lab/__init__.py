@@ -1,1 +1,1 @@
-"""What the product is compared with and tried by: attacks, baselines, the benchmark. Only the command line is above it."""
+"""What the product is compared with and tried by: attacks, baselines, the benchmark. Only the command line is above."""

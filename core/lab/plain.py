@@ -7,8 +7,9 @@ import numpy as np
 from core.arrays import Bool, Float, Int
 from core.formats.assemble import assemble
 from core.formats.assembly import Assembly, Instance
-from core.formats.polygons import Material, PolygonMesh, hex_linear
+from core.formats.polygons import Material, PolygonMesh
 from core.geometry.surface import Surface
+from core.gltf.colors import hex_linear
 
 GREY = Material("surface", (0.8, 0.8, 0.8, 1.0))
 

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Float, Int
-from core.gltf.document import Document, dequantize, malformed, read_accessor
+from core.gltf.accessors import dequantize, read_accessor
+from core.gltf.document import Document, malformed
 from core.gltf.hierarchy import hidden_nodes
 from core.gltf.materials import Emission, Material, read_material
 from core.gltf.scene import DrawnPrimitive, determinants, flatten

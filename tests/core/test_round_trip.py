@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from core.gltf.document import Document, dequantize, read_accessor
+from core.gltf.accessors import dequantize, read_accessor
+from core.gltf.document import Document
 from core.parameters import Evaluate, Parameters
 from core.pipeline import watermark
 from tests.core.gltf.builder import CUBE, CUBE_FACES, simple

@@ -7,7 +7,8 @@ import struct
 import zipfile
 import zlib
 
-from core.gltf.document import Document, read_accessor
+from core.gltf.accessors import read_accessor
+from core.gltf.document import Document
 from tests.core.gltf.builder import CUBE, CUBE_FACES, simple
 
 OBJ = (

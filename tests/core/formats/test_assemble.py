@@ -15,7 +15,8 @@ from core.formats.assemble import assemble
 from core.formats.assembly import Assembly, Instance
 from core.formats.polygons import Attribute, PolygonMesh
 from core.formats.registry import to_document
-from core.gltf.document import Document, read_accessor
+from core.gltf.accessors import read_accessor
+from core.gltf.document import Document
 from core.gltf.scene import flatten
 from tests.core.formats.samples import dae, threemf_model, zipped
 from tests.core.gltf.builder import CUBE, CUBE_FACES

@@ -10,7 +10,8 @@ from core.formats.admission import admit
 from core.formats.archive import Archive
 from core.formats.pack import pack_archive, pack_json
 from core.formats.registry import to_document
-from core.gltf.document import Document, read_accessor
+from core.gltf.accessors import read_accessor
+from core.gltf.document import Document
 from tests.core.formats.samples import CUBE_BIN, GLB, GLTF, gltf, png, zipped
 from tests.validator import error_counts
 

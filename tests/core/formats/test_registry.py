@@ -15,7 +15,8 @@ from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit
 from core.formats.registry import to_document
 from core.formats.sniff import Format
-from core.gltf.document import Document, read_accessor
+from core.gltf.accessors import read_accessor
+from core.gltf.document import Document
 from core.gltf.scene import flatten
 from tests.core.formats.meshes import MESHES
 from tests.core.formats.samples import (

@@ -11,7 +11,8 @@ from core.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit
 from core.formats.registry import to_document
-from core.gltf.document import Document, read_accessor
+from core.gltf.accessors import read_accessor
+from core.gltf.document import Document
 from core.gltf.scene import flatten
 from tests.core.formats.samples import png, threemf_cube, threemf_model, zipped
 from tests.cost import cost

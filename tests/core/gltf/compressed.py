@@ -8,8 +8,9 @@ import meshopt
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from core.gltf.accessors import read_accessor
 from core.gltf.compression import DRACO
-from core.gltf.document import COMPONENT_TYPES, Document, read_accessor
+from core.gltf.document import COMPONENT_TYPES, Document
 from tests.core.gltf.builder import Builder
 
 MESHOPT = "EXT_meshopt_compression"

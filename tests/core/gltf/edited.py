@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from core.gltf.document import Document, dequantize, read_accessor
+from core.gltf.accessors import dequantize, read_accessor
+from core.gltf.document import Document
 from core.gltf.edit import Kind
 from core.gltf.prune import unreferenced_bytes
 from core.gltf.scene import flatten

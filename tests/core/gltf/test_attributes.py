@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from core.geometry.triangles import unit
+from core.gltf.accessors import dequantize
 from core.gltf.attributes import Points, encode, interpolate_attribute, orthogonal_tangents
-from core.gltf.document import dequantize
 from tests.core.gltf.builder import Builder
 
 VECTORS = arrays(np.float64, (4, 3), elements=st.floats(-10, 10))

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit
+from core.gltf.accessors import dequantize, read_accessor
 from core.gltf.compression import decode_draco, decode_meshopt
-from core.gltf.document import Document, dequantize, read_accessor
+from core.gltf.document import Document
 from core.gltf.scene import flatten
 from tests.core.gltf.builder import CUBE, CUBE_FACES, Builder, grid, simple
 from tests.core.gltf.compressed import draco, filtered, meshopted

@@ -12,8 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.errors import ErrorCode, MeshmarkError
+from core.gltf.accessors import dequantize, read_accessor
 from core.gltf.data_uri import decode_data_uri
-from core.gltf.document import COMPONENT_TYPES, ELEMENT_TYPES, Document, dequantize, read_accessor
+from core.gltf.document import COMPONENT_TYPES, ELEMENT_TYPES, Document
 from core.gltf.scene import flatten
 from tests.core.gltf.builder import CUBE, CUBE_FACES, Builder, simple
 from tests.validator import error_counts

@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.gltf.document import COMPONENT_TYPES, ELEMENT_TYPES, Document, read_accessor
+from core.gltf.accessors import read_accessor
+from core.gltf.document import COMPONENT_TYPES, ELEMENT_TYPES, Document
 from core.gltf.editor import Editor
 from tests.core.gltf.builder import simple
 

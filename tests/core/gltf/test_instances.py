@@ -7,7 +7,8 @@ from numpy.typing import ArrayLike, NDArray
 from core.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit
-from core.gltf.document import Document, read_accessor
+from core.gltf.accessors import read_accessor
+from core.gltf.document import Document
 from core.gltf.edit import Kind
 from core.gltf.prune import unreferenced_bytes
 from core.gltf.scene import flatten

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from core.formats.admission import admit
-from core.gltf.document import Document, read_accessor
+from core.gltf.accessors import read_accessor
+from core.gltf.document import Document
 from core.gltf.edit import Kind
 from core.gltf.prune import unreferenced_bytes
 from core.gltf.scene import flatten

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from core.gltf.document import Document, read_accessor
+from core.gltf.accessors import read_accessor
+from core.gltf.document import Document
 from core.gltf.edit import Kind
 from core.gltf.scene import Scene, flatten
 from core.gltf.write import write

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from core.formats.polygons import hex_linear, hex_srgb
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
+from core.gltf.colors import hex_linear, hex_srgb
 from core.gltf.document import Document
 from core.gltf.scene import Scene, flatten
 from core.ground.contrast import LetterColor, contrasting, letter_colors

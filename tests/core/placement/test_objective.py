@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.formats.polygons import hex_linear
 from core.geometry.boxes import Boxes
+from core.gltf.colors import hex_linear
 from core.placement.candidates import upright
 from core.placement.objective import (
     HALF_SPACES,
