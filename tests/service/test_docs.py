@@ -220,10 +220,11 @@ def test_the_house_of_the_manual_is_that_of_the_repository() -> None:
     """The tree on the page for contributors has every folder with modules."""
     tree = re.search(r"```\n(core/.*?)```", page("contributing"), re.DOTALL)
     assert tree is not None
-    shown, top = set(), ""
+    shown, above = set(), [""] * 9
     for indent, name in re.findall(r"^( *)(\w+)/ ", tree[1], re.MULTILINE):
-        top = top if indent else name
-        shown.add(f"{top}/{name}" if indent else name)
+        depth = len(indent) // 2
+        above[depth + 1] = f"{above[depth]}/{name}".lstrip("/")
+        shown.add(above[depth + 1])
     there = {
         init.parent.relative_to(ROOT).as_posix()
         for package in ("core", "service", "worker")
