@@ -11,8 +11,7 @@ from core import __version__
 from core.arrays import Float
 from core.budgets import DEFAULT_BUDGETS, Budgets
 from core.errors import ErrorCode, MeshmarkError
-from core.formats.admission import admit
-from core.formats.registry import to_document
+from core.formats.admission import admit, document_of
 from core.geometry.boxes import Boxes
 from core.geometry.surface import MODEL_SIZE, Surface
 from core.geometry.triangles import unit
@@ -114,7 +113,8 @@ def evaluate(
         MeshmarkError: as reading does; a metric that cannot be had is null instead, with the reason beside it.
     """
     start = time.perf_counter()
-    before, after = _read(original, budgets), _read(watermarked, budgets)
+    first_file, second_file = admit(original, budgets), admit(watermarked, budgets)
+    before, after = document_of(first_file, budgets), document_of(second_file, budgets)
     first, second = flatten(before), flatten(after)
     surface = first.surface
     shown, written, frame = eye_index(first, surface), eye_index(second, surface), second.surface.in_frame_of(surface)
@@ -132,8 +132,8 @@ def evaluate(
     measured = measure(pair, level)
     return {
         "schema": SCHEMA,
-        "asset": file_facts(original, admit(original, budgets)) | asset_facts(surface),
-        "model": file_facts(watermarked, admit(watermarked, budgets)) | asset_facts(frame),
+        "asset": file_facts(original, first_file.format) | asset_facts(surface),
+        "model": file_facts(watermarked, second_file.format) | asset_facts(frame),
         "seed": seed,
         "engine": {"version": __version__, "device": shown[1].device},
         "units": {"model_size": MODEL_SIZE, "scale": surface.scale, "offset": surface.offset.tolist()},
@@ -142,10 +142,6 @@ def evaluate(
         "metrics": measured.report(),
         "timings": {"evaluating": round(time.perf_counter() - start, 4)},
     }
-
-
-def _read(data: bytes, budgets: Budgets) -> Document:
-    return to_document(data, admit(data, budgets), budgets)
 
 
 def _views(before: Document, after: Document) -> tuple[Pictures, Pictures] | tuple[MeshmarkError, MeshmarkError]:

@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from core.budgets import DEFAULT_BUDGETS, Budgets
 from core.embossing.mesh import WorkingMesh
 from core.errors import ErrorCode, MeshmarkError
-from core.formats.admission import admit
-from core.formats.registry import to_document
+from core.formats.admission import admit, document_of
 from core.formats.sniff import Format
 from core.gltf.document import Document
 from core.gltf.prune import unreferenced_bytes
@@ -115,8 +114,8 @@ class Result:
 
 
 def _read(job: Job) -> None:
-    job.format = admit(job.data, job.budgets)
-    document = to_document(job.data, job.format, job.budgets)
+    admitted = admit(job.data, job.budgets)
+    document, job.format = document_of(admitted, job.budgets), admitted.format
     job.scene = flatten(document)
     job.warnings += [
         {"code": lost.code.value, "message": lost.message, "remedy": lost.remedy} for lost in document.warnings

@@ -124,8 +124,7 @@ def outcome(number: int) -> str:
     "marked, unjudged" is a result that carries damage of its input by which the judges, unlike viewers, stumble.
     """
     from core.errors import MeshmarkError
-    from core.formats.admission import admit
-    from core.formats.registry import to_document
+    from core.formats.admission import admit, document_of
     from core.parameters import Evaluate, Parameters
     from core.pipeline import watermark
     from tests.drawn import undrawn
@@ -149,7 +148,7 @@ def outcome(number: int) -> str:
     new = set(error_counts(model)) - known
     if new:
         return f"FOUND: invalid result: {sorted(new)}"
-    before = to_document(data, admit(data)).to_glb()
+    before = document_of(admit(data)).to_glb()
     try:
         left, unseen = residue(model, before), undrawn(model, result.report["watermarks"], before)
     except (KeyError, IndexError, TypeError, ValueError, OSError):

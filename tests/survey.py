@@ -14,8 +14,7 @@ import numpy as np
 from manifold3d import triangulate
 
 from core.errors import MeshmarkError
-from core.formats.admission import admit
-from core.formats.registry import to_document
+from core.formats.admission import admit, document_of
 from core.geometry.spatial import SpatialIndex
 from core.gltf.document import Document
 from core.gltf.scene import flatten
@@ -109,7 +108,7 @@ def _survey(task: tuple[Path, Path | None]) -> tuple[list[str], bool]:
 
 def _touched(data: bytes, model: bytes) -> str:
     """How many of the input's mesh primitives came back changed, of how many; the others are equal byte for byte."""
-    before = to_document(data, admit(data)).json["meshes"]
+    before = document_of(admit(data)).json["meshes"]
     after = Document.from_glb(model).json["meshes"]
     pairs = [
         pair
@@ -126,7 +125,7 @@ def _errors(glb: bytes) -> int:
 def _whole_letters(data: bytes, result: Result) -> tuple[int, int]:
     """How many letters stand whole, and how many there should be: near the point one relief above the original
     surface the written one must be raised, all over the letter."""
-    original = flatten(to_document(data, admit(data))).surface
+    original = flatten(document_of(admit(data))).surface
     written = flatten(Document.from_glb(result.model)).surface.in_frame_of(original)
     before = SpatialIndex(original.positions, original.faces)
     after = SpatialIndex(written.positions, written.faces)

@@ -1,30 +1,47 @@
-"""The admission gate: what a file is and what it declares, before any loader allocates for it."""
+"""The admission gate: the format of a file and its declarations, before a loader allocates for it; and the reading."""
+
+from dataclasses import dataclass, replace
+from typing import Any
 
 from core.budgets import DEFAULT_BUDGETS, Budgets, within
 from core.errors import ErrorCode, MeshmarkError
-from core.formats import off, ply, stl
 from core.formats.archive import Archive
-from core.formats.dae_scan import Scan
-from core.formats.pack import pack_archive, pack_json
-from core.formats.sniff import Format, model_in, sniff
-from core.formats.text import count_lines
-from core.formats.xml import check_xml, count_elements
-from core.gltf.validate import check_document, check_glb
-from core.refusals import malformed, no_faces, truncated
+from core.formats.assemble import assemble
+from core.formats.assembly import dropped
+from core.formats.registry import FORMATS
+from core.formats.sniff import Format, model_in, models_beside, sniff
+from core.formats.source import Source
+from core.gltf.document import Document
+from core.gltf.validate import carried_unread
+from core.refusals import malformed
+
+# In an archive these are taken by their name, since texts start in many ways.
+_NAMED = (Format.OBJ_ZIP, Format.DAE_ZIP, Format.GLTF_ZIP)
 
 
-def admit(data: bytes, budgets: Budgets = DEFAULT_BUDGETS) -> Format:
+@dataclass(frozen=True, eq=False)
+class Admitted:
+    """A file that may be read.
+
+    Attributes:
+        format: by its content.
+        source: the model, out of its archive.
+        parsed: of the model, by the check of its format.
+    """
+
+    format: Format
+    source: Source
+    parsed: Any
+
+
+def admit(data: bytes, budgets: Budgets = DEFAULT_BUDGETS) -> Admitted:
     """Recognise a file by its content and refuse it where its headers cannot be true or exceed a budget.
 
-    Only headers are read: whether positions are finite and vertex indices in range is left to the loaders, which
-    raise ``non_finite_positions`` and ``index_out_of_range``.
+    Only headers are read: whether positions are finite and vertex indices in range is left to :func:`document_of`.
 
     Args:
         data: the whole file.
         budgets: what it may declare.
-
-    Returns:
-        The format to hand to :func:`core.formats.registry.to_document`.
 
     Raises:
         MeshmarkError: ``empty_file``, ``unknown_format``, ``unsupported_format``, ``unsupported_feature``,
@@ -35,132 +52,49 @@ def admit(data: bytes, budgets: Budgets = DEFAULT_BUDGETS) -> Format:
         raise MeshmarkError(ErrorCode.EMPTY_FILE, "The file is empty: it has 0 bytes.", "Upload the file again.")
     within(len(data), budgets.bytes, "bytes")
     file_format = sniff(data, budgets)
-    if file_format is Format.GLTF_ZIP:
-        check_document(pack_archive(Archive(data, budgets), budgets), budgets)
-    elif file_format.inner is not file_format:
-        _check_archive(Archive(data, budgets), file_format, budgets)
+    source = Source(data)
+    if file_format.inner is not file_format:
+        source = _unpacked(Archive(data, budgets), file_format, budgets)
+    return Admitted(file_format, source, FORMATS[file_format.inner].check(source, budgets))
+
+
+def document_of(admitted: Admitted, budgets: Budgets = DEFAULT_BUDGETS) -> Document:
+    """The asset as a GLB document; a GLB is taken as it is, a glTF with its files is packed into one.
+
+    OBJ, STL, PLY and OFF become one node with one mesh; 3MF and DAE a node for each thing they draw: see
+    :func:`core.formats.assemble.assemble`. Alpha of vertex colours is carried in COLOR_0 and not drawn. Losses are in
+    the ``warnings`` of the document.
+
+    Args:
+        admitted: a file that :func:`admit` let pass.
+        budgets: bounds what no header declares: triangles of polygons, instances of instances.
+
+    Raises:
+        MeshmarkError: ``malformed_file``, ``truncated_file``, ``no_faces``, ``index_out_of_range``,
+            ``non_finite_positions``, ``external_reference``, ``unsupported_feature`` or ``budget_exceeded``.
+    """
+    spec, source, parsed = FORMATS[admitted.format.inner], admitted.source, admitted.parsed
+    if spec.read is None:
+        document: Document = replace(parsed, warnings=[*parsed.warnings, *carried_unread(parsed)])
     else:
-        _check(data, file_format, budgets)
-    return file_format
+        document = assemble(spec.read(source, parsed, budgets))
+    if source.archive is None or not (others := models_beside(source.archive, admitted.format)):
+        return document
+    more = f" and {len(others) - 1:,} more" if len(others) > 1 else ""
+    beside = dropped(
+        f"The archive holds several models; {source.name[:60]!r} is read, {others[0][:60]!r}{more} not.",
+        "Send each model in an archive of its own.",
+    )
+    return replace(document, warnings=[*document.warnings, beside])
 
 
-def _check_archive(archive: Archive, file_format: Format, budgets: Budgets) -> None:
+def _unpacked(archive: Archive, file_format: Format, budgets: Budgets) -> Source:
+    """The one model of an archive."""
     name = model_in(archive, file_format)
     content = archive.read(name)
-    if file_format not in (Format.OBJ_ZIP, Format.DAE_ZIP):  # binary ones, which are not taken by their name
+    if file_format not in _NAMED:
         within(len(content), budgets.bytes, "bytes of the model in the archive")
         if not content or (found := sniff(content, budgets)) is not file_format.inner:
             what = f"a file of the kind {found}" if content else "empty"
             raise malformed(f"{name[:60]!r} in the ZIP archive is not what its name says: it is {what}.")
-    _check(content, file_format.inner, budgets)
-
-
-def _check(data: bytes, file_format: Format, budgets: Budgets) -> None:
-    """Check a model that is in no archive, or out of it."""
-    match file_format:
-        case Format.GLB:
-            check_glb(data, budgets)
-        case Format.GLTF:
-            check_document(pack_json(data, budgets), budgets)
-        case Format.OBJ:
-            _check_obj(data, budgets)
-        case Format.THREEMF:
-            _check_3mf(Archive(data, budgets), budgets)
-        case Format.DAE:
-            _check_dae(data, budgets)
-        case Format.STL:
-            _check_stl(data, budgets)
-        case Format.PLY:
-            _check_ply(data, budgets)
-        case Format.OFF:
-            _check_off(data, budgets)
-
-
-def _check_obj(data: bytes, budgets: Budgets) -> None:
-    vertices, faces = count_lines(data, b"vf")
-    if faces == 0:
-        raise no_faces(f"The OBJ has {vertices:,} vertices but no face.")
-    if vertices == 0:
-        raise malformed(f"The OBJ has {faces:,} faces but no vertex.")
-    within(vertices, budgets.vertices, "vertices")
-    within(faces, budgets.faces, "faces")
-
-
-def _check_stl(data: bytes, budgets: Budgets) -> None:
-    if stl.is_ascii(data):
-        faces = data.lower().count(b"endfacet")
-    else:
-        faces = stl.triangle_count(data)
-        present = len(data) - stl.HEADER_BYTES
-        if present < faces * stl.TRIANGLE_BYTES:
-            raise truncated(
-                f"The STL claims {faces:,} triangles, which take {faces * stl.TRIANGLE_BYTES:,} bytes, "
-                f"but {present:,} follow its header."
-            )
-        # a few stray bytes at the end are common and harmless
-        if present > max(2 * faces, 1) * stl.TRIANGLE_BYTES:
-            raise malformed(f"The STL claims {faces:,} triangles, but {present:,} bytes follow its header.")
-    if faces == 0:
-        raise no_faces("The STL has no triangle.")
-    within(faces, budgets.faces, "triangles")
-
-
-def _check_ply(data: bytes, budgets: Budgets) -> None:
-    header = ply.parse_header(data)
-    vertex, surface = header.element("vertex"), header.surface
-    if vertex is None or not set("xyz") <= {column.name for column in vertex.properties if not column.count_kind}:
-        raise malformed("The PLY declares no vertices with x, y and z.")
-    if surface is None:
-        raise no_faces(f"The PLY has {vertex.count:,} vertices but no face.")
-    if not any(column.name in ply.FACE_LISTS and column.count_kind for column in surface.properties):
-        raise malformed("The faces of the PLY have no list of vertex indices.")
-    for element in header.elements:
-        names = [column.name for column in element.properties]
-        if len(set(names)) != len(names):
-            raise malformed(f"The PLY declares a property of {element.name} twice.")
-    if len({element.name for element in header.elements}) != len(header.elements):
-        raise malformed("The PLY declares an element twice.")
-    within(vertex.count, budgets.vertices, "vertices")
-    within(surface.count, budgets.faces, "faces")
-    # in a text every number takes at least a digit and a blank
-    least = sum(
-        element.count * (2 * len(element.properties) if header.format == "ascii" else element.least_row_bytes)
-        for element in header.elements
-    )
-    present = len(data) - header.end + (header.format == "ascii")  # the last blank may be missing
-    if least > present:
-        raise truncated(f"What the PLY declares takes at least {least:,} bytes, but {present:,} follow its header.")
-
-
-def _check_3mf(archive: Archive, budgets: Budgets) -> None:
-    """Parts may write their elements with a prefix: then only the loader counts them."""
-    vertices = triangles = elements = 0
-    for name in archive.names:
-        if name.lower().endswith(".model"):
-            part = archive.read(name)
-            check_xml(part, f"The 3MF model {name[:60]!r}")
-            vertices += part.count(b"<vertex ")
-            triangles += part.count(b"<triangle ")
-            elements += count_elements(part)
-    within(vertices, budgets.vertices, "vertices")
-    within(triangles, budgets.faces, "triangles")
-    within(elements, budgets.vertices + budgets.faces + budgets.xml_elements, "XML elements")
-
-
-def _check_dae(data: bytes, budgets: Budgets) -> None:
-    scan = Scan(data, budgets)
-    if scan.drawn == 0:
-        raise no_faces(scan.why_nothing_is_drawn)
-
-
-def _check_off(data: bytes, budgets: Budgets) -> None:
-    header = off.parse_header(data)
-    if header.faces == 0:
-        raise no_faces(f"The OFF has {header.vertices:,} vertices but no face.")
-    within(header.vertices, budgets.vertices, "vertices")
-    within(header.faces, budgets.faces, "faces")
-    if header.least_bytes > len(data) - header.end:
-        raise truncated(
-            f"The OFF declares {header.vertices:,} vertices and {header.faces:,} faces, "
-            f"but {len(data) - header.end:,} bytes follow its header."
-        )
+    return Source(content, archive, name)

@@ -9,11 +9,11 @@ import numpy as np
 from core.arrays import Float
 from core.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
-from core.formats.archive import Archive
 from core.formats.assembly import Assembly, Instance, dropped
 from core.formats.dae_prepare import prepare
 from core.formats.dae_scan import Scan
 from core.formats.polygons import Attribute, Material, PolygonMesh
+from core.formats.source import Source
 from core.formats.textures import check_pixels, usable_image
 from core.geometry.grouping import weld
 from core.geometry.products import product
@@ -29,39 +29,42 @@ _UP = {
 }
 
 
-def read_dae(data: bytes, budgets: Budgets) -> Assembly:
-    """A DAE on its own, without its textures; see :func:`read_dae_zip`."""
-    return _read(data, lambda _path: None, budgets)
+def check_dae(source: Source, budgets: Budgets) -> Scan:
+    """Refuse a DAE that draws nothing, or is beyond the budgets.
+
+    Returns:
+        Its scene as far as it is declared.
+
+    Raises:
+        MeshmarkError: ``malformed_file``, ``no_faces``, ``budget_exceeded`` or ``unsupported_feature``.
+    """
+    scan = Scan(source.data, budgets)
+    if scan.drawn == 0:
+        raise no_faces(scan.why_nothing_is_drawn)
+    return scan
 
 
-def read_dae_zip(archive: Archive, budgets: Budgets) -> Assembly:
-    """The one DAE of an archive: a body and an instance for each set of polygons that its scene draws.
+def read_dae(source: Source, scan: Scan, budgets: Budgets) -> Assembly:
+    """A body and an instance for each set of polygons that the scene of a DAE draws.
 
     Carried are positions, normals, the first UV set, colours of vertices, and of materials the colour, texture, normal
     map and transparency, in all conventions. Skins and morphs are drawn in their bind pose, without joints and targets;
     animations, cameras and lights are not carried.
 
+    Args:
+        source: the file.
+        scan: what :func:`check_dae` returned.
+        budgets: bounds the pixels of textures.
+
     Raises:
-        MeshmarkError: ``malformed_file``, ``no_faces``, ``budget_exceeded``, or ``unsupported_feature`` for a
-            document type or several models.
+        MeshmarkError: ``malformed_file``, ``no_faces`` or ``budget_exceeded``.
     """
-    name = archive.only(".dae")
-
-    def load(path: str) -> bytes | None:
-        found = archive.locate(path, name)
-        return None if found is None else archive.read(found)
-
-    return _read(archive.read(name), load, budgets)
-
-
-def _read(data: bytes, load: Load, budgets: Budgets) -> Assembly:
-    scan = Scan(data, budgets)
     # Imported here because it takes half a second, which no other format shall cost.
     from trimesh.exchange.dae import load_collada
 
     warnings: list[MeshmarkError] = []
-    images = _Images(load, warnings)
-    prepared = prepare(data, warnings)
+    images = _Images(source.load, warnings)
+    prepared = prepare(source.data, warnings)
     try:
         with np.errstate(all="ignore"):
             loaded = load_collada(io.BytesIO(prepared), resolver=images)  # type: ignore[no-untyped-call]

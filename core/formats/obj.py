@@ -12,11 +12,35 @@ from core.errors import MeshmarkError
 from core.formats.assembly import Assembly, dropped, single
 from core.formats.names import decode, texts
 from core.formats.polygons import Attribute, Material, PolygonMesh, check_sizes, color_fractions
-from core.formats.text import Lines, joined_lines, parse_numbers, readable_numbers, token_starts, tokens_per_line
-from core.refusals import malformed
+from core.formats.source import Source
+from core.formats.text import (
+    Lines,
+    count_lines,
+    joined_lines,
+    parse_numbers,
+    readable_numbers,
+    token_starts,
+    tokens_per_line,
+)
+from core.refusals import malformed, no_faces
 
 
-def read_obj(data: bytes, budgets: Budgets, library: Mapping[bytes, Material] | None = None) -> Assembly:
+def check_obj(source: Source, budgets: Budgets) -> None:
+    """Refuse an OBJ without a surface, or beyond the budgets.
+
+    Raises:
+        MeshmarkError: ``no_faces``, ``malformed_file`` or ``budget_exceeded``.
+    """
+    vertices, faces = count_lines(source.data, b"vf")
+    if faces == 0:
+        raise no_faces(f"The OBJ has {vertices:,} vertices but no face.")
+    if vertices == 0:
+        raise malformed(f"The OBJ has {faces:,} faces but no vertex.")
+    within(vertices, budgets.vertices, "vertices")
+    within(faces, budgets.faces, "faces")
+
+
+def read_mesh(data: bytes, budgets: Budgets, library: Mapping[bytes, Material] | None = None) -> Assembly:
     """Read an OBJ; ``mtllib`` is never opened, lines and free-form surfaces are not read.
 
     Objects and groups are one mesh; ``usemtl`` names are its material groups. Vertices are written as x y z, x y z w,
@@ -62,9 +86,9 @@ def read_obj(data: bytes, budgets: Budgets, library: Mapping[bytes, Material] | 
     return single(mesh, warnings)
 
 
-def read_obj_alone(data: bytes, budgets: Budgets) -> Assembly:
-    """An OBJ without its materials; see :func:`read_obj`."""
-    assembly = read_obj(data, budgets)
+def read_alone(data: bytes, budgets: Budgets) -> Assembly:
+    """An OBJ without its materials; see :func:`read_mesh`."""
+    assembly = read_mesh(data, budgets)
     libraries = material_libraries(data)
     if libraries and any(material.name for material in assembly.bodies[0].materials):
         assembly.warnings.append(

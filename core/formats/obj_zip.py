@@ -9,23 +9,29 @@ from core.formats.archive import Archive, outside
 from core.formats.assembly import Assembly, dropped
 from core.formats.mtl import read_mtl
 from core.formats.names import decode
-from core.formats.obj import material_libraries, read_obj
+from core.formats.obj import material_libraries, read_alone, read_mesh
 from core.formats.polygons import Material
+from core.formats.source import Source
 from core.formats.textures import IMAGE_ENDINGS, check_pixels, usable_image
 
 
-def read_obj_zip(archive: Archive, budgets: Budgets) -> Assembly:
-    """The one OBJ of an archive; its materials from the MTL files it names, or from the only one there is.
+def read_obj(source: Source, _parsed: None, budgets: Budgets) -> Assembly:
+    """An OBJ with the materials and textures that came with it, see :func:`core.formats.obj.read_mesh`."""
+    if source.archive is None:
+        return read_alone(source.data, budgets)
+    return read_obj_zip(source.data, source.archive, source.name, budgets)
+
+
+def read_obj_zip(data: bytes, archive: Archive, name: str, budgets: Budgets) -> Assembly:
+    """An OBJ that came in an archive under a ``name``; its materials from the MTL files it names, or from the only one
+    there is.
 
     Textures are looked for where the MTL says, then by their bare name anywhere in the archive, since exporters write
     the paths of their own machine. Without any MTL the only image of the archive is the base colour.
 
     Raises:
-        MeshmarkError: as :func:`core.formats.obj.read_obj`; ``unsupported_feature`` where there are several OBJs;
-            ``external_reference`` for textures on the network.
+        MeshmarkError: as :func:`core.formats.obj.read_mesh`; ``external_reference`` for textures on the network.
     """
-    name = archive.only(".obj")
-    data = archive.read(name)
     warnings: list[MeshmarkError] = []
     materials: dict[bytes, Material] = {}
     libraries = _libraries(archive, name, data, warnings)
@@ -33,7 +39,7 @@ def read_obj_zip(archive: Archive, budgets: Budgets) -> Assembly:
         found, lost = read_mtl(archive.read(library), partial(_load, archive, library))
         materials = found | materials
         warnings += lost
-    assembly = read_obj(data, budgets, materials if libraries else None)
+    assembly = read_mesh(data, budgets, materials if libraries else None)
     mesh = assembly.bodies[0]
     if not libraries:
         images = [entry for entry in archive.names if entry.lower().endswith(IMAGE_ENDINGS)]

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.arrays import Float, Int
-from core.budgets import Budgets
+from core.budgets import Budgets, within
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.assembly import Assembly, single
 from core.formats.polygons import Attribute, PolygonMesh, check_sizes, color_fractions
+from core.formats.source import Source
 from core.formats.text import parse_numbers, tokens_per_line
-from core.refusals import malformed, truncated
+from core.refusals import malformed, no_faces, truncated
 
 _BLANKS = rb"(?:[ \t\r\n]|#[^\n]*\n)"
 _HEADER = re.compile(
@@ -83,20 +84,47 @@ def _binary_header(prefix: str, data: bytes, start: int) -> Header:
     return fitting[0] if fitting else min(headers, key=lambda header: header.least_bytes)
 
 
-def read_off(data: bytes, budgets: Budgets) -> Assembly:
+def check_off(source: Source, budgets: Budgets) -> Header:
+    """Refuse an OFF whose header declares no surface, more than the file holds, or more than the budgets allow.
+
+    Returns:
+        The header.
+
+    Raises:
+        MeshmarkError: ``malformed_file``, ``truncated_file``, ``no_faces`` or ``budget_exceeded``.
+    """
+    data = source.data
+    header = parse_header(data)
+    if header.faces == 0:
+        raise no_faces(f"The OFF has {header.vertices:,} vertices but no face.")
+    within(header.vertices, budgets.vertices, "vertices")
+    within(header.faces, budgets.faces, "faces")
+    if header.least_bytes > len(data) - header.end:
+        raise truncated(
+            f"The OFF declares {header.vertices:,} vertices and {header.faces:,} faces, "
+            f"but {len(data) - header.end:,} bytes follow its header."
+        )
+    return header
+
+
+def read_off(source: Source, header: Header, budgets: Budgets) -> Assembly:
     """Read an OFF, text or binary.
 
     A text with one vertex or polygon on each line may have colours of faces; one whose numbers run on freely may not,
     since nothing but the end of its line tells where a polygon ends.
 
+    Args:
+        source: the file.
+        header: what :func:`check_off` returned.
+        budgets: bounds corners and triangles.
+
     Raises:
         MeshmarkError: ``malformed_file``, ``truncated_file`` or ``budget_exceeded``.
     """
-    header = parse_header(data)
     if header.order:
-        table, columns, polygons = _read_binary(header, data, budgets)
+        table, columns, polygons = _read_binary(header, source.data, budgets)
     else:
-        table, columns, polygons = _read_text(header, data, budgets)
+        table, columns, polygons = _read_text(header, source.data, budgets)
     sizes, corners, face_colors = polygons
     attributes = {}
     if "NORMAL" in columns:

@@ -5,10 +5,11 @@ from typing import Any
 
 from core.budgets import Budgets
 from core.formats.archive import Archive, outside
+from core.formats.source import Source
 from core.gltf.data_uri import decode_data_uri, is_data_uri
 from core.gltf.document import Document, malformed, parse_json, typed
 from core.gltf.images import mime_type
-from core.gltf.validate import check_json_text, check_version
+from core.gltf.validate import check_document, check_json_text, check_version
 
 Json = dict[str, Any]
 Load = Callable[[str], bytes | None]
@@ -16,16 +17,29 @@ Load = Callable[[str], bytes | None]
 _ALIGNMENT = 8  # of an accessor's largest component, with room to spare
 
 
-def pack_archive(archive: Archive, budgets: Budgets) -> Document:
-    """The one .gltf of an archive with the files it refers to; an image that is missing stays a URI.
+def check_gltf(source: Source, budgets: Budgets) -> Document:
+    """A .gltf packed, and refused where its declarations contradict each other, its bytes or the budgets.
+
+    Raises:
+        MeshmarkError: as :func:`core.gltf.validate.check_glb`.
+    """
+    if source.archive is None:
+        document = pack_json(source.data, budgets)
+    else:
+        document = pack_archive(source.data, source.archive, source.name, budgets)
+    check_document(document, budgets)
+    return document
+
+
+def pack_archive(data: bytes, archive: Archive, name: str, budgets: Budgets) -> Document:
+    """A .gltf that came in an archive under a ``name``, with the files it refers to; an image that is missing stays a
+    URI.
 
     Buffers become the BIN chunk, images buffer views with their very bytes; all else of the JSON is carried.
 
     Raises:
-        MeshmarkError: ``malformed_file``, ``external_reference``, ``budget_exceeded``, or ``unsupported_feature``
-            where there are several.
+        MeshmarkError: ``malformed_file``, ``external_reference`` or ``budget_exceeded``.
     """
-    name = archive.only(".gltf")
 
     def load(uri: str) -> bytes | None:
         found = archive.find(uri, name)
@@ -35,7 +49,7 @@ def pack_archive(archive: Archive, budgets: Budgets) -> Document:
         found = archive.locate(uri, name)
         return load(uri) if found is None else archive.read(found)
 
-    return _pack(archive.read(name), name, load, load_image, budgets)
+    return _pack(data, name, load, load_image, budgets)
 
 
 def pack_json(data: bytes, budgets: Budgets) -> Document:

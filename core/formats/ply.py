@@ -4,6 +4,7 @@ import re
 import struct
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -11,16 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Float, Int
-from core.budgets import Budgets
+from core.budgets import Budgets, within
 from core.errors import MeshmarkError
-from core.formats.archive import Archive
 from core.formats.assembly import Assembly, dropped, single
 from core.formats.names import decode
 from core.formats.polygons import Attribute, Material, PolygonMesh, check_sizes, color_fractions
+from core.formats.source import Source
 from core.formats.text import parse_numbers
 from core.formats.textures import IMAGE_ENDINGS, check_pixels, usable_image
 from core.geometry.grouping import group_rows, weld
-from core.refusals import malformed, truncated
+from core.refusals import malformed, no_faces, truncated
 
 FACE_LISTS = ("vertex_indices", "vertex_index")
 STRIPS = "tristrips"
@@ -125,22 +126,58 @@ def parse_header(data: bytes) -> Header:
     return Header(file_format, tables, end, tuple(textures))
 
 
-def read_ply_zip(archive: Archive, budgets: Budgets) -> Assembly:
-    """The one PLY of an archive with the textures that its comments name; see :func:`read_ply`.
+def check_ply(source: Source, budgets: Budgets) -> Header:
+    """Refuse a PLY whose header declares no surface, more than the file holds, or more than the budgets allow.
+
+    Returns:
+        The header.
 
     Raises:
-        MeshmarkError: as :func:`read_ply`; ``unsupported_feature`` where there are several.
+        MeshmarkError: ``malformed_file``, ``truncated_file``, ``no_faces`` or ``budget_exceeded``.
     """
-    name = archive.only(".ply")
+    data = source.data
+    header = parse_header(data)
+    vertex, surface = header.element("vertex"), header.surface
+    if vertex is None or not set("xyz") <= {column.name for column in vertex.properties if not column.count_kind}:
+        raise malformed("The PLY declares no vertices with x, y and z.")
+    if surface is None:
+        raise no_faces(f"The PLY has {vertex.count:,} vertices but no face.")
+    if not any(column.name in FACE_LISTS and column.count_kind for column in surface.properties):
+        raise malformed("The faces of the PLY have no list of vertex indices.")
+    for element in header.elements:
+        names = [column.name for column in element.properties]
+        if len(set(names)) != len(names):
+            raise malformed(f"The PLY declares a property of {element.name} twice.")
+    if len({element.name for element in header.elements}) != len(header.elements):
+        raise malformed("The PLY declares an element twice.")
+    within(vertex.count, budgets.vertices, "vertices")
+    within(surface.count, budgets.faces, "faces")
+    # in a text every number takes at least a digit and a blank
+    least = sum(
+        element.count * (2 * len(element.properties) if header.format == "ascii" else element.least_row_bytes)
+        for element in header.elements
+    )
+    present = len(data) - header.end + (header.format == "ascii")  # the last blank may be missing
+    if least > present:
+        raise truncated(f"What the PLY declares takes at least {least:,} bytes, but {present:,} follow its header.")
+    return header
 
-    def load(path: bytes) -> bytes | None:
-        found = archive.locate(path, name, escaped=False)
-        return None if found is None else archive.read(found)
 
-    data = archive.read(name)
-    assembly = read_ply(data, budgets, load)
-    images = [entry for entry in archive.names if entry.lower().endswith(IMAGE_ENDINGS)]
-    if images and not parse_header(data).textures and "TEXCOORD_0" in assembly.bodies[0].attributes:
+def read_ply(source: Source, header: Header, budgets: Budgets) -> Assembly:
+    """A PLY with the textures that its comments name, as far as they came with it; see :func:`read_mesh`.
+
+    Args:
+        source: the file.
+        header: what :func:`check_ply` returned.
+        budgets: bounds corners, triangles and the pixels of textures.
+
+    Raises:
+        MeshmarkError: as :func:`read_mesh`.
+    """
+    assembly = read_mesh(source.data, header, budgets, partial(source.load, escaped=False))
+    beside = source.archive.names if source.archive else []
+    images = [entry for entry in beside if entry.lower().endswith(IMAGE_ENDINGS)]
+    if images and not header.textures and "TEXCOORD_0" in assembly.bodies[0].attributes:
         assembly.warnings.append(
             dropped(
                 f"The PLY has texture coordinates but names no texture; {images[0][:60]!r} beside it is not used.",
@@ -150,20 +187,20 @@ def read_ply_zip(archive: Archive, budgets: Budgets) -> Assembly:
     return assembly
 
 
-def read_ply(data: bytes, budgets: Budgets, load: Load = lambda _path: None) -> Assembly:
+def read_mesh(data: bytes, header: Header, budgets: Budgets, load: Load = lambda _path: None) -> Assembly:
     """Read the vertices and faces (or triangle strips) of a PLY that passed the gate; every other element is skipped.
 
     Vertex colours win over face colours.
 
     Args:
         data: the file.
+        header: what :func:`check_ply` returned.
         budgets: bounds corners, triangles and the pixels of textures.
         load: the bytes of a texture by the name in a comment; ``None`` where it is not in the upload.
 
     Raises:
         MeshmarkError: ``malformed_file``, ``truncated_file`` or ``budget_exceeded``.
     """
-    header = parse_header(data)
     body, offset, elements = memoryview(data), header.end, header.elements
     if header.format == "ascii":
         body, offset = memoryview(parse_numbers(data[header.end :], np.float64, "data").tobytes()), 0

@@ -6,12 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Float
+from core.budgets import Budgets, within
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.assembly import Assembly, dropped, single
 from core.formats.polygons import Attribute, PolygonMesh
+from core.formats.source import Source
 from core.formats.text import Lines, parse_numbers, tokens_per_line
 from core.geometry.grouping import weld
-from core.refusals import malformed, non_finite
+from core.refusals import malformed, no_faces, non_finite, truncated
 
 HEADER_BYTES = 84
 TRIANGLE_BYTES = 50
@@ -39,7 +41,32 @@ def is_ascii(data: bytes) -> bool:
     return b"\0" not in head and re.match(rb"\s*(solid|facet)\b", head, re.IGNORECASE) is not None
 
 
-def read_stl(data: bytes) -> Assembly:
+def check_stl(source: Source, budgets: Budgets) -> None:
+    """Refuse an STL that has fewer bytes than it claims triangles, or far more; or is beyond the budgets.
+
+    Raises:
+        MeshmarkError: ``truncated_file``, ``malformed_file``, ``no_faces`` or ``budget_exceeded``.
+    """
+    data = source.data
+    if is_ascii(data):
+        faces = data.lower().count(b"endfacet")
+    else:
+        faces = triangle_count(data)
+        present = len(data) - HEADER_BYTES
+        if present < faces * TRIANGLE_BYTES:
+            raise truncated(
+                f"The STL claims {faces:,} triangles, which take {faces * TRIANGLE_BYTES:,} bytes, "
+                f"but {present:,} follow its header."
+            )
+        # a few stray bytes at the end are common and harmless
+        if present > max(2 * faces, 1) * TRIANGLE_BYTES:
+            raise malformed(f"The STL claims {faces:,} triangles, but {present:,} bytes follow its header.")
+    if faces == 0:
+        raise no_faces("The STL has no triangle.")
+    within(faces, budgets.faces, "triangles")
+
+
+def read_stl(source: Source, _parsed: None, _budgets: Budgets) -> Assembly:
     """Read an STL; exactly equal corners are one vertex, numbered by first appearance.
 
     Facet normals repeat what the corners say and are not read; degenerate triangles are kept. The attribute words of
@@ -48,6 +75,7 @@ def read_stl(data: bytes) -> Assembly:
     Raises:
         MeshmarkError: ``malformed_file`` or ``non_finite_positions``.
     """
+    data = source.data
     warnings: list[MeshmarkError] = []
     colors = None
     if is_ascii(data):

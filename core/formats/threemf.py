@@ -12,10 +12,11 @@ from core.errors import MeshmarkError
 from core.formats.archive import Archive
 from core.formats.assembly import Assembly, Instance, dropped
 from core.formats.polygons import Attribute, Material, PolygonMesh
+from core.formats.source import Source
 from core.formats.textures import check_pixels, usable_image
 from core.formats.threemf_model import IDENTITY, Group, Model, Object
 from core.formats.threemf_slicer import OBJECT_TYPES, Tools, read_tools
-from core.formats.xml import Tally, parse_xml
+from core.formats.xml import Tally, check_xml, count_elements, parse_xml
 from core.geometry.products import product
 from core.gltf.colors import linear
 from core.refusals import malformed, no_faces
@@ -27,7 +28,33 @@ _Z_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 _NO_COLOR = {"compositematerials": "composite materials", "multiproperties": "layered properties"}
 
 
-def read_3mf(archive: Archive, budgets: Budgets) -> Assembly:
+def check_3mf(source: Source, budgets: Budgets) -> Archive:
+    """Refuse a 3MF whose models are beyond the budgets.
+
+    Parts may write their elements with a prefix: then only the loader counts them.
+
+    Returns:
+        Its archive.
+
+    Raises:
+        MeshmarkError: ``malformed_file``, ``budget_exceeded`` or ``unsupported_feature``.
+    """
+    archive = Archive(source.data, budgets)
+    vertices = triangles = elements = 0
+    for name in archive.names:
+        if name.lower().endswith(".model"):
+            part = archive.read(name)
+            check_xml(part, f"The 3MF model {name[:60]!r}")
+            vertices += part.count(b"<vertex ")
+            triangles += part.count(b"<triangle ")
+            elements += count_elements(part)
+    within(vertices, budgets.vertices, "vertices")
+    within(triangles, budgets.faces, "triangles")
+    within(elements, budgets.vertices + budgets.faces + budgets.xml_elements, "XML elements")
+    return archive
+
+
+def read_3mf(_source: Source, archive: Archive, budgets: Budgets) -> Assembly:
     """A body for each mesh that is built, an instance for each time it is; the frame has metres and Y up.
 
     Base materials become materials, colours of colour groups COLOR_0, texture groups TEXCOORD_0 and a texture. Supports

@@ -32,8 +32,11 @@ _ARRAYS = (
 _NODE_NUMBERS = {"matrix": 16, "translation": 3, "rotation": 4, "scale": 3}
 
 
-def check_glb(data: bytes, budgets: Budgets) -> None:
+def check_glb(data: bytes, budgets: Budgets) -> Document:
     """Refuse a GLB whose declarations contradict each other, its bytes or the budgets.
+
+    Returns:
+        Its content.
 
     Raises:
         MeshmarkError: ``truncated_file``, ``malformed_file``, ``budget_exceeded``, ``external_reference``,
@@ -44,7 +47,9 @@ def check_glb(data: bytes, budgets: Budgets) -> None:
             ErrorCode.UNSUPPORTED_FORMAT, "The file is a GLB of version 1, not 2.", "Export it as a glTF 2.0 GLB."
         )
     check_json_text(data[20 : 20 + int.from_bytes(data[12:16], "little")], budgets)
-    check_document(Document.from_glb(data), budgets)
+    document = Document.from_glb(data)
+    check_document(document, budgets)
+    return document
 
 
 def check_document(document: Document, budgets: Budgets) -> None:

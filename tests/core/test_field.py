@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from core.formats.admission import admit
-from core.formats.registry import to_document
+from core.formats.admission import admit, document_of
 from core.gltf.document import Document
 from core.parameters import Evaluate, Parameters
 from core.pipeline import Result, watermark
@@ -89,7 +88,7 @@ def marked(data: bytes, asked: Parameters = ASKED) -> tuple[Result, np.ndarray[A
     """The result, all marks of it drawn, and where they are."""
     result = watermark(data, asked, preview=False)
     marks = result.report["watermarks"]
-    assert undrawn(result.model, marks, to_document(data, admit(data)).to_glb()) == []
+    assert undrawn(result.model, marks, document_of(admit(data)).to_glb()) == []
     return result, np.array([mark["center"] for mark in marks])
 
 

@@ -7,8 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from core.formats.admission import admit
-from core.formats.registry import to_document
+from core.formats.admission import admit, document_of
 from core.gltf.document import Document
 from core.parameters import Evaluate, Mode, Parameters
 from core.pipeline import Result, watermark
@@ -184,4 +183,4 @@ def test_a_glb_of_any_kind_keeps_nothing_back_and_shows_every_mark(name: str) ->
 @pytest.mark.parametrize("name", [name for name in SAMPLES if name != "glb"])
 def test_a_file_of_any_format_keeps_nothing_back_and_shows_every_mark(name: str) -> None:
     data = SAMPLES[name]
-    judged(data, to_document(data, admit(data)).to_glb(), ASKED)
+    judged(data, document_of(admit(data)).to_glb(), ASKED)

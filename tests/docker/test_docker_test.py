@@ -8,8 +8,7 @@ from pathlib import Path
 
 import yaml
 
-from core.formats.admission import admit
-from core.formats.registry import to_document
+from core.formats.admission import admit, document_of
 from core.gltf.scene import flatten
 from tests.docker.deployment import LargeAsset
 from tests.docker.engine import Footprint, processes_of
@@ -43,7 +42,7 @@ def test_its_large_asset_is_one_and_of_the_size_it_says() -> None:
     first, second = (b"".join(asset.content(number)) for number in range(2))
     assert len(first) == len(second) == asset.size
     assert first != second
-    surface = flatten(to_document(first, admit(first))).surface
+    surface = flatten(document_of(admit(first))).surface
     assert len(surface.faces) == 12
 
 

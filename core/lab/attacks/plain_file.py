@@ -2,8 +2,7 @@
 
 from dataclasses import replace
 
-from core.formats.admission import admit
-from core.formats.registry import to_document
+from core.formats.admission import admit, document_of
 from core.geometry.surface import Surface
 from core.gltf.scene import flatten
 from core.lab.plain import plain
@@ -15,5 +14,5 @@ def read_plain(data: bytes) -> Surface:
     Raises:
         MeshmarkError: whatever :func:`core.formats.admission.admit` and the loaders refuse.
     """
-    surface = flatten(to_document(data, admit(data))).surface
+    surface = flatten(document_of(admit(data))).surface
     return replace(plain(surface).surface(), scale=surface.scale, offset=surface.offset)

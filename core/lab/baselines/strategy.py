@@ -11,8 +11,7 @@ from manifold3d import Manifold
 from core.arrays import Float, Int
 from core.budgets import DEFAULT_BUDGETS, Budgets
 from core.errors import ErrorCode, MeshmarkError
-from core.formats.admission import admit
-from core.formats.registry import to_document
+from core.formats.admission import admit, document_of
 from core.geometry.boxes import Boxes
 from core.geometry.sampling import sample, thin
 from core.geometry.spatial import SpatialIndex
@@ -118,7 +117,7 @@ def prepare(
     Raises:
         MeshmarkError: for everything that keeps the file from being read or the text from being drawn.
     """
-    surface = flatten(to_document(data, admit(data, budgets), budgets)).surface
+    surface = flatten(document_of(admit(data, budgets), budgets)).surface
     return Prepared(data, surface, SpatialIndex(surface.positions, surface.faces), lettering(text, font), seed, font)
 
 

@@ -10,8 +10,7 @@ from statistics import median
 from typing import Any
 
 from core.errors import ErrorCode, MeshmarkError
-from core.formats.admission import admit
-from core.formats.registry import to_document
+from core.formats.admission import admit, document_of
 from core.gltf.scene import Scene, flatten
 from core.lab.benchmark.datasets import Asset, load
 from core.lab.benchmark.markdown import NOTHING, exponent, number, table
@@ -149,7 +148,7 @@ def _run(data: bytes, parameters: Parameters) -> Row:
 
 def _read_and_write(data: bytes) -> Scene:
     """The floor: what the engine does to a file besides watermarking it."""
-    scene = flatten(to_document(data, admit(data)))
+    scene = flatten(document_of(admit(data)))
     scene.document.to_glb()
     return scene
 

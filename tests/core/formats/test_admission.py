@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from core.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
-from core.formats.admission import admit
-from core.formats.registry import to_document
+from core.formats.admission import admit, document_of
 from core.formats.sniff import Format
 from core.gltf.scene import flatten
 from tests.core.formats.meshes import MESHES
@@ -56,13 +55,13 @@ def _glb_of(tree: dict[str, Any]) -> bytes:
 
 @pytest.mark.parametrize("name", SAMPLES)
 def test_each_format_is_recognised_by_its_content(name: str) -> None:
-    assert admit(SAMPLES[name]) is Format(name.partition("-")[0])
+    assert admit(SAMPLES[name]).format is Format(name.partition("-")[0])
 
 
 @pytest.mark.parametrize("prefix", [b"\xef\xbb\xbf", b"\n# first a comment\n"])
 def test_a_byte_order_mark_or_a_leading_comment_does_not_hide_a_text_format(prefix: bytes) -> None:
-    assert admit(prefix + OBJ) is Format.OBJ
-    assert admit(prefix + OFF) is Format.OFF
+    assert admit(prefix + OBJ).format is Format.OBJ
+    assert admit(prefix + OFF).format is Format.OFF
 
 
 def test_an_empty_file_is_refused() -> None:
@@ -167,7 +166,7 @@ def test_an_stl_that_claims_four_billion_triangles_is_refused_at_once(header: by
 
 def test_a_binary_stl_may_start_like_an_ascii_one_and_end_with_stray_bytes() -> None:
     assert STL_BINARY.startswith(b"solid")
-    assert admit(STL_BINARY + b"\0\0") is Format.STL
+    assert admit(STL_BINARY + b"\0\0").format is Format.STL
     assert _refusal(STL_BINARY + bytes(2000)).code is ErrorCode.MALFORMED_FILE
 
 
@@ -270,7 +269,7 @@ def test_a_damaged_file_is_read_or_refused_but_never_anything_else(name: str, da
         text = st.sampled_from([b"nan", b"1e999", b"-1", b"9" * 20, b"/", b"\n", b"[", b"null", b"\0\0\xc0\x7f", b""])
         damaged[at : at + length] = data.draw(st.one_of(st.binary(max_size=4), text))
     with contextlib.suppress(MeshmarkError):
-        flatten(to_document(bytes(damaged), admit(bytes(damaged))))
+        flatten(document_of(admit(bytes(damaged))))
 
 
 @pytest.mark.parametrize("name", SAMPLES)
@@ -278,7 +277,7 @@ def test_a_file_cut_short_anywhere_is_read_or_refused_but_never_anything_else(na
     whole = SAMPLES[name]
     for length in range(0, len(whole), 7):
         try:
-            flatten(to_document(whole[:length], admit(whole[:length])))
+            flatten(document_of(admit(whole[:length])))
         except MeshmarkError:
             continue
 
@@ -294,4 +293,4 @@ _FILES = sorted(path for path in MESHES.glob("*.*") if path.suffix not in (".csv
 
 @pytest.mark.parametrize("path", _FILES, ids=lambda path: path.name)
 def test_a_real_file_is_admitted_under_its_true_format(path: Any) -> None:
-    assert admit(path.read_bytes()) is (_ZIPPED.get(path.name) or Format(path.suffix[1:]))
+    assert admit(path.read_bytes()).format is (_ZIPPED.get(path.name) or Format(path.suffix[1:]))

@@ -10,11 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.arrays import Float, Int
-from core.formats.admission import admit
+from core.formats.admission import admit, document_of
 from core.formats.assemble import assemble
 from core.formats.assembly import Assembly, Instance
 from core.formats.polygons import Attribute, PolygonMesh
-from core.formats.registry import to_document
 from core.gltf.accessors import read_accessor
 from core.gltf.document import Document
 from core.gltf.scene import flatten
@@ -88,7 +87,7 @@ def test_a_cube_looks_out_however_the_file_winds_its_faces(write: Any, which: sl
     faces = CORNERS.copy()
     faces[which] = faces[which][:, ::-1]
     data = write(faces)
-    document = to_document(data, admit(data))
+    document = document_of(admit(data))
     assert _double_sided(document) == {False}
     assert _volume(document) == pytest.approx(30**3)
     assert not error_counts(document.to_glb())
@@ -97,7 +96,7 @@ def test_a_cube_looks_out_however_the_file_winds_its_faces(write: Any, which: sl
 @pytest.mark.parametrize("write", FORMATS)
 def test_an_open_box_is_double_sided_and_keeps_its_winding(write: Any) -> None:
     data = write(CORNERS[2:, ::-1])
-    document = to_document(data, admit(data))
+    document = document_of(admit(data))
     assert _double_sided(document) == {True}
     assert _volume(document) < 0
 
@@ -114,7 +113,7 @@ def test_mirrored_and_sheared_parts_look_the_way_they_did(transform: str, closed
     node = "<matrix>" + " ".join(map(str, np.vstack([matrix.T, [0, 0, 0, 1]]).ravel())) + "</matrix>"
     faces = CORNERS if closed else CORNERS[:-1]
     for data in (_threemf(faces, transform), _dae(faces, node)):
-        document = to_document(data, admit(data))
+        document = document_of(admit(data))
         assert _volume(document) > 0
         assert _double_sided(document) == {not closed}
 

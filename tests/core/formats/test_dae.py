@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 
 from core.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
-from core.formats.admission import admit
+from core.formats.admission import admit, document_of
 from core.formats.dae_scan import Scan
-from core.formats.registry import to_document
 from core.gltf.document import Document
 from core.gltf.scene import flatten
 from tests.core.formats.samples import DAE, dae, png, zipped
@@ -40,14 +39,14 @@ TEXTURED = dae(BOUND, materials=_materials('<texture texture="t" texcoord="UV"/>
 
 
 def _convert(data: bytes) -> Document:
-    document = to_document(data, admit(data))
+    document = document_of(admit(data))
     assert not error_counts(document.to_glb())
     return document
 
 
 def _failure(data: bytes) -> ErrorCode:
     with pytest.raises(MeshmarkError) as caught:
-        to_document(data, admit(data))
+        document_of(admit(data))
     return caught.value.code
 
 
@@ -97,7 +96,7 @@ def test_a_texture_is_found_however_its_name_is_written(path: str) -> None:
 
 
 def _convert_unchecked(data: bytes) -> Document:
-    return to_document(data, admit(data))
+    return document_of(admit(data))
 
 
 @pytest.mark.parametrize(
@@ -111,16 +110,16 @@ def _convert_unchecked(data: bytes) -> Document:
 )
 def test_a_texture_outside_the_upload_is_said_and_never_opened(path: str, code: ErrorCode) -> None:
     data = dae(BOUND, materials=_materials('<texture texture="t" texcoord="UV"/>', path))
-    to_document(data, admit(data))  # everything is imported now
+    document_of(admit(data))  # everything is imported now
     with mock.patch("builtins.open", side_effect=AssertionError("opened a file")):
-        document = to_document(data, admit(data))
+        document = document_of(admit(data))
     assert [warning.code for warning in document.warnings] == [code]
 
 
 def test_cameras_lights_and_animations_that_are_not_read_are_said() -> None:
     nodes = f'<node>{USE}</node><node><instance_camera url="#c"/><instance_light url="#l"/></node>'
     animated = dae(nodes).replace(b"</COLLADA>", b"<library_animations><animation/></library_animations></COLLADA>")
-    messages = [warning.message for warning in to_document(animated, admit(animated)).warnings]
+    messages = [warning.message for warning in document_of(admit(animated)).warnings]
     assert [message.split(" has ")[1].split(",")[0] for message in messages] == ["animations", "cameras", "lights"]
 
 
@@ -320,4 +319,4 @@ def test_a_damaged_scene_is_read_or_refused_but_never_anything_else(data: st.Dat
         text = st.sampled_from([b"nan", b"1e999", b"-1", b"9" * 20, b"<", b'"', b"\0", b"&lt;", b"#", b"</p>", b""])
         damaged[at : at + data.draw(st.integers(0, 6))] = data.draw(st.one_of(st.binary(max_size=3), text))
     with contextlib.suppress(MeshmarkError):
-        flatten(to_document(bytes(damaged), admit(bytes(damaged))))
+        flatten(document_of(admit(bytes(damaged))))

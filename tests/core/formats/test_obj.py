@@ -7,14 +7,14 @@ from core.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.assemble import assemble
 from core.formats.assembly import single
-from core.formats.obj import read_obj, read_obj_alone
+from core.formats.obj import read_alone, read_mesh
 from core.formats.polygons import PolygonMesh
 
 VERTICES = b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
 
 
 def _read(data: bytes) -> PolygonMesh:
-    return read_obj(data, Budgets()).bodies[0]
+    return read_mesh(data, Budgets()).bodies[0]
 
 
 @pytest.mark.parametrize(
@@ -136,7 +136,7 @@ def test_the_polypaint_of_zbrush_is_read_without_its_mask() -> None:
 def test_polypaint_of_some_vertices_colours_those_and_nonsense_is_said() -> None:
     some = _read(VERTICES + b"#MRGB ffff0000\nf 1 2 3 4\n").attributes["COLOR_0"]
     assert some.index.tolist() == [0, -1, -1, -1]
-    nonsense = read_obj(VERTICES + b"#MRGB ffxx0000\nf 1 2 3 4\n", Budgets())
+    nonsense = read_mesh(VERTICES + b"#MRGB ffxx0000\nf 1 2 3 4\n", Budgets())
     assert not nonsense.bodies[0].attributes
     assert "polypaint" in nonsense.warnings[0].message
 
@@ -149,8 +149,8 @@ def test_a_backslash_in_a_letter_of_shift_jis_does_not_join_lines() -> None:
 
 def test_an_obj_on_its_own_says_that_its_materials_are_missing() -> None:
     data = b"mtllib some where.mtl\n" + VERTICES + b"usemtl red\nf 1 2 3\n"
-    assert "some where.mtl" in read_obj_alone(data, Budgets()).warnings[0].message
-    assert read_obj_alone(data.replace(b"usemtl red\n", b""), Budgets()).warnings == []
+    assert "some where.mtl" in read_alone(data, Budgets()).warnings[0].message
+    assert read_alone(data.replace(b"usemtl red\n", b""), Budgets()).warnings == []
 
 
 _NUMBER = st.floats(-1e6, 1e6).map(repr)
@@ -197,7 +197,7 @@ def test_a_line_that_breaks_the_rules_is_quoted(line: bytes, quoted: str) -> Non
 
 def test_more_materials_than_the_budget_are_refused() -> None:
     data = VERTICES + b"".join(b"usemtl m%d\nf 1 2 3\n" % number for number in range(11))
-    assert len(read_obj(data, Budgets(materials=11)).bodies[0].materials) == 12
+    assert len(read_mesh(data, Budgets(materials=11)).bodies[0].materials) == 12
     with pytest.raises(MeshmarkError) as caught:
-        read_obj(data, Budgets(materials=10))
+        read_mesh(data, Budgets(materials=10))
     assert caught.value.code is ErrorCode.BUDGET_EXCEEDED

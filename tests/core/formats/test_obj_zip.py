@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from core.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
-from core.formats.admission import admit
-from core.formats.registry import to_document
+from core.formats.admission import admit, document_of
 from core.gltf.document import Document
 from core.gltf.scene import flatten
 from tests.core.formats.samples import MTL, OBJ, png, zipped
@@ -23,7 +22,7 @@ WEBP = b"RIFF\x1a\0\0\0WEBPVP8L\x0d\0\0\0\x2f\0\0\0\x10\x07\x10\x11\x11\x88\x88\
 
 def _convert(files: dict[str, bytes | str]) -> Document:
     data = zipped(files)
-    return to_document(data, admit(data))
+    return document_of(admit(data))
 
 
 def _materials(document: Document) -> dict[str, dict[str, Any]]:
@@ -175,14 +174,14 @@ def test_what_cannot_be_carried_is_said(files: dict[str, bytes | str], said: str
 def test_a_texture_on_the_network_is_refused() -> None:
     data = zipped({"cube.obj": CUBE, "cube.mtl": "newmtl paint\nmap_Kd http://evil.example/a.png\n"})
     with pytest.raises(MeshmarkError) as caught:
-        to_document(data, admit(data))
+        document_of(admit(data))
     assert caught.value.code is ErrorCode.EXTERNAL_REFERENCE
 
 
 def test_textures_over_the_budget_are_refused() -> None:
     data = zipped({"cube.obj": BARE, "a.png": png(0, 0, 0, 100)})
     with pytest.raises(MeshmarkError, match="10,000 texture pixels"):
-        to_document(data, admit(data), Budgets(image_pixels=9999))
+        document_of(admit(data), Budgets(image_pixels=9999))
 
 
 @settings(max_examples=100)

@@ -8,16 +8,23 @@ from hypothesis import strategies as st
 
 from core.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
-from core.formats.admission import admit
-from core.formats.off import parse_header, read_off
+from core.formats.admission import admit, document_of
+from core.formats.assembly import Assembly
+from core.formats.off import check_off, parse_header, read_off
 from core.formats.polygons import PolygonMesh
-from core.formats.registry import to_document
+from core.formats.source import Source
+
+
+def read(data: bytes, budgets: Budgets) -> Assembly:
+    source = Source(data)
+    return read_off(source, check_off(source, budgets), budgets)
+
 
 BODY = "0 0 0\n1 0 0\n1 1 0\n0 1 0\n"
 
 
 def _read(text: str) -> PolygonMesh:
-    return read_off(text.encode(), Budgets()).bodies[0]
+    return read(text.encode(), Budgets()).bodies[0]
 
 
 @pytest.mark.parametrize(
@@ -119,9 +126,9 @@ def test_numbers_that_run_on_and_do_not_hold_what_is_declared_are_refused(body: 
 
 def _binary(prefix: bytes, vertices: list[list[float]], faces: bytes, count: int) -> PolygonMesh:
     words = b"".join(struct.pack(f">{len(row)}f", *row) for row in vertices)
-    return read_off(
-        prefix + b" BINARY\n" + struct.pack(">3i", len(vertices), count, 0) + words + faces, Budgets()
-    ).bodies[0]
+    return read(prefix + b" BINARY\n" + struct.pack(">3i", len(vertices), count, 0) + words + faces, Budgets()).bodies[
+        0
+    ]
 
 
 def test_binary_files_have_polygons_of_any_size_with_colours() -> None:
@@ -174,7 +181,7 @@ def test_binary_files_of_either_byte_order_with_and_without_colours_are_told_apa
 ) -> None:
     data = _words(order, faces, colors)
     admit(data)
-    mesh = read_off(data, Budgets()).bodies[0]
+    mesh = read(data, Budgets()).bodies[0]
     assert mesh.positions.tolist() == SQUARE
     assert mesh.sizes.tolist() == [len(face) for face in faces]
     assert mesh.corners.tolist() == [corner for face in faces for corner in face]
@@ -189,10 +196,12 @@ def test_binary_files_of_either_byte_order_with_and_without_colours_are_told_apa
 def test_a_signalling_nan_is_refused_as_any_other() -> None:
     data = _words("<", [[0, 1, 2], [0, 2, 3]], [[], [0.5, 0.25, 0.125]])
     nan = struct.pack("<I", 0x7FA00000)
-    colored = to_document(painted := data.replace(struct.pack("<f", 0.25), nan), admit(painted))
+    painted = data.replace(struct.pack("<f", 0.25), nan)
+    colored = document_of(admit(painted))
     assert "COLOR_0" not in colored.json["meshes"][0]["primitives"][0]["attributes"]
+    placed = data.replace(struct.pack("<f", 1), nan, 1)
     with pytest.raises(MeshmarkError) as caught:
-        to_document(data.replace(struct.pack("<f", 1), nan, 1), admit(data))
+        document_of(admit(placed))
     assert caught.value.code is ErrorCode.NON_FINITE_POSITIONS
 
 
@@ -201,7 +210,7 @@ def test_a_binary_file_that_is_cut_off_is_called_so_with_its_own_counts(order: s
     data = _words(order, [[0, 1, 2], [0, 2, 3]], None)
     for cut in (data[:-4], data[:-40]):
         with pytest.raises(MeshmarkError, match="4 vertices and 2 faces") as caught:
-            to_document(cut, admit(cut))
+            document_of(admit(cut))
         assert caught.value.code is ErrorCode.TRUNCATED_FILE
 
 
@@ -235,6 +244,6 @@ def test_any_numbers_behind_a_header_are_read_or_refused(numbers: list[float], v
     for data in (text, b"OFF BINARY\n" + struct.pack("<3I", vertices, faces, 0) + words):
         with contextlib.suppress(MeshmarkError):
             admit(data)
-            mesh = read_off(data, Budgets()).bodies[0]
+            mesh = read(data, Budgets()).bodies[0]
             assert len(mesh.positions) == vertices
             assert len(mesh.sizes) == faces

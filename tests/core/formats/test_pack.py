@@ -6,10 +6,9 @@ import pytest
 
 from core.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
-from core.formats.admission import admit
+from core.formats.admission import admit, document_of
 from core.formats.archive import Archive
 from core.formats.pack import pack_archive, pack_json
-from core.formats.registry import to_document
 from core.gltf.accessors import read_accessor
 from core.gltf.document import Document
 from tests.core.formats.samples import CUBE_BIN, GLB, GLTF, gltf, png, zipped
@@ -19,7 +18,9 @@ RED, BLUE = png(255, 0, 0), png(0, 0, 255)
 
 
 def _pack(files: dict[str, bytes | str]) -> Document:
-    return pack_archive(Archive(zipped(files), Budgets()), Budgets())
+    archive = Archive(zipped(files), Budgets())
+    name = archive.only(".gltf")
+    return pack_archive(archive.read(name), archive, name, Budgets())
 
 
 def _image(document: Document, number: int) -> bytes:
@@ -35,7 +36,7 @@ def _code(data: bytes) -> ErrorCode:
 
 @pytest.mark.parametrize("data", [GLTF, zipped({"cube.gltf": gltf(), "cube.bin": CUBE_BIN})])
 def test_a_gltf_with_its_buffer_becomes_the_glb_it_could_have_been(data: bytes) -> None:
-    document = to_document(data, admit(data))
+    document = document_of(admit(data))
     assert document.to_glb() == GLB
 
 

@@ -7,19 +7,26 @@ from hypothesis import strategies as st
 
 from core.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
-from core.formats.admission import admit
-from core.formats.ply import parse_header, read_ply
+from core.formats.admission import admit, document_of
+from core.formats.assembly import Assembly
+from core.formats.ply import check_ply, parse_header, read_ply
 from core.formats.polygons import PolygonMesh
-from core.formats.registry import to_document
+from core.formats.source import Source
 from core.gltf.document import Document
 from tests.core.formats.samples import PLY_ASCII, ply_binary, png, zipped
+
+
+def read(data: bytes, budgets: Budgets) -> Assembly:
+    source = Source(data)
+    return read_ply(source, check_ply(source, budgets), budgets)
+
 
 XYZ = "property float x\nproperty float y\nproperty float z\n"
 LIST = "property list uchar int vertex_indices\n"
 
 
 def _read(data: bytes) -> PolygonMesh:
-    return read_ply(data, Budgets()).bodies[0]
+    return read(data, Budgets()).bodies[0]
 
 
 def _ascii(vertex: str, face: str, body: str, vertices: int = 3, faces: int = 1) -> bytes:
@@ -125,7 +132,7 @@ def test_triangles_that_only_stitch_strips_together_are_left_out() -> None:
 
 def test_strips_over_the_budget_of_triangles_are_refused() -> None:
     with pytest.raises(MeshmarkError) as caught:
-        read_ply(_strips("6 0 1 2 3 4 5\n"), Budgets(faces=3))
+        read(_strips("6 0 1 2 3 4 5\n"), Budgets(faces=3))
     assert caught.value.code is ErrorCode.BUDGET_EXCEEDED
 
 
@@ -174,7 +181,7 @@ def _textured(
 
 
 def _convert(data: bytes) -> Document:
-    return to_document(data, admit(data))
+    return document_of(admit(data))
 
 
 def _textures(document: Document) -> list[bytes | None]:

@@ -12,8 +12,7 @@ from hypothesis.extra.numpy import arrays
 
 from core.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
-from core.formats.admission import admit
-from core.formats.registry import to_document
+from core.formats.admission import admit, document_of
 from core.formats.sniff import Format
 from core.gltf.accessors import read_accessor
 from core.gltf.document import Document
@@ -38,12 +37,12 @@ TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 
 
 def _convert(data: bytes) -> Document:
-    return to_document(data, admit(data))
+    return document_of(admit(data))
 
 
 def _failure(data: bytes, budgets: Budgets | None = None) -> ErrorCode:
     with pytest.raises(MeshmarkError) as caught:
-        to_document(data, admit(data), budgets or Budgets())
+        document_of(admit(data), budgets or Budgets())
     return caught.value.code
 
 
@@ -262,13 +261,13 @@ def test_no_other_file_and_no_network_is_opened(monkeypatch: pytest.MonkeyPatch)
 
     ply = PLY_ASCII.replace(b"comment a cube", b"comment TextureFile ../../etc/passwd")
     for data in (OBJ, ply):
-        file_format = admit(data)
+        admitted = admit(data)
         with monkeypatch.context() as patch:
             patch.setattr("builtins.open", refuse)
             patch.setattr("io.open", refuse)
             patch.setattr("os.open", refuse)
             patch.setattr(socket, "socket", refuse)
-            assert triangle_count(to_document(data, file_format)) == 12
+            assert triangle_count(document_of(admitted)) == 12
 
 
 # What a manifest counts where it counts something else: instances of the scene; an unindexed primitive.
@@ -288,16 +287,16 @@ def test_a_real_file_keeps_all_its_faces(row: dict[str, str]) -> None:
     path = Path(MESHES, row["file"])
     data = path.read_bytes()
     try:
-        file_format = admit(data)
+        admitted = admit(data)
     except MeshmarkError as refusal:
         unread = (ErrorCode.UNSUPPORTED_FORMAT, ErrorCode.UNSUPPORTED_FEATURE)
         assert refusal.code in unread  # noqa: PT017 - which files, test_gate says
         return
-    document = to_document(data, file_format)
+    document = document_of(admitted)
     assert triangle_count(document) == _MANIFEST_FACES_OF_THE_FILE.get(path.name, int(row["n_faces"]))
     surface = flatten(Document.from_glb(document.to_glb())).surface
     assert len(surface.faces) == int(row["n_faces"])
-    if file_format not in (Format.GLB, Format.GLTF_ZIP):
+    if admitted.format not in (Format.GLB, Format.GLTF_ZIP):
         double_sided = {material["doubleSided"] for material in document.json["materials"]}
         assert double_sided == {row["open_edges"] != "0"}
         assert not error_counts(document.to_glb())

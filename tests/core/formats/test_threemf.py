@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from core.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
-from core.formats.admission import admit
-from core.formats.registry import to_document
+from core.formats.admission import admit, document_of
 from core.gltf.accessors import read_accessor
 from core.gltf.document import Document
 from core.gltf.scene import flatten
@@ -27,7 +26,7 @@ def _package(model: str, **more: bytes | str) -> bytes:
 
 
 def _convert(data: bytes) -> Document:
-    document = to_document(data, admit(data))
+    document = document_of(admit(data))
     assert not error_counts(document.to_glb())
     return document
 
@@ -39,7 +38,7 @@ def _colors(resources: str, properties: str) -> Document:
 def _failure(model: str) -> MeshmarkError:
     data = _package(model)
     with pytest.raises(MeshmarkError) as caught:
-        to_document(data, admit(data))
+        document_of(admit(data))
     return caught.value
 
 
@@ -291,11 +290,11 @@ def test_elements_that_are_neither_vertices_nor_triangles_are_bounded_in_all_par
     data = _package(part, **{"Metadata/model_settings.config": config, "Metadata/Slic3r_PE_model.config": config})
     elements = 20 + len(("model", "resources", "object", "mesh", "vertices", "triangles", "build", "item"))
     both = elements + 2 * 21
-    assert to_document(data, admit(data), Budgets(xml_elements=both)).warnings == []
-    [warning] = to_document(data, admit(data), Budgets(xml_elements=both - 1)).warnings
+    assert document_of(admit(data), Budgets(xml_elements=both)).warnings == []
+    [warning] = document_of(admit(data), Budgets(xml_elements=both - 1)).warnings
     assert f"{both} XML elements" in warning.message
     with pytest.raises(MeshmarkError, match=f"{elements} XML elements"):
-        to_document(data, admit(data), Budgets(xml_elements=elements - 1))
+        document_of(admit(data), Budgets(xml_elements=elements - 1))
     small = Budgets(vertices=8, faces=12, xml_elements=elements)
     admit(data, small)
     with pytest.raises(MeshmarkError, match=f"{elements + 20} XML elements") as caught:
@@ -316,4 +315,4 @@ def test_a_damaged_model_is_read_or_refused_but_never_anything_else(data: st.Dat
         damaged[at : at + data.draw(st.integers(0, 6))] = data.draw(st.one_of(st.binary(max_size=3), text))
     with contextlib.suppress(MeshmarkError):
         archive = zipped({"3D/3dmodel.model": bytes(damaged)})
-        flatten(to_document(archive, admit(archive)))
+        flatten(document_of(admit(archive)))

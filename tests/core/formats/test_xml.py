@@ -2,8 +2,7 @@ import pytest
 
 from core.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
-from core.formats.admission import admit
-from core.formats.registry import to_document
+from core.formats.admission import admit, document_of
 from core.formats.xml import Tally, parse_xml
 from tests.core.formats.samples import zipped
 from tests.cost import cost
@@ -98,6 +97,6 @@ def test_hostile_xml_costs_neither_time_nor_memory_in_any_format(xml: bytes, kin
     scene = xml.replace(b"model>", b"COLLADA>")
     data = {"3mf": zipped({"3D/3dmodel.model": xml}), "dae": scene, "dae+zip": zipped({"a.dae": scene})}[kind]
     with cost() as spent, pytest.raises(MeshmarkError):
-        to_document(data, admit(data))
+        document_of(admit(data))
     assert spent.calls < 10_000
     assert spent.peak < 2**20 + 4 * len(xml)

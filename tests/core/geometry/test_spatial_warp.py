@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from core.arrays import Bool, Float, Int
-from core.formats.admission import admit
-from core.formats.registry import to_document
+from core.formats.admission import admit, document_of
 from core.geometry.spatial import SpatialIndex
 from core.geometry.spatial_warp import WarpIndex
 from core.geometry.surface import Surface
@@ -37,7 +36,7 @@ GRAZING = 1e-5  # of the extent
 
 def read(path: Path) -> Surface:
     data = path.read_bytes()
-    return flatten(to_document(data, admit(data))).surface
+    return flatten(document_of(admit(data))).surface
 
 
 def around(positions: Float, count: int, seed: int = 0) -> Float:

@@ -9,9 +9,7 @@ import pytest
 
 from core.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
-from core.formats.admission import admit
-from core.formats.registry import to_document
-from core.formats.sniff import Format
+from core.formats.admission import admit, document_of
 from core.gltf.document import Document
 from core.gltf.scene import flatten
 from core.gltf.textures import read_texture, undecoded_textures
@@ -246,7 +244,7 @@ def test_json_is_bounded_before_it_is_parsed() -> None:
 def test_bytes_after_the_declared_length_are_ignored() -> None:
     data = simple().to_glb()
     check_glb(data + b"\0\0\0\0", Budgets())
-    assert to_document(data + b"\0" * 7, Format.GLB).to_glb() == data
+    assert document_of(admit(data + b"\0" * 7)).to_glb() == data
 
 
 @pytest.mark.parametrize("version", ["2.0", "2.1", 2, 2.0])
@@ -290,7 +288,7 @@ AVIF = b"\0\0\0\x1cftypavif" + bytes(40)
 def test_an_image_of_another_kind_with_a_fallback_is_carried_without_a_word(extension: str, kind: str) -> None:
     texture = {"source": 0, "extensions": {extension: {"source": 1}}}
     data = _textured(AVIF, texture, **{kind: [extension]})
-    document = to_document(data, admit(data))
+    document = document_of(admit(data))
     assert document.warnings == []
     assert document.to_glb() == data
     assert flatten(document).surface.faces.shape == (12, 3)
@@ -299,7 +297,7 @@ def test_an_image_of_another_kind_with_a_fallback_is_carried_without_a_word(exte
 @pytest.mark.parametrize("image", [bytes(16), AVIF, b"garbage"])
 def test_an_image_that_cannot_be_read_is_carried_and_warned_of_where_it_is_shown(image: bytes) -> None:
     data = _textured(image, {"source": 1})
-    document = to_document(data, admit(data))
+    document = document_of(admit(data))
     assert document.to_glb() == data
     assert read_texture(document, 0, limit=64) is None
     (warning,) = undecoded_textures(document)
@@ -318,7 +316,7 @@ def test_an_embedded_image_that_is_empty_or_damaged_is_carried_and_not_shown(uri
     buffer = "data:;base64," + base64.b64encode(CUBE_BIN).decode()
     data = gltf(buffer, images=[{"uri": uri}], textures=[{"source": 0}])
     for same in (data, Document(json.loads(data), b"").to_glb()):
-        document = to_document(same, admit(same))
+        document = document_of(admit(same))
         assert document.json["images"] == [{"uri": uri}]
         assert read_texture(document, 0, limit=64) is None
         assert len(undecoded_textures(document)) == 1
@@ -326,6 +324,6 @@ def test_an_embedded_image_that_is_empty_or_damaged_is_carried_and_not_shown(uri
 
 def test_further_chunks_are_carried_with_a_warning_that_names_them() -> None:
     data = replace(simple(), chunks=((b"HAIR", b"1234"),)).to_glb()
-    document = to_document(data, admit(data))
+    document = document_of(admit(data))
     assert document.to_glb() == data
     assert ["HAIR" in warning.message for warning in document.warnings] == [True]

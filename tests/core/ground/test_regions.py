@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from core.budgets import DEFAULT_BUDGETS
 from core.errors import ErrorCode, MeshmarkError
-from core.formats.admission import admit
-from core.formats.registry import to_document
+from core.formats.admission import admit, document_of
 from core.geometry.boxes import Boxes
 from core.gltf.scene import Scene, flatten
 from core.ground.regions import Regions, regions
@@ -41,7 +40,7 @@ def crates() -> Scene:
 
 
 def scene_of(data: bytes) -> Scene:
-    return flatten(to_document(data, admit(data, DEFAULT_BUDGETS), DEFAULT_BUDGETS))
+    return flatten(document_of(admit(data, DEFAULT_BUDGETS), DEFAULT_BUDGETS))
 
 
 def found(scene: Scene, **asked: list[dict[str, Any]]) -> Regions:

@@ -11,8 +11,7 @@ from scipy.stats import spearmanr
 from core.arrays import Float
 from core.budgets import DEFAULT_BUDGETS
 from core.errors import ErrorCode, MeshmarkError
-from core.formats.admission import admit
-from core.formats.registry import to_document
+from core.formats.admission import admit, document_of
 from core.geometry.boxes import Boxes
 from core.geometry.surface import Surface
 from core.gltf.scene import flatten
@@ -29,7 +28,7 @@ REAL = [DATA / "spot.glb"] + [
 
 def read(path: Path) -> Surface:
     data = path.read_bytes()
-    return flatten(to_document(data, admit(data, DEFAULT_BUDGETS), DEFAULT_BUDGETS)).surface
+    return flatten(document_of(admit(data, DEFAULT_BUDGETS), DEFAULT_BUDGETS)).surface
 
 
 def agreement(one: Saliency, other: Saliency) -> float:

@@ -12,8 +12,7 @@ from PIL import Image, ImageDraw
 
 from core.budgets import DEFAULT_BUDGETS
 from core.errors import ErrorCode, MeshmarkError
-from core.formats.admission import admit
-from core.formats.registry import to_document
+from core.formats.admission import admit, document_of
 from core.geometry.boxes import Boxes
 from core.geometry.sampling import sample
 from core.gltf.document import Document
@@ -278,7 +277,7 @@ def test_a_handful_of_samples_will_do(count: int) -> None:
 
 def read(path: Path) -> Scene:
     data = path.read_bytes()
-    return flatten(to_document(data, admit(data, DEFAULT_BUDGETS), DEFAULT_BUDGETS))
+    return flatten(document_of(admit(data, DEFAULT_BUDGETS), DEFAULT_BUDGETS))
 
 
 def test_the_eyes_of_a_cow_stand_out_and_its_hide_does_not() -> None:

@@ -10,8 +10,7 @@ import trimesh
 
 from core.arrays import Bool, Float
 from core.budgets import DEFAULT_BUDGETS
-from core.formats.admission import admit
-from core.formats.registry import to_document
+from core.formats.admission import admit, document_of
 from core.geometry.boxes import Boxes
 from core.geometry.directions import fibonacci_directions, view_directions
 from core.geometry.sampling import sample
@@ -49,7 +48,7 @@ class Pair:
 @pytest.fixture(scope="module", params=ASSETS, ids=lambda path: path.stem)
 def pair(request: pytest.FixtureRequest) -> Pair:
     data = request.param.read_bytes()
-    original = flatten(to_document(data, admit(data, DEFAULT_BUDGETS), DEFAULT_BUDGETS)).surface
+    original = flatten(document_of(admit(data, DEFAULT_BUDGETS), DEFAULT_BUDGETS)).surface
     result = watermark(data, Parameters(text="Mark", count=6, evaluate=Evaluate.NONE), preview=False)
     marks = result.report["watermarks"]
     boxes = Boxes(

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from core.errors import ErrorCode, MeshmarkError
-from core.formats.admission import admit
-from core.formats.registry import to_document
+from core.formats.admission import admit, document_of
 from core.geometry.surface import Surface
 from core.gltf.scene import flatten
 from core.ground.saliency import saliency
@@ -194,7 +193,7 @@ REAL = ["elephant-paper.obj", "shark-paper.obj", "suzanne.obj", "human-smpl.obj"
 @pytest.mark.parametrize("path", [MESHES / name for name in REAL if (MESHES / name).exists()], ids=lambda p: p.stem)
 def test_real_assets_get_marks_that_are_seen_from_nearly_everywhere(path: Path) -> None:
     data = path.read_bytes()
-    found = placed(flatten(to_document(data, admit(data))).surface)
+    found = placed(flatten(document_of(admit(data))).surface)
     chosen = list(found.start)
     assert 8 <= len(chosen) <= 16
     assert found.visible[chosen].any(axis=0).mean() > 0.9
