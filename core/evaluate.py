@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from core import __version__
+from core.analysis.analyse import eye_index
 from core.arrays import Float
 from core.budgets import DEFAULT_BUDGETS, Budgets
 from core.errors import ErrorCode, MeshmarkError
@@ -17,7 +18,6 @@ from core.geometry.surface import MODEL_SIZE, Surface
 from core.geometry.triangles import unit
 from core.gltf.document import Document
 from core.gltf.scene import flatten
-from core.ground.ground import eye_index
 from core.metrics.measure import Pair, Pictures, Subject, measure
 from core.parameters import Evaluate
 from core.rendering.pictures import PICTURE_SIZE, pictures

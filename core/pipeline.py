@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from core.artwork.outline import Lettering, lettering
 from core.budgets import DEFAULT_BUDGETS, Budgets
 from core.embossing.mesh import WorkingMesh
 from core.errors import ErrorCode, MeshmarkError
@@ -29,7 +30,6 @@ from core.gltf.scene import Scene, flatten
 from core.gltf.textures import undecoded_textures
 from core.gltf.validate import is_beside
 from core.gltf.write import write
-from core.lettering.outline import Lettering, lettering
 from core.parameters import Evaluate, Parameters
 from core.preload import preload as preload
 from core.rendering.pictures import PICTURE_SIZE, pictures
@@ -37,13 +37,13 @@ from core.rendering.preview import contact_sheet
 from core.rendering.renderer import Renderer
 
 if TYPE_CHECKING:
+    from core.analysis.analyse import Ground
+    from core.analysis.saliency import Saliency
     from core.embossing.copies import MarkedCopy
     from core.embossing.emboss import Mark
     from core.geometry.spatial import SpatialIndex
-    from core.ground.ground import Ground
-    from core.ground.saliency import Saliency
+    from core.placement.context import Site
     from core.placement.objective import Objective, Placement
-    from core.placement.site import Site
     from core.report import Warnings
 
 log = logging.getLogger(__name__)
@@ -140,7 +140,7 @@ def _read(job: Job) -> None:
             }
         )
 
-    from core.ground.ground import survey
+    from core.analysis.analyse import survey
 
     job.ground = survey(job.scene)
 
@@ -150,15 +150,15 @@ def _letter(job: Job) -> None:
 
 
 def _place(job: Job) -> None:
-    from core.ground.ground import HIDING
-    from core.ground.joints import joints
-    from core.ground.opacity import opacity
-    from core.ground.regions import regions
-    from core.ground.saliency import saliency
-    from core.ground.texture import detail
+    from core.analysis.analyse import HIDING
+    from core.analysis.opacity import opacity
+    from core.analysis.regions import regions
+    from core.analysis.saliency import saliency
+    from core.analysis.skinning import joints
+    from core.analysis.texture import detail
+    from core.placement.context import open_site
     from core.placement.objective import OBJECTIVE
     from core.placement.place import place
-    from core.placement.site import open_site
 
     ground, parameters = job.ground, job.parameters
     asked = regions(job.scene, ground.surface, parameters)
@@ -207,8 +207,8 @@ def _place(job: Job) -> None:
 
 
 def _emboss(job: Job) -> None:
+    from core.embossing.islands import stamp
     from core.embossing.marks import emboss_marks
-    from core.embossing.stamp import stamp
     from core.placement.legibility import legible_height
 
     job.mesh = WorkingMesh(job.ground.surface, job.usable, job.ground.sheets, job.ground.resolution)
@@ -262,9 +262,9 @@ def _take_out(job: Job, undrawn: list[int]) -> None:
         MeshmarkError: ``no_placement`` where none is left.
     """
     from core.embossing.emboss import Mark
+    from core.embossing.islands import stamp
     from core.embossing.marks import emboss_boxes
     from core.embossing.refusal import Refusal
-    from core.embossing.stamp import stamp
     from core.report import boxes_of
 
     kept = {box: mark for box, mark in job.marks.items() if box not in undrawn}
@@ -289,9 +289,9 @@ def _take_out(job: Job, undrawn: list[int]) -> None:
 
 
 def _write_marks(job: Job) -> None:
+    from core.analysis.contrast import letter_colors
     from core.embossing.copies import AssetMarks, mark_copies
-    from core.embossing.stamp import stamp
-    from core.ground.contrast import letter_colors
+    from core.embossing.islands import stamp
     from core.report import boxes_of
 
     boxes, _ = boxes_of(job.marks, job.parameters)
@@ -361,7 +361,7 @@ def _render(job: Job) -> None:
 def _evaluate(job: Job) -> None:
     if job.parameters.evaluate is Evaluate.NONE:
         return
-    from core.ground.ground import eye_index
+    from core.analysis.analyse import eye_index
     from core.metrics.measure import Pair, Subject, measure
     from core.report import boxes_of, with_metrics
 

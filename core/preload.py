@@ -6,9 +6,15 @@ from core.rendering import renderer
 
 # What stages, readers and metrics import when they need it; a test runs the engine and finds what is missing here.
 LATER = (
-    *("core.ground.contrast", "core.ground.ground", "core.ground.joints", "core.ground.regions", "core.ground.texture"),
+    *(
+        "core.analysis.contrast",
+        "core.analysis.analyse",
+        "core.analysis.skinning",
+        "core.analysis.regions",
+        "core.analysis.texture",
+    ),
     "core.placement.place",
-    *("core.embossing.copies", "core.embossing.drawn", "core.embossing.marks", "core.embossing.stamp"),
+    *("core.embossing.copies", "core.embossing.drawn", "core.embossing.marks", "core.embossing.islands"),
     *("core.embossing.unmarked", "core.report", "core.metrics.measure"),
     *("DracoPy", "meshopt", "manifold3d", "trimesh.exchange.dae", "rapidocr"),
     *("PIL.BmpImagePlugin", "PIL.GifImagePlugin", "PIL.JpegImagePlugin", "PIL.PngImagePlugin", "PIL.PpmImagePlugin"),

@@ -14,8 +14,8 @@ from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import ArgumentError
 
+from core.artwork.fonts import MAX_FONT_BYTES
 from core.budgets import DEFAULT_BUDGETS, Budgets
-from core.lettering.fonts import MAX_FONT_BYTES
 from service.hooks.config import HookSource, load_hooks
 from service.outbound.policy import PORTS, Policy
 from service.webhooks.vault import read_keys

@@ -19,9 +19,9 @@ from typing import TypeVar
 import anyio.to_thread
 import structlog
 
+from core.artwork.fonts import default_font
+from core.artwork.shaping import shape
 from core.errors import ErrorCode, MeshmarkError
-from core.lettering.fonts import default_font
-from core.lettering.shaping import shape
 from service.config import Settings
 from service.jobs.artifacts import Staged, writing
 from service.template import Child, Template, tail

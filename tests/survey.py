@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from manifold3d import triangulate
 
+from core.artwork.outline import lettering
 from core.errors import MeshmarkError
 from core.formats.admission import admit, document_of
 from core.geometry.spatial import SpatialIndex
 from core.gltf.document import Document
 from core.gltf.scene import flatten
-from core.lettering.outline import lettering
 from core.parameters import Evaluate, Parameters
 from core.pipeline import Result, watermark
 from tests.validator import validate

@@ -16,11 +16,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
+from core.artwork.fonts import load_font
+from core.artwork.shaping import shape
 from core.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit
-from core.lettering.fonts import load_font
-from core.lettering.shaping import shape
 from service.template import serve
 from worker import sandbox
 from worker.child import CHANNEL, die_with_parent, keep_only

@@ -3,10 +3,11 @@
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
+from core.analysis.analyse import survey
 from core.embossing.emboss import Mark
+from core.embossing.islands import Stamp
 from core.embossing.marks import emboss_boxes
 from core.embossing.mesh import WorkingMesh
-from core.embossing.stamp import Stamp
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.boxes import Boxes
 from core.geometry.surface import Surface
@@ -14,7 +15,6 @@ from core.gltf.copies import Copy, find_copies, leave_out, scene_of
 from core.gltf.document import Document
 from core.gltf.hierarchy import hidden_nodes, scene_nodes
 from core.gltf.write import write
-from core.ground.ground import survey
 from core.parameters import Parameters, UnmarkedCopies
 
 

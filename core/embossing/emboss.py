@@ -7,16 +7,16 @@ import numpy as np
 from manifold3d import CrossSection
 
 from core.arrays import Float, Int
-from core.embossing.arrange import arrange
 from core.embossing.check import is_closed
+from core.embossing.cut_arrange import arrange
+from core.embossing.cut_split import split
 from core.embossing.draft import Draft
+from core.embossing.islands import Stamp, stand
 from core.embossing.lift import MIN_AGREEMENT, folded, lift, obstructed, turned
 from core.embossing.mesh import WorkingMesh
 from core.embossing.patch import AREA_TOLERANCE, Patch, patches
 from core.embossing.pieces import Pieces
 from core.embossing.refusal import Refusal
-from core.embossing.split import split
-from core.embossing.stamp import Stamp, stand
 from core.geometry.boxes import Boxes
 from core.geometry.edges import boundary_edges, directed_edges
 from core.geometry.products import product

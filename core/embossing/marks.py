@@ -8,19 +8,19 @@ import numpy as np
 
 from core.arrays import Float
 from core.embossing.emboss import Mark, emboss
+from core.embossing.islands import Stamp
 from core.embossing.mesh import WorkingMesh
 from core.embossing.patch import patches
 from core.embossing.refusal import CHEAP, EXPLAINED, Refusal
-from core.embossing.stamp import Stamp
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.boxes import Boxes
 from core.geometry.products import product
 from core.geometry.spatial import SpatialIndex
 from core.parameters import Parameters
+from core.placement.context import Site
 from core.placement.objective import Placement
 from core.placement.place import place_more
 from core.placement.selection import select
-from core.placement.site import Site
 
 FAILED_CUTS = 10  # for each mark that is asked for: a cut is the costly part; after so many the rest is no better
 MAX_SEARCHES = 4

@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from core.analysis.coincident import Sheets, single_layer
 from core.arrays import Bool, Float, Int
 from core.geometry.surface import Surface
 from core.geometry.triangles import barycentric
 from core.gltf.edit import Kind, SurfaceEdit
-from core.ground.sheets import Sheets, single_layer
 
 CELL = 1.0  # size-30 units; about a fifth of a usual text width, so that a query reads few cells
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 
+from core.analysis.saliency import Saliency
 from core.arrays import Float, Int
 from core.geometry.directions import view_directions
 from core.geometry.spatial import Eye, SpatialIndex
 from core.geometry.surface import Surface
 from core.gltf.scene import Scene
-from core.ground.saliency import Saliency
 
 LOOKED_AT = 4  # every so manieth of the surface's samples is looked at
 CLEAR = 0.01  # where rays start off the surface, size-30 units

@@ -7,7 +7,7 @@ from core.geometry.boxes import Boxes
 from core.geometry.products import product
 from core.geometry.spatial import Eye, SpatialIndex
 from core.geometry.surface import Surface
-from core.metrics.near import near
+from core.metrics.faces_near import near
 
 
 def lce(original_index: SpatialIndex, watermarked: Surface, boxes: Boxes, relief: NDArray[np.float64]) -> float | None:

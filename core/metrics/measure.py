@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core import models
+from core.analysis.saliency import Saliency, saliency
 from core.arrays import Float
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
-from core.ground.saliency import Saliency, saliency
 from core.metrics.coverage import coverage
 from core.metrics.crop_survival import crop_survival
 from core.metrics.features import Extractor, LayoutDescriptor, extractor
@@ -24,9 +24,9 @@ from core.metrics.ipe import ipe
 from core.metrics.lce import lce
 from core.metrics.ocr import ocr
 from core.metrics.ray import ray
+from core.metrics.ray_origins import above_letters, top_face
 from core.metrics.recognition import Reader
 from core.metrics.se import se
-from core.metrics.sight import above_letters, top_face
 from core.metrics.smse import smse
 from core.metrics.ss import ss
 from core.metrics.wps import wps

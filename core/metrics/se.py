@@ -1,8 +1,8 @@
 """Saliency Error (paper, Definition 4 and supplement "Asset Utility")."""
 
+from core.analysis.saliency import Saliency
 from core.arrays import Float
 from core.geometry.boxes import Boxes
-from core.ground.saliency import Saliency
 
 VOTE = 0.5  # the paper's
 
@@ -12,8 +12,8 @@ def se(saliency: Saliency, boxes: Boxes) -> tuple[float, Float]:
 
     A box votes 1 if the mean of the thresholded saliency within it is greater than 0.5, that is if more than half of
     the surface inside it is salient, and 0 otherwise; the result is the mean vote. What lies inside a box, also one
-    too small for any sample, says :meth:`core.ground.saliency.Saliency.under`. The vote is the paper's, the map is not:
-    :func:`core.ground.saliency.saliency` says how it differs, so the paper's figures are no measure for these.
+    too small for any sample, says :meth:`core.analysis.saliency.Saliency.under`. The vote is the paper's, the map not:
+    :func:`core.analysis.saliency.saliency` says how it differs, so the paper's figures are no measure for these.
 
     Args:
         saliency: of the original surface.

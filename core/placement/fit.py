@@ -11,6 +11,7 @@ from core.geometry.sampling import sample
 from core.geometry.spatial import Eye
 from core.parameters import Mode, Preset, Solver
 from core.placement.candidates import along_strips, candidates, right_way_up
+from core.placement.context import Site
 from core.placement.filters import (
     Footprint,
     above,
@@ -42,7 +43,6 @@ from core.placement.objective import (
     tone,
 )
 from core.placement.selection import visibility
-from core.placement.site import Site
 
 THICKNESS, THINNEST = 0.15, 0.25  # of the longer side: room for text that bends as much as it may; size-30 units
 PAPER_THICKNESS, PAPER_SAMPLES, PAPER_RADIUS = 0.5, 300, 1.0

@@ -56,13 +56,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
+from core.analysis.texture import cielab
 from core.arrays import Bool, Float, Int
 from core.geometry.boxes import Boxes
 from core.geometry.directions import fibonacci_directions, view_directions
 from core.geometry.products import product
 from core.geometry.surface import Surface
 from core.gltf.colors import hex_linear
-from core.ground.texture import cielab
 from core.placement.candidates import upright
 from core.placement.legibility import legibility
 

@@ -10,11 +10,11 @@ from core.arrays import Bool
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.boxes import Boxes
 from core.geometry.surface import MODEL_SIZE
+from core.placement.context import Site
 from core.placement.fit import fit, grow
 from core.placement.legibility import USUAL_ASPECT, legible_height, text_width
 from core.placement.objective import FACING_VIEW, Placement, within_reach
 from core.placement.selection import select
-from core.placement.site import Site
 
 # Heights of the text, in legible ones; the small one is only for what nothing higher shows, the last only where there
 # is nothing else at all.

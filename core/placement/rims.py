@@ -7,12 +7,12 @@ from PIL import Image, ImageDraw
 from scipy.spatial import cKDTree
 
 from core.arrays import Bool, Float, Int
+from core.artwork.outline import Lettering
 from core.geometry.boxes import Boxes
 from core.geometry.edges import EdgeTable
 from core.geometry.spatial import Eye, SpatialIndex
 from core.geometry.surface import Surface
 from core.geometry.triangles import ring_area
-from core.lettering.outline import Lettering
 from core.placement.filters import FACING
 
 SPACING = 0.05  # size-30 units between points of an edge, about a stroke of legible text; wider where edges are many

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
+from core.artwork.fonts import DEFAULT_FONT
 from core.cli import main
 from core.errors import ErrorCode, MeshmarkError
 from core.gltf.document import Document
 from core.gltf.scene import flatten
-from core.lettering.fonts import DEFAULT_FONT
 from tests.core.gltf.builder import CUBE, CUBE_FACES, simple
 from tests.validator import error_counts
 

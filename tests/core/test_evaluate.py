@@ -60,7 +60,7 @@ def test_the_report_names_the_device_that_answered(monkeypatch: pytest.MonkeyPat
     class Elsewhere(SpatialIndex):
         device = "cuda"
 
-    monkeypatch.setattr("core.ground.ground.SpatialIndex", Elsewhere)
+    monkeypatch.setattr("core.analysis.analyse.SpatialIndex", Elsewhere)
     plate = cast(bytes, PLATE.export(file_type="stl"))
     assert evaluate(plate, plate, [], level=Evaluate.NONE)["engine"]["device"] == "cuda"
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from core.analysis.regions import regions
 from core.arrays import Float
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.surface import Surface
 from core.gltf.document import Document
 from core.gltf.scene import flatten
-from core.ground.regions import regions
 from core.parameters import NodeRegion, Parameters, parse_parameters
 from core.pipeline import Result, watermark
 from tests.core.formats.meshes import MESHES

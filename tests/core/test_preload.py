@@ -50,7 +50,7 @@ def loaded(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 
 
 def test_whatever_a_function_of_the_engine_imports_is_loaded(loaded: dict[str, Any]) -> None:
-    assert {"core.ground.ground", "core.metrics.measure", "manifold3d", "pyrender"} <= set(loaded["late"])
+    assert {"core.analysis.analyse", "core.metrics.measure", "manifold3d", "pyrender"} <= set(loaded["late"])
     assert set(loaded["not loaded"]) == {"core.geometry.spatial_warp", "warp"}, "for CUDA alone"
 
 

@@ -17,7 +17,7 @@ import numpy as np
 import psutil
 import pytest
 
-from core.lettering.fonts import DEFAULT_FONT
+from core.artwork.fonts import DEFAULT_FONT
 from tests.core.formats.samples import GLB, OBJ, OFF, PLY_ASCII, STL_ASCII, STL_BINARY, ply_binary
 from tests.service.harness import Service
 from tests.worker.waiting import wait_until

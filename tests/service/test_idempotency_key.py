@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from httpx2 import Response
 
+from core.artwork.fonts import DEFAULT_FONT
 from core.errors import MeshmarkError
-from core.lettering.fonts import DEFAULT_FONT
 from service.config import Settings
 from service.idempotency_key import parse_idempotency_key
 from service.jobs import queue

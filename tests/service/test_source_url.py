@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from httpx2 import Response
 
-from core.lettering.fonts import DEFAULT_FONT
+from core.artwork.fonts import DEFAULT_FONT
 from service.config import Settings
 from service.jobs import contents, sources
 from service.jobs.ledger import WORKER_LOST

@@ -9,8 +9,8 @@ from core.geometry.directions import view_directions
 from core.geometry.sampling import sample
 from core.geometry.surface import MODEL_SIZE
 from core.lab.baselines.strategy import Prepared
+from core.metrics.ray_origins import top_face
 from core.metrics.se import VOTE
-from core.metrics.sight import top_face
 from core.placement.filters import occluded, overlapping, roughness, smooth
 from core.placement.objective import FACING_VIEW
 

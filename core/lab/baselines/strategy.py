@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 from manifold3d import Manifold
 
+from core.analysis.saliency import Saliency, saliency
 from core.arrays import Float, Int
+from core.artwork.outline import Lettering, lettering
 from core.budgets import DEFAULT_BUDGETS, Budgets
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
@@ -17,10 +19,8 @@ from core.geometry.sampling import sample, thin
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
 from core.gltf.scene import flatten
-from core.ground.saliency import Saliency, saliency
 from core.lab.baselines.solid import solid
 from core.lab.plain import Mesh
-from core.lettering.outline import Lettering, lettering
 from core.parameters import PRESETS, Mode, Parameters, Preset
 from core.placement.candidates import upright
 from core.placement.finetune import adam, alignment_loss

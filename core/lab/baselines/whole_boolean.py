@@ -4,13 +4,13 @@ import numpy as np
 from manifold3d import CrossSection, Error, FillRule, Manifold, OpType
 
 from core.arrays import Float
+from core.artwork.outline import Lettering
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
 from core.lab.baselines.solid import to_manifold, to_mesh
 from core.lab.plain import Mesh
-from core.lettering.outline import Lettering
 
 
 def fuse_flat(asset: Manifold, lettering: Lettering, boxes: Boxes) -> Mesh:

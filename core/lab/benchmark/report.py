@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-from core.lab.benchmark import duel, tables
+from core.lab.benchmark import pairwise as duel
+from core.lab.benchmark import tables
 from core.lab.benchmark.markdown import table
 from core.lab.benchmark.options import INVISIBLE, NO_ATTACK
 from core.lab.benchmark.plots import write_plots

@@ -3,15 +3,15 @@
 import numpy as np
 
 from core.arrays import Int
+from core.artwork.outline import lettering
 from core.embossing.emboss import Mark, emboss
+from core.embossing.islands import Stamp, stamp
 from core.embossing.mesh import WorkingMesh
 from core.embossing.refusal import Refusal
-from core.embossing.stamp import Stamp, stamp
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
 from core.gltf.edit import SurfaceEdit
-from core.lettering.outline import lettering
 
 TEXT = lettering("watermark")
 LETTERS: Stamp = stamp(TEXT)

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from manifold3d import CrossSection
 from scipy.spatial import Delaunay
 
+from core.artwork.outline import lettering
 from core.embossing.draft import INSET, MITRE, Draft, draft
-from core.embossing.stamp import stamp
-from core.lettering.outline import lettering
+from core.embossing.islands import stamp
 from tests.core.embossing.bench import LETTERS
 
 BAR = CrossSection([np.array([[-0.4, -0.05], [0.4, -0.05], [0.4, 0.05], [-0.4, 0.05]])])

@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from core.analysis.analyse import HIDING
 from core.embossing.drawn import drawn_marks
 from core.gltf.document import Document
 from core.gltf.edit import Kind, SurfaceEdit
 from core.gltf.scene import Scene, flatten
-from core.ground.ground import HIDING
 from tests.core.rendering.glb import QUAD, QUAD_FACES, QUAD_UV, GlbWriter, plain, png
 
 BACKWARDS = np.array(QUAD_FACES)[:, ::-1]

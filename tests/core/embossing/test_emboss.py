@@ -8,16 +8,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core.arrays import Float, Int
+from core.artwork.outline import lettering
 from core.embossing import emboss as module
-from core.embossing.arrange import arrange
+from core.embossing.cut_arrange import arrange
+from core.embossing.cut_split import split
 from core.embossing.emboss import Mark
+from core.embossing.islands import stamp
 from core.embossing.lift import folded
 from core.embossing.refusal import Refusal
-from core.embossing.split import split
-from core.embossing.stamp import stamp
 from core.geometry.surface import Surface
 from core.gltf.edit import Kind
-from core.lettering.outline import lettering
 from tests.core.embossing.bench import LETTERS, TEXT, Bench, box_at
 from tests.core.shapes import box, edge_counts, grid, join, moved, sphere, surface
 

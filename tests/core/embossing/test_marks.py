@@ -113,7 +113,7 @@ def test_hardly_any_cut_is_wasted_on_cracks_and_low_steps() -> None:
 
 
 def test_what_was_refused_teaches_where_not_to_try(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("core.placement.site.rims", lambda *_: None)
+    monkeypatch.setattr("core.placement.context.rims", lambda *_: None)
     asked, frame = Parameters(text="watermark", evaluate=Evaluate.NONE), lattice(3)
     taught = watermark(frame, asked, preview=False).report["embossing"]
     monkeypatch.setattr(marks, "_over", lambda *_: set())

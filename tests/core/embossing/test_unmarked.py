@@ -4,11 +4,11 @@ from typing import Any
 
 import numpy as np
 
+from core.analysis.analyse import survey
+from core.analysis.saliency import saliency
 from core.embossing.unmarked import unmarked_parts
 from core.gltf.document import Document
 from core.gltf.scene import flatten
-from core.ground.ground import survey
-from core.ground.saliency import saliency
 from tests.core.rendering.glb import CORNERS, CUBE_FACES, GlbWriter, plain
 
 

@@ -243,7 +243,7 @@ def test_a_model_is_marked_as_on_the_cpu(monkeypatch: pytest.MonkeyPatch, device
     monkeypatch.setenv("MESHMARK_DEVICE", "cpu")
     expected = watermark(SPOT.read_bytes(), parameters, preview=False).report
     monkeypatch.setenv("MESHMARK_DEVICE", device)
-    monkeypatch.setattr("core.ground.ground.spatial_index", partial(WarpIndex, device=device))
+    monkeypatch.setattr("core.analysis.analyse.spatial_index", partial(WarpIndex, device=device))
     found = watermark(SPOT.read_bytes(), parameters, preview=False).report
     assert (expected["engine"]["device"], found["engine"]["device"]) == ("cpu", device)
     assert abs(len(found["watermarks"]) - len(expected["watermarks"])) <= 1

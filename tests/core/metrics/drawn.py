@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-import core.lettering
+import core.artwork
 
 Picture = NDArray[np.uint8]
 
-FONT = Path(core.lettering.__file__).parent / "fonts" / "DejaVuSans-Bold.ttf"
+FONT = Path(core.artwork.__file__).parent / "fonts" / "DejaVuSans-Bold.ttf"
 PAPER = (235, 235, 235)
 SIZE = 512
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from core.metrics.coverage import coverage
-from core.metrics.sight import top_face
+from core.metrics.ray_origins import top_face
 from tests.core.metrics.test_ray import on_all_sides
 from tests.core.placement.shapes import box, cuboid, index_of, join, moved
 

@@ -23,7 +23,7 @@ from core.metrics import smse as smse_module
 from core.metrics.coverage import coverage
 from core.metrics.ipe import ipe
 from core.metrics.ray import ray
-from core.metrics.sight import above_letters, top_face
+from core.metrics.ray_origins import above_letters, top_face
 from core.metrics.smse import smse
 from core.metrics.topology import topology
 from core.metrics.wps import wps

@@ -4,7 +4,7 @@ import pytest
 from core.geometry.boxes import Boxes
 from core.geometry.directions import view_directions
 from core.metrics.ray import ray
-from core.metrics.sight import top_face
+from core.metrics.ray_origins import top_face
 from core.placement.candidates import upright
 from tests.core.placement.shapes import box, boxes, cuboid, index_of, inside_out, join, moved, plane
 

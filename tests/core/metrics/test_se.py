@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from core.ground.saliency import saliency
+from core.analysis.saliency import saliency
 from core.metrics.se import se
-from tests.core.ground.test_saliency import hand_made
+from tests.core.analysis.test_saliency import hand_made
 from tests.core.metrics.test_ray import on_all_sides
 from tests.core.placement.shapes import box, boxes, cuboid, join, moved, sphere
 

@@ -3,10 +3,10 @@
 import numpy as np
 
 from core.arrays import Float
+from core.artwork.outline import Lettering
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
-from core.lettering.outline import Lettering
 from tests.core.shapes import join as join
 from tests.core.shapes import surface as surface
 

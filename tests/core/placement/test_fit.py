@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
+from core.analysis.saliency import saliency
 from core.geometry.boxes import Boxes
 from core.geometry.surface import Surface
-from core.ground.saliency import saliency
 from core.parameters import Parameters
+from core.placement.context import Site, open_site
 from core.placement.fit import fit, grow
-from core.placement.site import Site, open_site
 from tests.core.placement.shapes import box, cuboid, index_of, inside_out, join, moved, sphere, text
 
 UP = np.array([[0.0, 1.0, 0.0]])

@@ -4,19 +4,19 @@ from typing import Any
 import numpy as np
 import pytest
 
+from core.analysis.saliency import saliency
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
 from core.geometry.surface import Surface
 from core.gltf.scene import flatten
-from core.ground.saliency import saliency
 from core.parameters import Mode, Parameters, Preset
 from core.placement.candidates import upright
+from core.placement.context import Site, open_site
 from core.placement.filters import overlapping
 from core.placement.legibility import legible_height
 from core.placement.objective import Placement
 from core.placement.place import HEIGHTS, ladder, place, place_more
 from core.placement.selection import select
-from core.placement.site import Site, open_site
 from tests.core.formats.meshes import MESHES
 from tests.core.placement.shapes import cuboid, index_of, inside_out, join, moved, plane, sphere, surface, text
 

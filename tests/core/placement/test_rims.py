@@ -1,8 +1,8 @@
 import numpy as np
 
+from core.artwork.outline import lettering
 from core.geometry.boxes import Boxes
 from core.geometry.surface import Surface
-from core.lettering.outline import lettering
 from core.placement.rims import rims
 from tests.core.placement.shapes import box, cuboid, index_of, join, moved, plane, rotation, sphere, surface
 

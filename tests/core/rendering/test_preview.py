@@ -7,8 +7,8 @@ import pytest
 from manifold3d import CrossSection, Manifold
 from PIL import Image
 
+from core.artwork.outline import lettering
 from core.errors import ErrorCode, MeshmarkError
-from core.lettering.outline import lettering
 from core.rendering.cavity import cavity
 from core.rendering.preview import COLUMNS, GAP, VIEWS, contact_sheet
 from core.rendering.renderer import Renderer

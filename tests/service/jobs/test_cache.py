@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from sqlalchemy import update
 
-from core.lettering.fonts import DEFAULT_FONT
+from core.artwork.fonts import DEFAULT_FONT
 from service.config import Settings
 from service.jobs import cache, queue
 from service.jobs.models import Job, Queue

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
+from core.analysis.saliency import Saliency
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.boxes import Boxes
 from core.geometry.directions import fibonacci_directions, view_directions
-from core.ground.saliency import Saliency
 from core.lab.baselines.paper_filters import apart, choose, paper_filters
 from core.lab.baselines.strategy import Prepared
 from core.placement.candidates import upright

@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
+from core.artwork.outline import lettering
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
 from core.lab.baselines.solid import solid
 from core.lab.baselines.whole_boolean import fuse_curved, fuse_flat, text_solid
 from core.lab.plain import Mesh
-from core.lettering.outline import lettering
 from core.metrics.topology import topology
 from tests.core.lab.baselines.assets import watertight
 from tests.core.placement.shapes import box as mark

@@ -4,7 +4,8 @@ from typing import Any
 
 import pytest
 
-from core.lab.benchmark import duel, tables
+from core.lab.benchmark import pairwise as duel
+from core.lab.benchmark import tables
 from core.lab.benchmark.markdown import best, interval, number, table
 from core.lab.benchmark.report import busy, report
 from core.lab.benchmark.rows import Row

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from core.analysis.saliency import saliency
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.surface import Surface
-from core.ground.saliency import saliency
 from core.parameters import Parameters
-from core.placement.site import Site, open_site
+from core.placement.context import Site, open_site
 from tests.core.placement.shapes import cuboid, index_of, plane, text
 
 

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 from scipy.stats import spearmanr
 
+from core.analysis.saliency import SAMPLES, Saliency, saliency
 from core.arrays import Float
 from core.budgets import DEFAULT_BUDGETS
 from core.errors import ErrorCode, MeshmarkError
@@ -15,7 +16,6 @@ from core.formats.admission import admit, document_of
 from core.geometry.boxes import Boxes
 from core.geometry.surface import Surface
 from core.gltf.scene import flatten
-from core.ground.saliency import SAMPLES, Saliency, saliency
 from core.lab.plain import Mesh
 from tests.core.placement.shapes import box, boxes, cuboid, inside_out, join, moved, plane, rotation, sphere, surface
 

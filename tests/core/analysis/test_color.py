@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
+from core.analysis.color import appearance, base_color
 from core.arrays import Float
 from core.errors import ErrorCode, MeshmarkError
 from core.gltf.document import Document
 from core.gltf.scene import Scene, flatten
-from core.ground.base_color import appearance, base_color
 from tests.core.placement.shapes import inside_out
 from tests.core.rendering.glb import QUAD, QUAD_FACES, QUAD_UV, GlbWriter, plain, png
 

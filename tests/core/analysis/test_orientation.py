@@ -3,10 +3,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from core.analysis.orientation import Orientation, orient
 from core.arrays import Bool, Int
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
-from core.ground.orientation import Orientation, orient
 from tests.core.shapes import box, grid, join, moved, sphere, surface
 
 BALL = sphere(5.0, 2)

@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from core.analysis.coincident import Sheets, find_sheets
+from core.analysis.orientation import Orientation, orient
 from core.arrays import Bool, Float, Int
 from core.device import spatial_index
 from core.errors import ErrorCode, MeshmarkError
@@ -14,8 +16,6 @@ from core.geometry.surface import Surface
 from core.gltf.edit import SurfaceEdit
 from core.gltf.scene import Scene
 from core.gltf.viewer import Viewed, drawn_part
-from core.ground.orientation import Orientation, orient
-from core.ground.sheets import Sheets, find_sheets
 
 HIDING = 0.25  # share of a face that is opaque, from which on it is ground, and hides what is behind it
 

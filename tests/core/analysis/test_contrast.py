@@ -5,13 +5,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from core.analysis.contrast import LetterColor, contrasting, letter_colors
+from core.analysis.texture import cielab, from_cielab
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
 from core.gltf.colors import hex_linear, hex_srgb
 from core.gltf.document import Document
 from core.gltf.scene import Scene, flatten
-from core.ground.contrast import LetterColor, contrasting, letter_colors
-from core.ground.texture import cielab, from_cielab
 from tests.core.rendering.glb import QUAD, QUAD_FACES, QUAD_UV, GlbWriter, plain, png
 
 UNLIT: dict[str, Any] = {"extensions": {"KHR_materials_unlit": {}}}

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from core.analysis.color import base_color
+from core.analysis.saliency import otsu
+from core.analysis.samples import Samples
 from core.arrays import Float, Int
 from core.geometry.boxes import Boxes
 from core.geometry.products import product
 from core.geometry.surface import Surface
 from core.gltf.scene import Scene
-from core.ground.base_color import base_color
-from core.ground.saliency import otsu
-from core.ground.under import Samples
 
 RADIUS = 1.0  # size-30 units: an eye, a line of print, about the height of a watermark's letters
 NEIGHBOURS = 32  # at most; more than this lie within the radius only on assets of little area
@@ -54,7 +54,7 @@ class Detail(Samples):
 
     def under(self, boxes: Boxes) -> tuple[Float, Float, Float]:
         """Mean ``stands_out`` (B,), share of samples above the threshold (B,) and mean ``busy`` (B,) of the surface
-        inside each of B boxes: see :meth:`core.ground.under.Samples.means_under`."""
+        inside each of B boxes: see :meth:`core.analysis.samples.Samples.means_under`."""
         values = np.column_stack([self.stands_out, self.stands_out > self.threshold, self.busy])
         mean, share, busy = self.means_under(boxes, values).T
         return mean, share, busy
@@ -78,14 +78,14 @@ def detail(scene: Scene, surface: Surface, points: Float, face: Int) -> Detail |
     Args:
         scene: the asset.
         surface: the scene's, in which faces may be wound the other way round.
-        points: size-30 frame; the samples of :func:`core.ground.saliency.saliency` will do.
+        points: size-30 frame; the samples of :func:`core.analysis.saliency.saliency` will do.
         face: (N,) the face of ``surface`` that each point lies on.
 
     Returns:
         ``None`` where the asset has one colour everywhere.
 
     Raises:
-        MeshmarkError: as :func:`core.ground.base_color.base_color`.
+        MeshmarkError: as :func:`core.analysis.color.base_color`.
     """
     linear = base_color(scene, surface, points, face)
     if np.allclose(linear, linear[0]):

@@ -4,13 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from core.analysis.samples import Samples
 from core.arrays import Float, Int
 from core.geometry.boxes import Boxes
 from core.geometry.surface import Surface
 from core.geometry.triangles import barycentric
 from core.gltf.scene import DrawnPrimitive, Scene
 from core.gltf.skin import influence_sets, read_influences
-from core.ground.under import Samples
 
 
 @dataclass(frozen=True, eq=False)

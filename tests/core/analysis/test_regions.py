@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from core.analysis.regions import Regions, regions
 from core.budgets import DEFAULT_BUDGETS
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
 from core.geometry.boxes import Boxes
 from core.gltf.scene import Scene, flatten
-from core.ground.regions import Regions, regions
 from core.parameters import parse_parameters
 from tests.core.formats.meshes import MESHES
 from tests.core.formats.samples import DAE, OBJ_ZIP, STL_BINARY, THREEMF

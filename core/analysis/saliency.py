@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
 
+from core.analysis.samples import Samples
 from core.arrays import Float, Int
 from core.geometry.boxes import Boxes
 from core.geometry.sampling import sample
 from core.geometry.surface import Surface
-from core.ground.under import Samples
 
 SAMPLES = 20_000
 RADII = (0.4, 0.8, 1.6)  # size-30 units: an eye, a finger, an ear
@@ -45,7 +45,7 @@ class Saliency(Samples):
 
     def under(self, boxes: Boxes) -> tuple[Float, Float]:
         """Mean ``value`` (B,) and share of salient points (B,) of the surface inside each of B boxes: see
-        :meth:`core.ground.under.Samples.means_under`."""
+        :meth:`core.analysis.samples.Samples.means_under`."""
         mean, share = self.means_under(boxes, np.column_stack([self.value, self.salient])).T
         return mean, share
 

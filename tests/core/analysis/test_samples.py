@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from core.analysis.samples import Samples
 from core.geometry.boxes import Boxes
-from core.ground.under import Samples
 from tests.core.placement.shapes import box, boxes
 
 FRONT, BACK = 0.25, 0.75

@@ -6,13 +6,13 @@ import numpy as np
 from manifold3d import CrossSection, FillRule
 
 from core.arrays import Bool, Float, Int
+from core.artwork.outline import Lettering
 from core.embossing.draft import Draft, draft
 from core.embossing.patch import Patch
 from core.embossing.refusal import Refusal
 from core.geometry.boxes import Boxes
 from core.geometry.products import product
 from core.geometry.spatial import Eye, SpatialIndex
-from core.lettering.outline import Lettering
 
 CLEARANCE = 0.032  # text heights kept between an outline and the edge of its patch, so that outlines never cross one
 LOST_AREA = 1e-9  # square text widths: rounding of the clipper, far under a letter's serif

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from core.metrics.sight import above_letters, top_face
+from core.metrics.ray_origins import above_letters, top_face
 from tests.core.placement.shapes import box, index_of, moved, plane, rotation
 
 

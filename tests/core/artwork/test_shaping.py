@@ -4,10 +4,10 @@ import pytest
 from fontTools.feaLib.builder import addOpenTypeFeaturesFromString
 from fontTools.ttLib import TTFont
 
+from core.artwork.fonts import default_font, load_font
+from core.artwork.shaping import shape
 from core.errors import ErrorCode, MeshmarkError
-from core.lettering.fonts import default_font, load_font
-from core.lettering.shaping import shape
-from tests.core.lettering.fontsmith import SQUARE, make_font
+from tests.core.artwork.fontsmith import SQUARE, make_font
 
 FONT = default_font()
 

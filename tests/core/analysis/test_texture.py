@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+from core.analysis.saliency import saliency
+from core.analysis.texture import Detail, detail
 from core.budgets import DEFAULT_BUDGETS
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
@@ -17,8 +19,6 @@ from core.geometry.boxes import Boxes
 from core.geometry.sampling import sample
 from core.gltf.document import Document
 from core.gltf.scene import Scene, flatten
-from core.ground.saliency import saliency
-from core.ground.texture import Detail, detail
 from core.placement.objective import LUMINANCE
 from tests.core.placement.shapes import box, boxes, rotation
 from tests.core.rendering.glb import QUAD, QUAD_FACES, QUAD_UV, GlbWriter, plain, png

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
+from core.analysis.skinning import Joints, joints
 from core.geometry.boxes import Boxes
 from core.geometry.sampling import sample
 from core.gltf.document import Document
 from core.gltf.scene import flatten
-from core.ground.joints import Joints, joints
 from tests.core.gltf.builder import Builder, grid
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
+from core.analysis.analyse import survey
 from core.geometry.spatial import Eye
 from core.gltf.document import Document
 from core.gltf.scene import Scene, flatten
-from core.ground.ground import survey
 from tests.core.rendering.glb import CORNERS, CUBE_FACES, GlbWriter, plain
 
 INWARDS = CUBE_FACES[:, ::-1]

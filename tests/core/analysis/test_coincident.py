@@ -1,6 +1,6 @@
 import numpy as np
 
-from core.ground.sheets import find_sheets
+from core.analysis.coincident import find_sheets
 from tests.core.shapes import box, join, surface
 
 CUBE = box(2.0, 2.0, 2.0)

@@ -4,18 +4,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from core.analysis.opacity import Opacity
+from core.analysis.regions import Regions
+from core.analysis.saliency import Saliency
+from core.analysis.skinning import Joints
+from core.analysis.texture import Detail
 from core.arrays import Bool, Float, Int
+from core.artwork.outline import Lettering
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.products import product
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
 from core.geometry.surfels import Surfels
-from core.ground.joints import Joints
-from core.ground.opacity import Opacity
-from core.ground.regions import Regions
-from core.ground.saliency import Saliency
-from core.ground.texture import Detail
-from core.lettering.outline import Lettering
 from core.parameters import Parameters
 from core.placement.objective import OBJECTIVE, Columns, Objective, columns
 from core.placement.rims import Rims, rims

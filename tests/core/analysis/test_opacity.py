@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from core.analysis.opacity import opacity
 from core.gltf.document import Document
 from core.gltf.scene import Scene, flatten
-from core.ground.opacity import opacity
 from tests.core.rendering.glb import QUAD, QUAD_FACES, QUAD_UV, GlbWriter, png
 
 WINDOW = [[(90, 90, 90, 255), (90, 90, 90, 40)]]  # the right half is glass

@@ -9,10 +9,10 @@ from fontTools.pens.recordingPen import RecordingPen
 from manifold3d import CrossSection, FillRule, JoinType, OpType
 
 from core.arrays import Float
+from core.artwork.fonts import default_font, load_font
+from core.artwork.shaping import Glyph, shape
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.triangles import ring_area
-from core.lettering.fonts import default_font, load_font
-from core.lettering.shaping import Glyph, shape
 
 MAX_POINTS = 20_000
 

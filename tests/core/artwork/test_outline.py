@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from manifold3d import CrossSection, FillRule
 
 from core.arrays import Float
+from core.artwork.outline import MAX_POINTS, Lettering, lettering
 from core.errors import ErrorCode, MeshmarkError
-from core.lettering.outline import MAX_POINTS, Lettering, lettering
-from tests.core.lettering.fontsmith import SQUARE, box, make_font
+from tests.core.artwork.fontsmith import SQUARE, box, make_font
 
 TEXTS = st.text(
     alphabet=string.ascii_letters + string.digits + "!?&%@#.,:;-+()[]{}'\"/\\ \u00c5\u00f6\u00f1\u00df\u00e7\u0416"

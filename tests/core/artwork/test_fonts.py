@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from core.artwork.fonts import DEFAULT_FONT, MAX_FONT_BYTES, load_font
+from core.artwork.outline import lettering
 from core.errors import ErrorCode, MeshmarkError
-from core.lettering.fonts import DEFAULT_FONT, MAX_FONT_BYTES, load_font
-from core.lettering.outline import lettering
-from tests.core.lettering.fontsmith import SQUARE, make_font
+from tests.core.artwork.fontsmith import SQUARE, make_font
 
 DEJAVU = DEFAULT_FONT.read_bytes()
 SMALL = make_font({"a": [SQUARE]})

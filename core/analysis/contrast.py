@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from core.analysis.color import Appearance, appearance
+from core.analysis.texture import cielab, from_cielab
 from core.arrays import Bool, Float
 from core.geometry.boxes import Boxes
 from core.geometry.products import product
@@ -17,8 +19,6 @@ from core.gltf.colors import hex_linear, hex_srgb
 from core.gltf.document import Document, typed
 from core.gltf.materials import UNLIT
 from core.gltf.scene import Scene
-from core.ground.base_color import Appearance, appearance
-from core.ground.texture import cielab, from_cielab
 
 GRID = (48, 16)  # points under each box, along the text and across it
 SPECULAR = 0.04  # share of the light that a dielectric reflects without its base colour (glTF 2.0, appendix B.3.3)
@@ -59,7 +59,7 @@ def letter_colors(
         asked: a colour for all letters, "#rrggbb"; then only whether they glow is decided here.
 
     Raises:
-        MeshmarkError: as :func:`core.ground.base_color.appearance`.
+        MeshmarkError: as :func:`core.analysis.color.appearance`.
     """
     if not len(boxes) or not _outshines(scene.document):
         return [LetterColor(asked, glows=False) if asked else None] * len(boxes)
