@@ -6,14 +6,8 @@ from core.rendering import renderer
 
 # What stages, readers and metrics import when they need it; a test runs the engine and finds what is missing here.
 LATER = (
-    *(
-        "core.analysis.contrast",
-        "core.analysis.analyse",
-        "core.analysis.skinning",
-        "core.analysis.regions",
-        "core.analysis.texture",
-    ),
-    "core.placement.place",
+    *("core.analysis.analyse", "core.analysis.contrast", "core.analysis.regions", "core.analysis.skinning"),
+    *("core.analysis.texture", "core.placement.place"),
     *("core.embossing.copies", "core.embossing.drawn", "core.embossing.marks", "core.embossing.islands"),
     *("core.embossing.unmarked", "core.report", "core.metrics.measure"),
     *("DracoPy", "meshopt", "manifold3d", "trimesh.exchange.dae", "rapidocr"),

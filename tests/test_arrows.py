@@ -1,0 +1,161 @@
+"""Which part of the house may use which, and how large its rooms are."""
+
+import ast
+from collections import defaultdict
+from collections.abc import Iterator
+from graphlib import TopologicalSorter
+from itertools import chain
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("core", "service", "worker")
+
+# Of each folder, and each file beside the folders of core, all that it imports of core: no more and no less. What every
+# part may use (arrays, errors, and the version) is not listed.
+BELOW = {
+    "budgets": "",
+    "refusals": "",
+    "parameters": "validation",
+    "geometry": "",
+    "device": "geometry",
+    "gltf": "geometry budgets refusals",
+    "formats": "gltf geometry budgets refusals",
+    "artwork": "geometry",
+    "analysis": "gltf geometry device parameters",
+    "placement": "analysis artwork gltf geometry parameters process",
+    "embossing": "placement analysis artwork gltf geometry parameters",
+    "rendering": "gltf geometry process",
+    "models": "",
+    "metrics": "placement analysis rendering geometry models parameters processors",
+    "report": "metrics embossing placement formats geometry parameters device",
+    "preload": "rendering",
+    "pipeline": (
+        "report metrics rendering embossing placement analysis artwork formats gltf geometry budgets parameters preload"
+    ),
+    "evaluate": "report metrics rendering analysis formats gltf geometry budgets parameters",
+    "lab": (
+        "pipeline metrics rendering placement analysis artwork formats gltf geometry budgets parameters processors"
+    ),
+    "cli": "lab pipeline evaluate models parameters",
+    "__init__": "process",
+}
+EVERYWHERE = {"arrays", "errors", "__version__"}
+
+# Of core, the service and the worker use these; the worker alone the reading of uploads.
+OF_SERVICE = {"errors", "validation", "parameters", "budgets", "artwork", "__version__"}
+OF_WORKER = OF_SERVICE | {"formats", "pipeline", "preload", "processors"}
+
+FILE_LINES = 400
+PARAMETERS = 7
+
+# Files and functions that are larger; the list only gets shorter.
+LONG_FILES = {"core/formats/ply.py", "core/gltf/validate.py", "core/pipeline.py"}
+WIDE_FUNCTIONS = {
+    "core/analysis/orientation.py:_inside_out",
+    "core/formats/xml.py:parse_xml",
+    "core/geometry/warp_kernels.py:first_hit",
+    "core/lab/benchmark/sizing.py:sizing",
+    "core/pipeline.py:watermark",
+    "core/placement/context.py:open_site",
+    "core/report.py:build_report",
+}
+
+
+def sources(package: str) -> list[Path]:
+    return sorted((ROOT / package).rglob("*.py"))
+
+
+def imported(path: Path) -> Iterator[str]:
+    """The dotted names that a file imports of this project, wherever in it."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        match node:
+            case ast.ImportFrom(module=str(module), level=0):
+                names = [module] if "." in module else [f"{module}.{alias.name}" for alias in node.names]
+            case ast.Import():
+                names = [alias.name for alias in node.names]
+            case _:
+                names = []
+        yield from (name for name in names if name.split(".")[0] in PACKAGES)
+
+
+def part(path: Path) -> str:
+    """The folder of a package that a file lies in, or its own name where it lies beside the folders."""
+    return path.relative_to(ROOT).with_suffix("").parts[1]
+
+
+def used_by_core() -> dict[str, set[str]]:
+    found = defaultdict[str, set[str]](set)
+    for path in sources("core"):
+        names = (name.split(".") for name in imported(path))
+        found[part(path)] |= {name[1] for name in names if name[0] == "core"} - {part(path)} - EVERYWHERE
+    return {name: parts for name, parts in found.items() if parts or name in BELOW}
+
+
+def test_each_part_of_the_engine_uses_those_below_it_and_no_others() -> None:
+    assert used_by_core() == {name: set(below.split()) for name, below in BELOW.items()}
+
+
+def test_no_two_parts_of_the_engine_use_each_other() -> None:
+    list(TopologicalSorter(used_by_core()).static_order())  # raises where there is a circle
+
+
+def modules(package: str) -> dict[str, set[str]]:
+    """The modules of this package that each of its modules imports when it is loaded."""
+    known = {
+        ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__") for path in sources(package)
+    }
+    graph = {}
+    for path in sources(package):
+        name = ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+        at_once = [node for node in ast.parse(path.read_text()).body if isinstance(node, ast.ImportFrom)]
+        targets = chain.from_iterable(
+            [str(node.module), *(f"{node.module}.{alias.name}" for alias in node.names)] for node in at_once
+        )
+        graph[name] = known.intersection(targets) - {name}
+    return graph
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_two_modules_import_each_other(package: str) -> None:
+    list(TopologicalSorter(modules(package)).static_order())
+
+
+def test_the_engine_knows_no_service_and_the_service_no_worker() -> None:
+    assert [name for path in sources("core") for name in imported(path) if not name.startswith("core")] == []
+    assert [name for path in sources("service") for name in imported(path) if name.startswith("worker")] == []
+
+
+@pytest.mark.parametrize(("package", "allowed"), [("service", OF_SERVICE), ("worker", OF_WORKER)])
+def test_of_the_engine_only_its_entrances_are_used(package: str, allowed: set[str]) -> None:
+    names = {name.split(".")[1] for path in sources(package) for name in imported(path) if name.startswith("core")}
+    assert names <= allowed
+
+
+def test_what_service_and_worker_share_knows_no_routes() -> None:
+    below = ("service.routes", "service.app", "service.console")
+    shared = [path for path in sources("service") if part(path) in ("jobs", "hooks", "webhooks", "outbound")]
+    assert [(path.name, name) for path in shared for name in imported(path) if name.startswith(below)] == []
+
+
+def test_files_of_the_engine_are_short() -> None:
+    long = {str(path.relative_to(ROOT)) for path in sources("core") if len(path.read_text().splitlines()) > FILE_LINES}
+    assert long == LONG_FILES
+
+
+def width(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    """The parameters of a function, without that of its object."""
+    arguments = function.args
+    names = [each.arg for each in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)]
+    return len(names) - (names[:1] in (["self"], ["cls"])) + (arguments.vararg is not None)
+
+
+def test_functions_of_the_engine_take_few_things() -> None:
+    wide = {
+        f"{path.relative_to(ROOT)}:{node.name}"
+        for path in sources("core")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and width(node) > PARAMETERS
+    }
+    assert wide == WIDE_FUNCTIONS
