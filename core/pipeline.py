@@ -37,7 +37,7 @@ from core.rendering.preview import contact_sheet
 from core.rendering.renderer import Renderer
 
 if TYPE_CHECKING:
-    from core.analysis.analyse import Ground
+    from core.analysis.analyse import SurfaceAnalysis
     from core.analysis.saliency import Saliency
     from core.embossing.copies import MarkedCopy
     from core.embossing.emboss import Mark
@@ -70,7 +70,7 @@ class Job:
     # read
     format: Format = field(init=False)
     scene: Scene = field(init=False)
-    ground: "Ground" = field(init=False)
+    ground: "SurfaceAnalysis" = field(init=False)
     # letter
     lettering: Lettering = field(init=False)
     # place

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from core.analysis.coincident import Sheets, find_sheets
+from core.analysis.coincident import CoincidentFaces, find_coincident
 from core.analysis.orientation import Orientation, orient
 from core.arrays import Bool, Float, Int
 from core.device import spatial_index
@@ -21,19 +21,19 @@ HIDING = 0.25  # share of a face that is opaque, from which on it is ground, and
 
 
 @dataclass(frozen=True, eq=False)
-class Ground:
+class SurfaceAnalysis:
     """An asset's surface, as it is seen from outside.
 
     Attributes:
-        surface: the scene's, with the faces in ``turned`` wound the other way round, so that all normals look out that
+        surface: the scene's, with the faces in ``flipped`` wound the other way round, so that all normals look out that
             may: the normals of faces that are drawn from one side only are the file's. Faces that are not drawn are
             collapsed.
-        turned: (F,) faces that the file winds inside out.
-        part: (F,) number of the part that each distinct face belongs to: what hangs together through edges of exactly
+        flipped: (F,) faces that the file winds inside out.
+        component: (F,) number of the part that each distinct face belongs to: what hangs together through edges of exactly
             two faces. -1 for others.
-        sheets: its layers; faces that are not drawn are not distinct.
-        solid: (F,) distinct faces to place watermarks on.
-        possible: (F,) distinct faces to fall back to: ``solid`` and the see-through ones.
+        coincident: its layers; faces that are not drawn are not distinct.
+        opaque: (F,) distinct faces to place watermarks on.
+        cuttable: (F,) distinct faces to fall back to: ``opaque`` and the see-through ones.
         index: over the distinct faces; it answers with face numbers of ``surface``. Eyes look through what is drawn
             from one side only, and through what is see-through.
         glazed: the same, but eyes do not look through what is see-through.
@@ -41,18 +41,18 @@ class Ground:
     """
 
     surface: Surface
-    turned: Bool
-    part: Int
-    sheets: Sheets
-    solid: Bool
-    possible: Bool
+    flipped: Bool
+    component: Int
+    coincident: CoincidentFaces
+    opaque: Bool
+    cuttable: Bool
     index: SpatialIndex
     glazed: SpatialIndex
     resolution: Float
 
-    def as_in_file(self, edit: SurfaceEdit) -> SurfaceEdit:
+    def with_file_winding(self, edit: SurfaceEdit) -> SurfaceEdit:
         """An edit of ``surface`` as one of the scene's own: every triangle wound like the face it was cut from."""
-        turned = self.turned[edit.source_face]
+        turned = self.flipped[edit.source_face]
         order = np.where(turned[:, None], [0, 2, 1], [0, 1, 2])
         rows = np.arange(len(order))[:, None]
         return replace(
@@ -64,8 +64,8 @@ class Ground:
         )
 
 
-def survey(scene: Scene) -> Ground:
-    """The :class:`Ground` of a scene.
+def survey(scene: Scene) -> SurfaceAnalysis:
+    """The :class:`SurfaceAnalysis` of a scene.
 
     Raises:
         MeshmarkError: ``no_faces`` when every face is collapsed; ``device_unavailable``.
@@ -88,7 +88,7 @@ def survey(scene: Scene) -> Ground:
         faces = np.where(facing.turned[:, None], surface.faces[:, [0, 2, 1]], surface.faces)
         surface = replace(surface, faces=faces)
     free = sheets.distinct & ~sheets.pinned
-    return Ground(
+    return SurfaceAnalysis(
         surface,
         facing.turned,
         facing.part,
@@ -108,7 +108,7 @@ def eye_index(scene: Scene, frame: Surface, *, through: bool = True) -> tuple[Su
     surface = drawn_part(scene.surface.in_frame_of(frame), seen.drawn)
     one_sided, counts = seen.one_sided & seen.drawn, seen.drawn
     if one_sided.any():
-        sheets = find_sheets(surface, seen.drawn.astype(np.int64))
+        sheets = find_coincident(surface, seen.drawn.astype(np.int64))
         counts = sheets.distinct & seen.drawn
         one_sided &= ~_backed(surface, seen, sheets)
     hides = np.where(one_sided, Hides.FROM_FRONT, Hides.ALWAYS).astype(np.uint8)
@@ -119,10 +119,10 @@ def eye_index(scene: Scene, frame: Surface, *, through: bool = True) -> tuple[Su
 
 @dataclass(frozen=True, eq=False)
 class _Layer:
-    """The faces that make up the ground, and how they are turned; arrays and ``index`` as in :class:`Ground`."""
+    """The faces that make up the ground, and how they are turned; arrays and ``index`` as in :class:`SurfaceAnalysis`."""
 
-    sheets: Sheets
-    facing: Orientation
+    coincident: CoincidentFaces
+    orientation: Orientation
     hides: NDArray[np.uint8]
     index: SpatialIndex
 
@@ -130,7 +130,7 @@ class _Layer:
 def _layer(surface: Surface, seen: Viewed, rank: Int, *, turn_backed: bool) -> _Layer:
     """The ground of the coincident faces with the highest ``rank`` (F,); whether faces that are drawn from their front
     only may be turned where something coincident shows their back."""
-    sheets = find_sheets(surface, rank)
+    sheets = find_coincident(surface, rank)
     distinct = sheets.distinct & seen.drawn
     if not distinct.any():
         raise MeshmarkError(
@@ -151,7 +151,7 @@ def _through(hides: NDArray[np.uint8], clear: Bool) -> NDArray[np.uint8]:
     return np.where(clear, Hides.NEVER, hides).astype(np.uint8)
 
 
-def _backed(surface: Surface, seen: Viewed, sheets: Sheets) -> Bool:
+def _backed(surface: Surface, seen: Viewed, sheets: CoincidentFaces) -> Bool:
     """(F,) distinct faces that something coincident shows the back of: a face that looks the other way, or one that is
     drawn from both sides."""
     of, copy = sheets.copies.T

@@ -15,7 +15,7 @@ _MIX = tuple(np.uint64(constant) for constant in (0x9E3779B97F4A7C15, 0xBF58476D
 
 
 @dataclass(frozen=True, eq=False)
-class Sheets:
+class CoincidentFaces:
     """A surface seen as one layer where several coincide.
 
     Faces are coincident when their corners lie at exactly the same three places, whatever their order and whatever
@@ -28,29 +28,29 @@ class Sheets:
         copies: (C, 2) a distinct face, and one that coincides with it and was set aside.
         duplicates: (D, 2) a distinct face, and one with the same welded corners and winding: nothing is lost when it
             goes together with the distinct one. Sorted.
-        twinned: (F,) distinct faces with a coincident one of the same welded corners and the opposite winding: a
+        has_reversed_copy: (F,) distinct faces with a coincident one of the same welded corners and the opposite winding: a
             second layer that stays where it is.
-        covered: (F,) distinct faces on which any coincident face stays.
-        pinned: (F,) distinct faces not to be cut: they have duplicates at the rim of a sheet, and where both go, an
+        has_remaining_copy: (F,) distinct faces on which any coincident face stays.
+        not_cuttable: (F,) distinct faces not to be cut: they have duplicates at the rim of a sheet, and where both go, an
             edge of two faces would be left with one.
     """
 
     distinct: Bool
     copies: Int
     duplicates: Int
-    twinned: Bool
-    covered: Bool
-    pinned: Bool
+    has_reversed_copy: Bool
+    has_remaining_copy: Bool
+    not_cuttable: Bool
 
 
-def single_layer(faces: int) -> Sheets:
+def single_layer(faces: int) -> CoincidentFaces:
     """Every one of ``faces`` faces is distinct."""
     none, no_pairs = np.zeros(faces, dtype=bool), np.empty((0, 2), dtype=np.int64)
-    return Sheets(~none, no_pairs, no_pairs, none, none, none)
+    return CoincidentFaces(~none, no_pairs, no_pairs, none, none, none)
 
 
-def find_sheets(surface: Surface, rank: Int) -> Sheets:
-    """The :class:`Sheets` of a surface; of coincident faces the one with the highest ``rank`` (F,) is the distinct
+def find_coincident(surface: Surface, rank: Int) -> CoincidentFaces:
+    """The :class:`CoincidentFaces` of a surface; of coincident faces the one with the highest ``rank`` (F,) is the distinct
     one, else the first."""
     corners = surface.weld[surface.faces]
     distinct = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
@@ -72,12 +72,12 @@ def find_sheets(surface: Surface, rank: Int) -> Sheets:
     pinned = np.zeros(len(corners), dtype=bool)
     if len(pairs):
         pinned[pairs[:, 0]] = True
-        pinned &= _at_rim(surface, distinct)
+        pinned &= _has_boundary_edge(surface, distinct)
     duplicates = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
-    return Sheets(distinct, np.column_stack([of, copy]), duplicates, twinned, covered, pinned)
+    return CoincidentFaces(distinct, np.column_stack([of, copy]), duplicates, twinned, covered, pinned)
 
 
-def _at_rim(surface: Surface, distinct: Bool) -> Bool:
+def _has_boundary_edge(surface: Surface, distinct: Bool) -> Bool:
     """(F,) which of the ``distinct`` (F,) faces have an edge that no other of them has."""
     edges = surface.edges.among(distinct)
     result = np.zeros(len(distinct), dtype=bool)

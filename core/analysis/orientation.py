@@ -25,13 +25,13 @@ class Orientation:
     """Which sides of a surface are out.
 
     Attributes:
-        turned: (F,) faces whose winding must be turned for their normals to look out.
-        part: (F,) number of the part that each face belongs to, -1 where it does not count.
+        flipped: (F,) faces whose winding must be turned for their normals to look out.
+        component: (F,) number of the part that each face belongs to, -1 where it does not count.
         closed: (F,) faces of parts that have an inside, and show their fronts outside of it.
     """
 
-    turned: Bool
-    part: Int
+    flipped: Bool
+    component: Int
     closed: Bool
 
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.analysis.coincident import Sheets, single_layer
+from core.analysis.coincident import CoincidentFaces, single_layer
 from core.arrays import Bool, Float, Int
 from core.geometry.surface import Surface
 from core.geometry.triangles import barycentric
@@ -90,7 +90,7 @@ class WorkingMesh:
     """
 
     def __init__(
-        self, surface: Surface, editable: Bool, sheets: Sheets | None = None, resolution: Float | None = None
+        self, surface: Surface, editable: Bool, sheets: CoincidentFaces | None = None, resolution: Float | None = None
     ) -> None:
         self.surface = surface
         self.original_faces = len(surface.faces)
@@ -150,7 +150,7 @@ class WorkingMesh:
 
     def twinned(self, ids: Int) -> Bool:
         """(N,) whether a second layer with the opposite winding lies on these faces, sharing their vertices."""
-        return np.asarray(self._sheets.twinned[self.source(ids)])
+        return np.asarray(self._sheets.has_reversed_copy[self.source(ids)])
 
     def covered(self, ids: Int) -> Bool:
         """(N,) whether another layer stays exactly on these faces when they are cut."""
