@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from core.embossing.copies import MarkedCopy
     from core.embossing.emboss import Mark
     from core.geometry.spatial import SpatialIndex
-    from core.placement.context import Site
+    from core.placement.context import PlacementContext
     from core.placement.objective import Objective, Placement
     from core.report import Warnings
 
@@ -77,7 +77,7 @@ class Job:
     usable: NDArray[np.bool_] = field(init=False)  # (F,) faces a watermark may be cut into
     saliency: "Saliency" = field(init=False)
     rng: np.random.Generator = field(init=False)  # of placement
-    site: "Site" = field(init=False)
+    context: "PlacementContext" = field(init=False)
     placement: "Placement" = field(init=False)
     opaque: float = field(init=False)  # share of a face that is opaque, for letters to stand on it
     # emboss
@@ -140,9 +140,9 @@ def _read(job: Job) -> None:
             }
         )
 
-    from core.analysis.analyse import survey
+    from core.analysis.analyse import analyse
 
-    job.ground = survey(job.scene)
+    job.ground = analyse(job.scene)
 
 
 def _letter(job: Job) -> None:
@@ -154,9 +154,9 @@ def _place(job: Job) -> None:
     from core.analysis.opacity import opacity
     from core.analysis.regions import regions
     from core.analysis.saliency import saliency
-    from core.analysis.skinning import joints
-    from core.analysis.texture import detail
-    from core.placement.context import open_site
+    from core.analysis.skinning import skin_deformation
+    from core.analysis.texture import texture_saliency
+    from core.placement.context import build_context
     from core.placement.objective import OBJECTIVE
     from core.placement.place import place
 
@@ -165,7 +165,10 @@ def _place(job: Job) -> None:
     job.rng = np.random.default_rng(parameters.seed)
     job.saliency = saliency(ground.surface, parameters.seed)
     samples = job.saliency.points, job.saliency.face
-    texture, skin = detail(job.scene, ground.surface, *samples), joints(job.scene, ground.surface, *samples)
+    texture, skin = (
+        texture_saliency(job.scene, ground.surface, *samples),
+        skin_deformation(job.scene, ground.surface, *samples),
+    )
     job.warnings += [
         {"code": lost.code.value, "message": lost.message, "remedy": lost.remedy}
         for lost in undecoded_textures(job.scene.document)
@@ -173,7 +176,7 @@ def _place(job: Job) -> None:
 
     def on(usable: NDArray[np.bool_], index: "SpatialIndex", opaque: float) -> "Placement":
         job.usable, job.opaque = asked.within(usable), opaque
-        job.site = open_site(
+        job.context = build_context(
             ground.surface,
             index,
             job.saliency,
@@ -183,19 +186,19 @@ def _place(job: Job) -> None:
             parameters,
             job.rng,
             job.usable,
-            ground.part,
+            ground.component,
             asked,
             opacity(job.scene, ground.surface, job.usable) if opaque else None,
             job.objective or OBJECTIVE,
         )
-        return place(job.site, job.rng, job.report_progress)
+        return place(job.context, job.rng, job.report_progress)
 
     try:
-        job.placement = on(ground.solid, ground.index, HIDING)
+        job.placement = on(ground.opaque, ground.index, HIDING)
     except MeshmarkError as error:
-        if error.code is not ErrorCode.NO_PLACEMENT or (ground.possible == ground.solid).all():
+        if error.code is not ErrorCode.NO_PLACEMENT or (ground.cuttable == ground.opaque).all():
             raise
-        job.placement = on(ground.possible, ground.glazed, 0.0)
+        job.placement = on(ground.cuttable, ground.glazed, 0.0)
         job.warnings.append(
             {
                 "code": "see_through_surface",
@@ -207,12 +210,14 @@ def _place(job: Job) -> None:
 
 
 def _emboss(job: Job) -> None:
-    from core.embossing.islands import stamp
+    from core.embossing.islands import letter_islands
     from core.embossing.marks import emboss_marks
     from core.placement.legibility import legible_height
 
-    job.mesh = WorkingMesh(job.ground.surface, job.usable, job.ground.sheets, job.ground.resolution)
-    done = emboss_marks(job.mesh, job.site, job.placement, stamp(job.lettering), job.rng, job.report_progress)
+    job.mesh = WorkingMesh(job.ground.surface, job.usable, job.ground.coincident, job.ground.resolution)
+    done = emboss_marks(
+        job.mesh, job.context, job.placement, letter_islands(job.lettering), job.rng, job.report_progress
+    )
     job.placement, job.marks, job.refusals = done.placement, done.marks, done.refusals
     highest = max(mark.box.size[0, 1] for mark in job.marks.values())
     if highest < legible_height(job.parameters.color) * (1 - 1e-6):
@@ -250,7 +255,7 @@ def _write(job: Job) -> None:
         _write_marks(job)
     job.warnings += unmarked(job.copies)
     marked = ground.surface.face_primitive[edit.source_face[np.unique(edit.mark, return_index=True)[1]]]
-    without = unmarked_parts(job.scene, ground.surface, job.saliency, job.site.index, marked)
+    without = unmarked_parts(job.scene, ground.surface, job.saliency, job.context.index, marked)
     job.warnings += [without] if without else []
     job.publish("model", job.model)
 
@@ -262,18 +267,18 @@ def _take_out(job: Job, undrawn: list[int]) -> None:
         MeshmarkError: ``no_placement`` where none is left.
     """
     from core.embossing.emboss import Mark
-    from core.embossing.islands import stamp
+    from core.embossing.islands import letter_islands
     from core.embossing.marks import emboss_boxes
     from core.embossing.refusal import Refusal
     from core.report import boxes_of
 
     kept = {box: mark for box, mark in job.marks.items() if box not in undrawn}
     job.refusals[Refusal.UNDRAWN.value] += len(undrawn)
-    job.mesh = WorkingMesh(job.ground.surface, job.usable, job.ground.sheets, job.ground.resolution)
+    job.mesh = WorkingMesh(job.ground.surface, job.usable, job.ground.coincident, job.ground.resolution)
     job.marks = {}
     if kept:
         boxes, _ = boxes_of(kept, job.parameters)
-        outcomes = emboss_boxes(job.mesh, boxes, stamp(job.lettering), job.parameters, job.site.index)
+        outcomes = emboss_boxes(job.mesh, boxes, letter_islands(job.lettering), job.parameters, job.context.index)
         for box, outcome in zip(kept, outcomes, strict=True):
             if isinstance(outcome, Mark):
                 job.marks[box] = outcome
@@ -291,15 +296,15 @@ def _take_out(job: Job, undrawn: list[int]) -> None:
 def _write_marks(job: Job) -> None:
     from core.analysis.contrast import letter_colors
     from core.embossing.copies import AssetMarks, mark_copies
-    from core.embossing.islands import stamp
+    from core.embossing.islands import letter_islands
     from core.report import boxes_of
 
     boxes, _ = boxes_of(job.marks, job.parameters)
-    worn = letter_colors(job.scene, job.ground.surface, job.site.index, boxes, job.parameters.color)
+    worn = letter_colors(job.scene, job.ground.surface, job.context.index, boxes, job.parameters.color)
     job.colors = [color.color if color else None for color in worn]
     glowing = {number for number, color in enumerate(worn) if color and color.glows}
-    job.model = write(job.scene, job.ground.as_in_file(job.mesh.edit()), job.colors, glowing)
-    marks = AssetMarks(job.ground.surface, boxes, stamp(job.lettering), job.colors, glowing, job.parameters)
+    job.model = write(job.scene, job.ground.with_file_winding(job.mesh.edit()), job.colors, glowing)
+    marks = AssetMarks(job.ground.surface, boxes, letter_islands(job.lettering), job.colors, glowing, job.parameters)
     job.model, job.copies = mark_copies(job.model, marks)
     job.written = flatten(Document.from_glb(job.model))
 
@@ -369,7 +374,7 @@ def _evaluate(job: Job) -> None:
     # Measured on the file as it was written, rounding included.
     written, index = eye_index(job.written, job.scene.surface, through=job.opaque > 0)
     pair = Pair(
-        Subject(job.ground.surface, job.site.index, before, job.parameters.seed, job.saliency),
+        Subject(job.ground.surface, job.context.index, before, job.parameters.seed, job.saliency),
         Subject(written, index, after),
         *boxes_of(job.marks, job.parameters),
         job.parameters.text,

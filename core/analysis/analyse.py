@@ -29,8 +29,8 @@ class SurfaceAnalysis:
             may: the normals of faces that are drawn from one side only are the file's. Faces that are not drawn are
             collapsed.
         flipped: (F,) faces that the file winds inside out.
-        component: (F,) number of the part that each distinct face belongs to: what hangs together through edges of exactly
-            two faces. -1 for others.
+        component: (F,) number of the part that each distinct face belongs to: what hangs together through edges of
+            exactly two faces. -1 for others.
         coincident: its layers; faces that are not drawn are not distinct.
         opaque: (F,) distinct faces to place watermarks on.
         cuttable: (F,) distinct faces to fall back to: ``opaque`` and the see-through ones.
@@ -64,7 +64,7 @@ class SurfaceAnalysis:
         )
 
 
-def survey(scene: Scene) -> SurfaceAnalysis:
+def analyse(scene: Scene) -> SurfaceAnalysis:
     """The :class:`SurfaceAnalysis` of a scene.
 
     Raises:
@@ -77,21 +77,21 @@ def survey(scene: Scene) -> SurfaceAnalysis:
     solid = possible & (seen.opacity >= HIDING)
     rank = seen.drawn.astype(np.int64) + possible + solid
     layer = _layer(surface, seen, rank, turn_backed=True)
-    inner = layer.facing.turned & seen.one_sided
+    inner = layer.orientation.flipped & seen.one_sided
     if inner.any():
         # Of two coincident faces, each drawn from its front only, the one that looks out is the ground.
         layer = _layer(surface, seen, 2 * rank - inner, turn_backed=False)
-    sheets, facing, hides, clear = layer.sheets, layer.facing, layer.hides.copy(), seen.opacity < HIDING
+    sheets, facing, hides, clear = layer.coincident, layer.orientation, layer.hides.copy(), seen.opacity < HIDING
     # A closed body shows its fronts and hides its backs: eyes need not be asked about them.
     hides[facing.closed] = Hides.ALWAYS
-    if facing.turned.any():
-        faces = np.where(facing.turned[:, None], surface.faces[:, [0, 2, 1]], surface.faces)
+    if facing.flipped.any():
+        faces = np.where(facing.flipped[:, None], surface.faces[:, [0, 2, 1]], surface.faces)
         surface = replace(surface, faces=faces)
-    free = sheets.distinct & ~sheets.pinned
+    free = sheets.distinct & ~sheets.not_cuttable
     return SurfaceAnalysis(
         surface,
-        facing.turned,
-        facing.part,
+        facing.flipped,
+        facing.component,
         sheets,
         solid & free,
         possible & free,
@@ -119,7 +119,8 @@ def eye_index(scene: Scene, frame: Surface, *, through: bool = True) -> tuple[Su
 
 @dataclass(frozen=True, eq=False)
 class _Layer:
-    """The faces that make up the ground, and how they are turned; arrays and ``index`` as in :class:`SurfaceAnalysis`."""
+    """The faces that make up the ground, and how they are turned; arrays and ``index`` as in
+    :class:`SurfaceAnalysis`."""
 
     coincident: CoincidentFaces
     orientation: Orientation

@@ -28,11 +28,11 @@ class CoincidentFaces:
         copies: (C, 2) a distinct face, and one that coincides with it and was set aside.
         duplicates: (D, 2) a distinct face, and one with the same welded corners and winding: nothing is lost when it
             goes together with the distinct one. Sorted.
-        has_reversed_copy: (F,) distinct faces with a coincident one of the same welded corners and the opposite winding: a
-            second layer that stays where it is.
+        has_reversed_copy: (F,) distinct faces with a coincident one of the same welded corners and the opposite
+            winding: a second layer that stays where it is.
         has_remaining_copy: (F,) distinct faces on which any coincident face stays.
-        not_cuttable: (F,) distinct faces not to be cut: they have duplicates at the rim of a sheet, and where both go, an
-            edge of two faces would be left with one.
+        not_cuttable: (F,) distinct faces not to be cut: they have duplicates at the rim of a sheet, and where both go,
+            an edge of two faces would be left with one.
     """
 
     distinct: Bool
@@ -50,8 +50,8 @@ def single_layer(faces: int) -> CoincidentFaces:
 
 
 def find_coincident(surface: Surface, rank: Int) -> CoincidentFaces:
-    """The :class:`CoincidentFaces` of a surface; of coincident faces the one with the highest ``rank`` (F,) is the distinct
-    one, else the first."""
+    """The :class:`CoincidentFaces` of a surface; of coincident faces the one with the highest ``rank`` (F,) is the
+    distinct one, else the first."""
     corners = surface.weld[surface.faces]
     distinct = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
     twinned, covered = np.zeros(len(corners), dtype=bool), np.zeros(len(corners), dtype=bool)

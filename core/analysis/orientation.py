@@ -72,7 +72,7 @@ def orient(
     turned &= ~fixed
     none = np.zeros(len(surface.faces), dtype=bool)
     result = Orientation(none, np.full(len(surface.faces), -1), none.copy())
-    result.turned[ids], result.part[ids] = turned, part
+    result.flipped[ids], result.component[ids] = turned, part
     result.closed[ids] = _closed(surface, ids, turned, part, one, two, agree)
     return result
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
 
-from core.analysis.samples import Samples
+from core.analysis.samples import SurfaceSamples
 from core.arrays import Float, Int
 from core.geometry.boxes import Boxes
 from core.geometry.sampling import sample
@@ -25,7 +25,7 @@ CONTRAST = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Saliency(Samples):
+class Saliency(SurfaceSamples):
     """A saliency map on area samples of a surface.
 
     Attributes:
@@ -45,8 +45,8 @@ class Saliency(Samples):
 
     def under(self, boxes: Boxes) -> tuple[Float, Float]:
         """Mean ``value`` (B,) and share of salient points (B,) of the surface inside each of B boxes: see
-        :meth:`core.analysis.samples.Samples.means_under`."""
-        mean, share = self.means_under(boxes, np.column_stack([self.value, self.salient])).T
+        :meth:`core.analysis.samples.SurfaceSamples.mean_in_boxes`."""
+        mean, share = self.mean_in_boxes(boxes, np.column_stack([self.value, self.salient])).T
         return mean, share
 
 

@@ -1,4 +1,4 @@
-"""Samples of a surface that carry values, and what of them lies under a watermark."""
+"""SurfaceSamples of a surface that carry values, and what of them lies under a watermark."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +14,7 @@ NEAREST = 64  # among which those of a box with too few are looked for
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class SurfaceSamples:
     """Points on a surface.
 
     Attributes:
@@ -29,14 +29,14 @@ class Samples:
     def _tree(self) -> cKDTree:
         return cKDTree(self.points)
 
-    def means_under(self, boxes: Boxes, values: Float) -> Float:
-        """(B, K) means of ``values`` (N, K) over the samples under each of B boxes: see :meth:`pairs_under`."""
-        owner, which = self.pairs_under(boxes)
+    def mean_in_boxes(self, boxes: Boxes, values: Float) -> Float:
+        """(B, K) means of ``values`` (N, K) over the samples under each of B boxes: see :meth:`pairs_in_boxes`."""
+        owner, which = self.pairs_in_boxes(boxes)
         count = np.maximum(np.bincount(owner, minlength=len(boxes)), 1)
         total = [np.bincount(owner, weights=column[which], minlength=len(boxes)) for column in values.T]
         return np.column_stack(total) / count[:, None]
 
-    def pairs_under(self, boxes: Boxes) -> tuple[Int, Int]:
+    def pairs_in_boxes(self, boxes: Boxes) -> tuple[Int, Int]:
         """Pairs of a box and a sample under it: (P,), (P,).
 
         Points whose normals look away from the box belong to the far side of a thin part and do not count. A box

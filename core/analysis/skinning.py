@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from core.analysis.samples import Samples
+from core.analysis.samples import SurfaceSamples
 from core.arrays import Float, Int
 from core.geometry.boxes import Boxes
 from core.geometry.surface import Surface
@@ -14,7 +14,7 @@ from core.gltf.skin import influence_sets, read_influences
 
 
 @dataclass(frozen=True, eq=False)
-class Joints(Samples):
+class SkinDeformation(SurfaceSamples):
     """What moves each of some samples of a surface.
 
     Attributes:
@@ -30,7 +30,7 @@ class Joints(Samples):
         weights. 0 where all of the text follows one joint. Where two share it half and half it is 0.5, whether one
         moves the left half and the other the right (the text breaks) or both move all of it (blended rotations
         shrink)."""
-        owner, which = self.pairs_under(boxes)
+        owner, which = self.pairs_in_boxes(boxes)
         box = np.repeat(owner, self.joints.shape[1])
         joint, weight = self.joints[which].ravel(), self.weights[which].ravel()
         nodes = int(self.joints.max()) + 1
@@ -41,8 +41,9 @@ class Joints(Samples):
         return np.asarray(np.clip(1 - squared, 0, 1))
 
 
-def joints(scene: Scene, surface: Surface, points: Float, face: Int) -> Joints | None:
-    """The :class:`Joints` at ``points`` (N, 3) of a scene's ``surface``, on its faces ``face`` (N,), size-30 units.
+def skin_deformation(scene: Scene, surface: Surface, points: Float, face: Int) -> SkinDeformation | None:
+    """The :class:`SkinDeformation` at ``points`` (N, 3) of a scene's ``surface``, on its faces ``face`` (N,), size-30
+    units.
 
     What has no skin follows its node. ``None`` where nothing of the asset is skinned.
     """
@@ -65,7 +66,7 @@ def joints(scene: Scene, surface: Surface, points: Float, face: Int) -> Joints |
         columns = 3 * nodes.shape[1]
         moved[mine, :columns] = nodes[rows].reshape(len(mine), columns)
         weights[mine, :columns] = (share[mine][:, :, None] * strength[rows]).reshape(len(mine), columns)
-    return Joints(points, surface.normals[face], moved, weights)
+    return SkinDeformation(points, surface.normals[face], moved, weights)
 
 
 def _influences(scene: Scene, drawn: DrawnPrimitive) -> tuple[Int, Float] | None:

@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from core.analysis.color import base_color
 from core.analysis.saliency import otsu
-from core.analysis.samples import Samples
+from core.analysis.samples import SurfaceSamples
 from core.arrays import Float, Int
 from core.geometry.boxes import Boxes
 from core.geometry.products import product
@@ -35,37 +35,37 @@ _RGB = np.array(
 
 
 @dataclass(frozen=True, eq=False)
-class Detail(Samples):
+class TextureSaliency(SurfaceSamples):
     """The detail of an asset's base colour, on samples of its surface.
 
     Attributes:
-        stands_out: (N,) float64, 0 to 1: how much the colours around a sample vary beyond what is usual on the asset.
+        saliency: (N,) float64, 0 to 1: how much the colours around a sample vary beyond what is usual on the asset.
             0 everywhere where no part does.
-        busy: (N,) float64, 0 to 1: how much they vary at all. Letters without a colour of their own are lost on busy
-            ground.
+        color_variance: (N,) float64, 0 to 1: how much they vary at all. Letters without a colour of their own are lost
+            on busy ground.
         color: (N, 3) float64, linear sRGB 0 to 1, the base colour at each sample.
-        threshold: a sample belongs to a detail where ``stands_out`` is greater; 1 where nothing stands out.
+        threshold: a sample belongs to a detail where ``saliency`` is greater; 1 where nothing stands out.
     """
 
-    stands_out: Float
-    busy: Float
+    saliency: Float
+    color_variance: Float
     color: Float
     threshold: float
 
     def under(self, boxes: Boxes) -> tuple[Float, Float, Float]:
-        """Mean ``stands_out`` (B,), share of samples above the threshold (B,) and mean ``busy`` (B,) of the surface
-        inside each of B boxes: see :meth:`core.analysis.samples.Samples.means_under`."""
-        values = np.column_stack([self.stands_out, self.stands_out > self.threshold, self.busy])
-        mean, share, busy = self.means_under(boxes, values).T
+        """Mean ``saliency`` (B,), share of samples above the threshold (B,) and mean ``color_variance`` (B,) of the
+        surface inside each of B boxes: see :meth:`core.analysis.samples.SurfaceSamples.mean_in_boxes`."""
+        values = np.column_stack([self.saliency, self.saliency > self.threshold, self.color_variance])
+        mean, share, busy = self.mean_in_boxes(boxes, values).T
         return mean, share, busy
 
     def color_under(self, boxes: Boxes) -> Float:
         """(B, 3) mean ``color`` of the surface inside each of B boxes."""
-        return self.means_under(boxes, self.color)
+        return self.mean_in_boxes(boxes, self.color)
 
 
-def detail(scene: Scene, surface: Surface, points: Float, face: Int) -> Detail | None:
-    """The :class:`Detail` of an asset's base colour at ``points`` (N, 3), spread evenly over its surface.
+def texture_saliency(scene: Scene, surface: Surface, points: Float, face: Int) -> TextureSaliency | None:
+    """The :class:`TextureSaliency` of an asset's base colour at ``points`` (N, 3), spread evenly over its surface.
 
     Around each sample the spread of colour, the root mean square distance from the mean in CIELAB, is taken over its
     nearest samples within one size-30 unit on the same sheet of the surface, nearer ones weighing more; so neither UV
@@ -93,7 +93,7 @@ def detail(scene: Scene, surface: Surface, points: Float, face: Int) -> Detail |
     normals = surface.normals[face]
     busy, around = _busy(points, normals, cielab(linear))
     stands_out, threshold = _standing_out(around)
-    return Detail(points, normals, stands_out, busy, np.minimum(linear, 1), threshold)
+    return TextureSaliency(points, normals, stands_out, busy, np.minimum(linear, 1), threshold)
 
 
 def cielab(linear: Float) -> Float:

@@ -3,9 +3,9 @@
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
-from core.analysis.analyse import survey
+from core.analysis.analyse import analyse
 from core.embossing.emboss import Mark
-from core.embossing.islands import Stamp
+from core.embossing.islands import LetterIslands
 from core.embossing.marks import emboss_boxes
 from core.embossing.mesh import WorkingMesh
 from core.errors import ErrorCode, MeshmarkError
@@ -47,7 +47,7 @@ class AssetMarks:
 
     surface: Surface
     boxes: Boxes
-    letters: Stamp
+    letters: LetterIslands
     colors: Sequence[str | None]
     glowing: Collection[int]
     parameters: Parameters
@@ -101,20 +101,20 @@ def _embossed(document: Document, copy: Copy, marks: AssetMarks) -> tuple[Docume
     try:
         scene = scene_of(document, copy)
         scene = replace(scene, surface=scene.surface.in_frame_of(marks.surface))
-        ground = survey(scene)
+        ground = analyse(scene)
     except MeshmarkError as error:  # what cannot be read or has no faces cannot be marked, and is treated so
         if error.code is ErrorCode.DEVICE_UNAVAILABLE:
             raise
         return document, 0
-    mesh = WorkingMesh(ground.surface, ground.possible, ground.sheets, ground.resolution)
-    index = ground.index if ground.solid.any() else ground.glazed
+    mesh = WorkingMesh(ground.surface, ground.cuttable, ground.coincident, ground.resolution)
+    index = ground.index if ground.opaque.any() else ground.glazed
     outcomes = list(emboss_boxes(mesh, marks.boxes, marks.letters, marks.parameters, index))
     stand = [number for number, outcome in enumerate(outcomes) if isinstance(outcome, Mark)]
     if not stand:
         return document, 0
     colors = [marks.colors[number] for number in stand]
     glowing = {place for place, number in enumerate(stand) if number in marks.glowing}
-    return Document.from_glb(write(scene, ground.as_in_file(mesh.edit()), colors, glowing)), len(stand)
+    return Document.from_glb(write(scene, ground.with_file_winding(mesh.edit()), colors, glowing)), len(stand)
 
 
 def unmarked(copies: Sequence[MarkedCopy]) -> list[dict[str, str]]:

@@ -11,7 +11,7 @@ from core.embossing.check import is_closed
 from core.embossing.cut_arrange import arrange
 from core.embossing.cut_split import split
 from core.embossing.draft import Draft
-from core.embossing.islands import Stamp, stand
+from core.embossing.islands import LetterIslands, assign_to_patches
 from core.embossing.lift import MIN_AGREEMENT, folded, lift, obstructed, turned
 from core.embossing.mesh import WorkingMesh
 from core.embossing.patch import AREA_TOLERANCE, Patch, patches
@@ -48,7 +48,7 @@ class Mark:
     faces: int
 
 
-def emboss(mesh: WorkingMesh, box: Boxes, letters: Stamp, relief: float, index: SpatialIndex) -> Mark | Refusal:
+def emboss(mesh: WorkingMesh, box: Boxes, letters: LetterIslands, relief: float, index: SpatialIndex) -> Mark | Refusal:
     """Embosses ``letters`` at the one ``box``, or leaves ``mesh`` exactly as it was and says why not.
 
     Args:
@@ -68,16 +68,16 @@ def emboss(mesh: WorkingMesh, box: Boxes, letters: Stamp, relief: float, index: 
         if box.size[0, 0] * letters.finest < FINEST * mesh.resolution(under):
             return Refusal.TOO_FINE
         sources = [mesh.source(patch.faces) for patch in found]
-        standing = stand(letters, found, sources, moved, index, raised=relief > 0)
+        standing = assign_to_patches(letters, found, sources, moved, index, raised=relief > 0)
         if isinstance(standing, Refusal):
             return standing
         used = [(patch, text) for patch, text in zip(found, standing, strict=True) if not text.is_empty()]
         if relief < 0 and any(mesh.covered(patch.faces).any() for patch, _ in used):
             return Refusal.SECOND_LAYER
         for name, cut in CUTS:
-            outcome = _apply(mesh, moved, used, cut, letters.draft, relief, index)
+            outcome = _cut_and_lift(mesh, moved, used, cut, letters.draft, relief, index)
             if outcome is Refusal.TOO_FINE:  # edges of smaller tops are shorter
-                outcome = _apply(mesh, moved, used, cut, None, relief, index)
+                outcome = _cut_and_lift(mesh, moved, used, cut, None, relief, index)
             if not isinstance(outcome, Refusal):
                 return Mark(moved, name, outcome)
             if outcome in (Refusal.SECOND_LAYER, Refusal.THIN_WALL, Refusal.FOLDED):
@@ -112,7 +112,7 @@ def _covers_itself(patch: Patch) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class _Surgery:
+class _PatchCut:
     """One patch's replacement in topological vertices, letters not yet lifted."""
 
     removed: Int  # (K,) face ids
@@ -128,7 +128,7 @@ class _Surgery:
     shift: Float  # (T, 3) along the surface, where the draft moves them
 
 
-def _apply(
+def _cut_and_lift(
     mesh: WorkingMesh,
     box: Boxes,
     used: list[tuple[Patch, CrossSection]],
@@ -137,7 +137,7 @@ def _apply(
     relief: float,
     index: SpatialIndex,
 ) -> int | Refusal:
-    surgeries: list[_Surgery] = []
+    surgeries: list[_PatchCut] = []
     first = len(mesh.points)
     for patch, text in used:
         pieces = cut(patch, text)
@@ -164,7 +164,7 @@ def _apply(
     feet, normals, shift = feet[order], normals[order], shift[order]
     caps = np.searchsorted(feet, letters)
     standing = _positions(mesh, new, feet)
-    tops = _tops(standing, shift, normals, normal, caps, relief, index)
+    tops = _caps(standing, shift, normals, normal, caps, relief, index)
     if isinstance(tops, Refusal):
         return tops
 
@@ -193,7 +193,7 @@ def _apply(
     return len(corners) - len(removed)
 
 
-def _tops(
+def _caps(
     feet: Float, shift: Float, normals: Float, normal: Float, caps: Int, relief: float, index: SpatialIndex
 ) -> Float | Refusal:
     """(T, 3) tops of the ``feet`` (T, 3), set in by ``shift`` (T, 3): lifted along their ``normals`` (T, 3) or, where
@@ -201,7 +201,7 @@ def _tops(
     of its draft."""
     for way in (shift, np.zeros_like(shift)):
         for along in (normals, np.broadcast_to(normal, normals.shape)):
-            below, tops = _set_in(feet, way, along, normal, caps, relief, index)
+            below, tops = _draft_and_lift(feet, way, along, normal, caps, relief, index)
             if folded(tops, caps, normal):
                 continue
             if not obstructed(below, tops, relief, index):
@@ -212,7 +212,7 @@ def _tops(
     return Refusal.FOLDED
 
 
-def _set_in(
+def _draft_and_lift(
     feet: Float, shift: Float, along: Float, normal: Float, caps: Int, relief: float, index: SpatialIndex
 ) -> tuple[Float, Float]:
     """(T, 3) each: the ``feet`` moved by ``shift``, by less where one of the ``caps`` (L, 3) would turn over, and
@@ -228,7 +228,7 @@ def _set_in(
     return below, tops
 
 
-def _surgery(mesh: WorkingMesh, box: Boxes, patch: Patch, pieces: Pieces, draft: Draft | None, first: int) -> _Surgery:
+def _surgery(mesh: WorkingMesh, box: Boxes, patch: Patch, pieces: Pieces, draft: Draft | None, first: int) -> _PatchCut:
     """The cut of one patch in the mesh's own numbers; new vertices are numbered from ``first``."""
     known = len(patch.points)
     new = box.center[0] + box.size[0, 0] * product(pieces.points[known:], box.axes[0])
@@ -252,7 +252,7 @@ def _surgery(mesh: WorkingMesh, box: Boxes, patch: Patch, pieces: Pieces, draft:
     # In the tangent plane, and seen along the box normal exactly the draft.
     along = -np.sum(across * normals[:, :2], axis=1, keepdims=True) / normals[:, 2:]
 
-    return _Surgery(
+    return _PatchCut(
         removed=patch.faces,
         removed_corners=patch.vertices[patch.triangles],
         boundary=patch.vertices[patch.boundary],

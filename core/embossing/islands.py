@@ -21,7 +21,7 @@ AGREEMENT = 0.9  # share of an island's sample rays that must name one patch; a 
 
 
 @dataclass(frozen=True, eq=False)
-class Stamp:
+class LetterIslands:
     """Letters in units of the text's width, centred at the origin.
 
     Attributes:
@@ -37,16 +37,16 @@ class Stamp:
     draft: Draft
 
 
-def stamp(lettering: Lettering) -> Stamp:
+def letter_islands(lettering: Lettering) -> LetterIslands:
     """The islands of ``lettering``."""
     islands = tuple(CrossSection(list(lettering.polygons), FillRule.Positive).decompose())
     rings = [island.to_polygons() for island in islands]
     finest = min(float(np.linalg.norm(r - np.roll(r, 1, axis=0), axis=1).min()) for ring in rings for r in ring)
-    return Stamp(islands, tuple(np.concatenate(ring) for ring in rings), finest, draft(islands))
+    return LetterIslands(islands, tuple(np.concatenate(ring) for ring in rings), finest, draft(islands))
 
 
-def stand(
-    letters: Stamp, found: list[Patch], sources: list[Int], box: Boxes, index: SpatialIndex, *, raised: bool
+def assign_to_patches(
+    letters: LetterIslands, found: list[Patch], sources: list[Int], box: Boxes, index: SpatialIndex, *, raised: bool
 ) -> list[CrossSection] | Refusal:
     """Puts every island on the patch that is uppermost under it; raised ones on either of two that coincide.
 
@@ -87,7 +87,7 @@ def stand(
         if stands.sum() < AGREEMENT * len(points):
             return Refusal.NOT_WHOLE
         if best not in rooms:
-            rooms[best] = found[best].room(CLEARANCE * aspect)
+            rooms[best] = found[best].inset_silhouette(CLEARANCE * aspect)
         if (island - rooms[best]).area() > LOST_AREA:
             return Refusal.NOT_WHOLE
         standing[best].append(island)

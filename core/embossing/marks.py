@@ -8,7 +8,7 @@ import numpy as np
 
 from core.arrays import Float
 from core.embossing.emboss import Mark, emboss
-from core.embossing.islands import Stamp
+from core.embossing.islands import LetterIslands
 from core.embossing.mesh import WorkingMesh
 from core.embossing.patch import patches
 from core.embossing.refusal import CHEAP, EXPLAINED, Refusal
@@ -17,16 +17,16 @@ from core.geometry.boxes import Boxes
 from core.geometry.products import product
 from core.geometry.spatial import SpatialIndex
 from core.parameters import Parameters
-from core.placement.context import Site
+from core.placement.context import PlacementContext
 from core.placement.objective import Placement
-from core.placement.place import place_more
+from core.placement.place import search_again
 from core.placement.selection import select
 
 FAILED_CUTS = 10  # for each mark that is asked for: a cut is the costly part; after so many the rest is no better
 MAX_SEARCHES = 4
 # Of what the marks were to be worth. Where refused cuts leave less than the first, places are searched for again, and
 # once more while the last search regained the second.
-REGAINED, WORTHWHILE = 0.9, 0.02
+ACCEPTED_SHARE, MIN_IMPROVEMENT = 0.9, 0.02
 DOUBTS = 4  # refused doubtful places for each mark that is asked for, after which the others are not tried
 SAME_SIDE = 0.8  # cosine between boxes from which on the same edges are in their way
 ALONG = np.linspace(0, 1, 9)  # where an edge is looked at
@@ -48,7 +48,7 @@ class Marks:
 
 
 def emboss_boxes(
-    mesh: WorkingMesh, boxes: Boxes, letters: Stamp, parameters: Parameters, index: SpatialIndex
+    mesh: WorkingMesh, boxes: Boxes, letters: LetterIslands, parameters: Parameters, index: SpatialIndex
 ) -> Iterator[Mark | Refusal]:
     """Embosses ``letters`` at each of the ``boxes`` in turn and says what came of it.
 
@@ -66,9 +66,9 @@ def emboss_boxes(
 
 def emboss_marks(
     mesh: WorkingMesh,
-    site: Site,
+    context: PlacementContext,
     placement: Placement,
-    letters: Stamp,
+    letters: LetterIslands,
     rng: np.random.Generator,
     progress: Callable[[float], None] = lambda _: None,
 ) -> Marks:
@@ -80,7 +80,7 @@ def emboss_marks(
 
     Args:
         mesh: the asset, changed in place.
-        site: where ``placement`` was found, and where more is searched for.
+        context: where ``placement`` was found, and where more is searched for.
         placement: the boxes to choose from.
         letters: the islands in text widths.
         rng: the source of the searches' draws.
@@ -89,21 +89,21 @@ def emboss_marks(
     Raises:
         MeshmarkError: ``no_placement`` where every cut was refused.
     """
-    count = site.parameters.count
+    count = context.parameters.count
     assert count is not None
     marks: dict[int, Mark] = {}
     refusals: Counter[str] = Counter()
-    dead: set[int] = set()
+    rejected: set[int] = set()
     obstacles: list[tuple[Float, Float]] = []
     cuts_left = FAILED_CUTS * count
     hoped, last = placement.value(placement.start), -np.inf
-    enough, worthwhile = hoped - (1 - REGAINED) * abs(hoped), WORTHWHILE * abs(hoped)
+    enough, worthwhile = hoped - (1 - ACCEPTED_SHARE) * abs(hoped), MIN_IMPROVEMENT * abs(hoped)
     for searches in range(MAX_SEARCHES + 1):
         chosen = list(placement.start)
         doubtful = {box for known in obstacles for box in _over(placement.boxes, *known)} - marks.keys()
         doubting, doubts_left = False, DOUBTS * count
         while cuts_left > 0:
-            chosen = select(placement, count, fixed=list(marks), dead=dead | doubtful, start=chosen)
+            chosen = select(placement, count, fixed=list(marks), rejected=rejected | doubtful, start=chosen)
             fresh = np.array([box for box in chosen if box not in marks], dtype=np.int64)
             if not len(fresh):
                 if not doubtful or doubts_left <= 0 or placement.value(list(marks)) >= hoped - worthwhile:
@@ -111,23 +111,23 @@ def emboss_marks(
                 doubtful.clear()
                 doubting = True
                 continue
-            outcomes = emboss_boxes(mesh, placement.boxes[fresh], letters, site.parameters, site.index)
+            outcomes = emboss_boxes(mesh, placement.boxes[fresh], letters, context.parameters, context.index)
             for box, outcome in zip(fresh.tolist(), outcomes, strict=True):
                 if isinstance(outcome, Mark):
                     marks[box] = outcome
                 else:
                     refusals[outcome.value] += 1
-                    dead.add(box)
+                    rejected.add(box)
                     obstacles.append(_obstacles(mesh, placement.boxes[np.array([box])]))
                     doubtful |= _over(placement.boxes, *obstacles[-1]) - marks.keys()
                     doubts_left -= doubting
                     cuts_left -= outcome not in CHEAP
                 progress(len(marks) / count)
         value = placement.value(list(marks))
-        if not dead or cuts_left <= 0 or value >= enough or value - last <= worthwhile or searches == MAX_SEARCHES:
+        if not rejected or cuts_left <= 0 or value >= enough or value - last <= worthwhile or searches == MAX_SEARCHES:
             break
         last = value
-        placement = place_more(site, placement, list(marks), dead | doubtful, rng)
+        placement = search_again(context, placement, list(marks), rejected | doubtful, rng)
     if not marks:
         raise _nothing_embossed(refusals)
     return Marks(placement, marks, refusals)

@@ -154,7 +154,7 @@ class WorkingMesh:
 
     def covered(self, ids: Int) -> Bool:
         """(N,) whether another layer stays exactly on these faces when they are cut."""
-        return np.asarray(self._sheets.covered[self.source(ids)])
+        return np.asarray(self._sheets.has_remaining_copy[self.source(ids)])
 
     def resolution(self, ids: Int) -> float:
         """The spacing of the file's coordinates where it is widest on the faces ``ids`` (N,), size-30 units."""

@@ -45,7 +45,7 @@ class Patch:
         """The patch's outline in the box plane."""
         return CrossSection(_loops(self.boundary, self.points[:, :2]), FillRule.Positive)
 
-    def room(self, clearance: float) -> CrossSection:
+    def inset_silhouette(self, clearance: float) -> CrossSection:
         """Where letters may stand: the silhouette without what is closer than ``clearance`` to a boundary edge."""
         room = self.silhouette().offset(-clearance, JoinType.Miter)
         size = len(self.points)

@@ -72,7 +72,7 @@ def encode(values: Float, dtype: np.dtype[Any], normalized: bool) -> NDArray[Any
 
 
 def interpolate_influences(document: Document, attributes: dict[str, Any], points: Points) -> tuple[Int, Float]:
-    """Joints (C, K) and weights (C, K), K = 4 per set, exactly as the file will hold them.
+    """SkinDeformation (C, K) and weights (C, K), K = 4 per set, exactly as the file will hold them.
 
     The influences of the three corners are merged, weighted by the barycentric coordinates, and the strongest K
     are kept. The weights are rounded to the coarsest component type of the primitive's sets, in which they sum to

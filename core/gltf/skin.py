@@ -21,7 +21,7 @@ def influence_sets(attributes: dict[str, Any]) -> int:
 
 
 def read_influences(document: Document, attributes: dict[str, Any]) -> tuple[Int, Float]:
-    """Joints (V, K) and weights (V, K) of a primitive, K = 4 per set, ordered by joint, each row summing to 1.
+    """SkinDeformation (V, K) and weights (V, K) of a primitive, K = 4 per set, ordered by joint, each row summing to 1.
 
     The order makes rows that list the same influences differently equal. Weights are normalised, and a row without
     any follows its first joint, as viewers do.

@@ -7,8 +7,8 @@ import numpy as np
 from core.analysis.opacity import Opacity
 from core.analysis.regions import Regions
 from core.analysis.saliency import Saliency
-from core.analysis.skinning import Joints
-from core.analysis.texture import Detail
+from core.analysis.skinning import SkinDeformation
+from core.analysis.texture import TextureSaliency
 from core.arrays import Bool, Float, Int
 from core.artwork.outline import Lettering
 from core.errors import ErrorCode, MeshmarkError
@@ -17,33 +17,33 @@ from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
 from core.geometry.surfels import Surfels
 from core.parameters import Parameters
-from core.placement.objective import OBJECTIVE, Columns, Objective, columns
+from core.placement.objective import OBJECTIVE, Objective, Targets, targets
 from core.placement.rims import Rims, rims
 
 LOOKING, FEW = 0.001, 5000  # share of the surface under which it is no place for text; of so many samples
 
 
 @dataclass(frozen=True, eq=False)
-class Site:
+class PlacementContext:
     """Where places are looked for.
 
     Attributes:
         surface: the asset.
         ground: the part of it that boxes may stand on.
         normals: (F, 3) of ``surface``, zero where no box may stand.
-        part: (F,) which part of ``surface`` each face belongs to; text stands on one.
+        component: (F,) which part of ``surface`` each face belongs to; text stands on one.
         surfels: the stand-in for ``ground``.
         index: over ``surface``.
         saliency: of ``surface``.
-        detail: of the texture of ``surface``; None where it has one colour.
-        joints: of ``surface``; None where it has no skin.
+        texture: of the texture of ``surface``; None where it has one colour.
+        skin: of ``surface``; None where it has no skin.
         regions: what the request keeps out of or prefers; None where nothing.
         opacity: says where the faces that boxes may stand on are opaque; None where they are everywhere.
         rims: the edges that no letter can be cut across; None where there are none.
         lettering: the text.
         parameters: resolved.
         objective: the weights of the objective's terms.
-        served: the columns of the objective.
+        targets: the columns of the objective.
         facing: (D,) cosine of the angle at which surface looks at each direction; all but :data:`LOOKING` of it is
             turned further away. Nothing on a cube, for one, looks along its diagonals.
     """
@@ -51,28 +51,28 @@ class Site:
     surface: Surface
     ground: Surface
     normals: Float
-    part: Int
+    component: Int
     surfels: Surfels
     index: SpatialIndex
     saliency: Saliency
-    detail: Detail | None
-    joints: Joints | None
+    texture: TextureSaliency | None
+    skin: SkinDeformation | None
     regions: Regions | None
     opacity: Opacity | None
     rims: Rims | None
     lettering: Lettering
     parameters: Parameters
     objective: Objective
-    served: Columns
+    targets: Targets
     facing: Float
 
 
-def open_site(
+def build_context(
     surface: Surface,
     index: SpatialIndex,
     saliency: Saliency,
-    detail: Detail | None,
-    joints: Joints | None,
+    detail: TextureSaliency | None,
+    joints: SkinDeformation | None,
     lettering: Lettering,
     parameters: Parameters,
     rng: np.random.Generator,
@@ -81,8 +81,8 @@ def open_site(
     regions: Regions | None = None,
     opacity: Opacity | None = None,
     objective: Objective = OBJECTIVE,
-) -> Site:
-    """The site of one text on an asset.
+) -> PlacementContext:
+    """The context of one text on an asset.
 
     Args:
         surface: the asset.
@@ -120,11 +120,11 @@ def open_site(
             face_triangle=surface.face_triangle[usable],
         )
         normals = np.where(usable[:, None], normals, 0.0)
-    served, surfels = columns(surface, objective), Surfels(ground, rng)
+    served, surfels = targets(surface, objective), Surfels(ground, rng)
     some = surfels.normals[:: len(surfels.normals) // FEW]
     ranked = round((1 - LOOKING) * len(some))
     facing = np.partition(product(served.directions, some.T), ranked, axis=1)[:, ranked]
-    return Site(
+    return PlacementContext(
         surface,
         ground,
         normals,

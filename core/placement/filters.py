@@ -76,21 +76,21 @@ def well_aligned(loss: Float) -> Bool:
     return np.asarray(loss < LOSS_THRESHOLD)
 
 
-def slid(boxes: Boxes, met: Footprint, part: Int, ahead: float) -> Boxes:
+def recentre(boxes: Boxes, met: Footprint, part: Int, ahead: float) -> Boxes:
     """Boxes moved along their plane to where the surface under them goes on.
 
     Each moves ``ahead`` times the way from its middle to the middle of what of its footprint stands on surface: twice
     the way, a box that hangs over a straight edge ends right at it; once, one on a strip narrower than itself ends in
     its middle. Fitting brings boxes near such places, but a point that hangs over an edge only a little hardly pulls.
-    ``part`` as for :func:`covered`.
+    ``part`` as for :func:`fully_supported`.
     """
-    stands = _stands(met, boxes) & _together(met, part)
+    stands = _supported(met, boxes) & _together(met, part)
     share = stands.sum(axis=1, keepdims=True)
     middle = np.einsum("bn,bnk->bk", stands, met.local) / np.maximum(share, 1)
     return Boxes(boxes.center + ahead * np.einsum("bk,bkj->bj", middle, boxes.axes[:, :2]), boxes.axes, boxes.size)
 
 
-def covered(met: Footprint, boxes: Boxes, part: Int) -> Bool:
+def fully_supported(met: Footprint, boxes: Boxes, part: Int) -> Bool:
     """(B,) boxes with one layer of one part of the surface under all of their footprint.
 
     Every ray meets a face that looks at the box (cosine above 0.15) within the box's thickness. A box that
@@ -98,15 +98,15 @@ def covered(met: Footprint, boxes: Boxes, part: Int) -> Bool:
     ``footprint`` above it, because the rays start above that layer and meet it first. ``part`` (F,) says which part
     each face belongs to: letters are not cut where one part runs into another.
     """
-    return np.asarray((_stands(met, boxes) & _together(met, part)).all(axis=1))
+    return np.asarray((_supported(met, boxes) & _together(met, part)).all(axis=1))
 
 
-def standing(met: Footprint, boxes: Boxes, part: Int) -> Float:
-    """(B,) share of each footprint that is as :func:`covered` demands of all of it."""
-    return np.asarray((_stands(met, boxes) & _together(met, part)).mean(axis=1))
+def support(met: Footprint, boxes: Boxes, part: Int) -> Float:
+    """(B,) share of each footprint that is as :func:`fully_supported` demands of all of it."""
+    return np.asarray((_supported(met, boxes) & _together(met, part)).mean(axis=1))
 
 
-def _stands(met: Footprint, boxes: Boxes) -> Bool:
+def _supported(met: Footprint, boxes: Boxes) -> Bool:
     """(B, N) rays that meet a face within the box which looks at it."""
     return np.asarray((np.abs(met.height) <= boxes.size[:, 2:3] / 2) & (met.cosine > FACING))
 
@@ -118,7 +118,7 @@ def _together(met: Footprint, part: Int) -> Bool:
     return np.asarray(under == np.take_along_axis(under, middle[:, None], axis=1))
 
 
-def exposed(boxes: Boxes, index: SpatialIndex, normals: Float, clearance: float | Float) -> Float:
+def edge_proximity(boxes: Boxes, index: SpatialIndex, normals: Float, clearance: float | Float) -> Float:
     """(B,) share of a frame around each box in which the surface under it does not go on: near an edge, a hole or a
     silhouette a mark is cut off by the first crop, and looks as if it had slipped.
 
@@ -129,7 +129,7 @@ def exposed(boxes: Boxes, index: SpatialIndex, normals: Float, clearance: float 
     rim = np.zeros(FRAME_GRID, dtype=bool)
     rim[[0, across - 1]] = True
     rim[:, [0, down - 1]] = True
-    return np.asarray(1 - _stands(met, boxes)[:, rim.ravel()].mean(axis=1))
+    return np.asarray(1 - _supported(met, boxes)[:, rim.ravel()].mean(axis=1))
 
 
 def roughness(boxes: Boxes, points: Float, normals: Float) -> Float:

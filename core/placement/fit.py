@@ -11,36 +11,36 @@ from core.geometry.sampling import sample
 from core.geometry.spatial import Eye
 from core.parameters import Mode, Preset, Solver
 from core.placement.candidates import along_strips, candidates, right_way_up
-from core.placement.context import Site
+from core.placement.context import PlacementContext
 from core.placement.filters import (
     Footprint,
     above,
-    covered,
-    exposed,
+    edge_proximity,
     footprint,
+    fully_supported,
     occluded,
+    recentre,
     roughness_met,
-    slid,
     smooth,
-    standing,
+    support,
     thin_walled,
 )
 from core.placement.finetune import LOSS_THRESHOLD, adam, correct, distinct, levenberg_marquardt, loss_limit
 from core.placement.legibility import text_width
 from core.placement.objective import (
-    BARRED,
     FACING_VIEW,
-    PRINTED,
+    MAX_DETAIL_SHARE,
+    MAX_SALIENT_SHARE,
     Placement,
     Terms,
-    bend,
+    contrast,
     cost,
+    curvature_deviation,
     distance,
     facing,
     likelihood,
     obstructed,
     roll,
-    tone,
 )
 from core.placement.selection import visibility
 
@@ -52,11 +52,13 @@ SAMPLES, CANDIDATES = 8000, 700
 MORE_SAMPLES = 40_000
 MORE, FEWEST = 1.2, 0.25  # of CANDIDATES: for each share of all directions that is wanted; at least
 # Candidates drawn for each that is fitted: of those that stand badly where they are drawn few ever do better.
-CHOICE, GLANCE_GRID = 2.0, (8, 3)
+CHOICE, COARSE_GRID = 2.0, (8, 3)
 # Share of a box that stands after the coarse pass. Of 2746 boxes on less, of seven assets, 145 would have come to stand
 # whole: one in fifty of all that did.
-HOPEFUL = 0.7
-GLANCES = 6  # directions in which each sample is looked for: one that none of them sees lies inside or in a cranny
+MIN_SUPPORT = 0.7
+VISIBILITY_PROBES = (
+    6  # directions in which each sample is looked for: one that none of them sees lies inside or in a cranny
+)
 # Of that many random darts thinned to a radius r, about 0.5 area / r^2 stay.
 PACKING = 0.5
 COPY = 0.05  # fitted boxes closer than this are one (finetune.distinct)
@@ -68,11 +70,15 @@ LIFT = 1.5  # reliefs above the surface at which visibility starts: just clear o
 SKIN = 0.01  # how far from the surface rays start that must not meet it
 SIGHT_GRID = (8, 2)
 SIGHT = 8.0  # heights in front of a text in which no other part may stand
-SLIDES, SLIDE_GRID, SLIDE_MARGIN = (2.0, 1.0), (12, 16), 0.16  # with as much of the height to spare at the border
+RECENTRE_STEPS, RECENTRE_GRID, RECENTRE_MARGIN = (
+    (2.0, 1.0),
+    (12, 16),
+    0.16,
+)  # with as much of the height to spare at the border
 
 
 def fit(
-    site: Site,
+    context: PlacementContext,
     width: float,
     wanted: Float | None,
     rng: np.random.Generator,
@@ -81,7 +87,7 @@ def fit(
     """All boxes of one ``width`` (size-30 units) that may carry the text.
 
     Args:
-        site: where.
+        context: where.
         width: of the text.
         wanted: (K, 3) only candidates that look towards one of these directions, within 45 degrees, are fitted; None
             for all.
@@ -91,207 +97,211 @@ def fit(
     Returns:
         The survivors, and how many boxes were left after each stage, by stage.
     """
-    height = width * site.lettering.aspect
+    height = width * context.lettering.aspect
     thickness = max(THICKNESS * max(width, height), THINNEST)
-    if site.parameters.preset is Preset.PAPER:
+    if context.parameters.preset is Preset.PAPER:
         thickness = PAPER_THICKNESS
-    boxes = _candidates(site, (width, height, thickness), wanted, rng)
+    boxes = _candidates(context, (width, height, thickness), wanted, rng)
     left = {"candidates": len(boxes)}
-    if site.parameters.solver is Solver.ADAM:
-        boxes, loss = adam(boxes, site.index, progress)
-        return _survivors(site, boxes, loss, LOSS_THRESHOLD, left)
+    if context.parameters.solver is Solver.ADAM:
+        boxes, loss = adam(boxes, context.index, progress)
+        return _survivors(context, boxes, loss, LOSS_THRESHOLD, left)
     hanging = 0
 
     def worth(coarse: Boxes) -> Bool:
         nonlocal hanging
-        stands = _standing(site, coarse) >= HOPEFUL
+        stands = _support(context, coarse) >= MIN_SUPPORT
         hanging += int((~stands).sum())
         return stands
 
-    def settle(fitted: Boxes) -> tuple[Boxes, Bool]:
+    def recentre_on_support(fitted: Boxes) -> tuple[Boxes, Bool]:
         nonlocal hanging
-        settled, stands = _settled(site, fitted)
+        settled, stands = _recentred_on_support(context, fitted)
         hanging += int((~stands).sum())
         return settled, stands
 
-    boxes, loss = levenberg_marquardt(boxes, site.index, site.surfels, worth, settle)
-    return _survivors(site, boxes, loss, loss_limit(boxes.size), left, hanging)
+    boxes, loss = levenberg_marquardt(boxes, context.index, context.surfels, worth, recentre_on_support)
+    return _survivors(context, boxes, loss, loss_limit(boxes.size), left, hanging)
 
 
-def grow(site: Site, boxes: Boxes, most: Float) -> Placement:
+def widen(context: PlacementContext, boxes: Boxes, most: Float) -> Placement:
     """Wider text at the places of ``boxes``, each in several widths below its ``most`` (B,), where there is room."""
     start = Boxes.empty()
     for step in range(1, GROWTH_STEPS + 1):
         size = np.maximum(boxes.size * GROWTH**step, (0.0, 0.0, THINNEST))
         room = np.flatnonzero(size[:, 0] < most)
         start = Boxes.concat(start, Boxes(boxes.center[room], boxes.axes[room], size[room]))
-    grown, loss = correct(start, site.index, lambda fitted: _settled(site, fitted))
-    return _survivors(site, grown, loss, loss_limit(grown.size), {})[0]
+    grown, loss = correct(start, context.index, lambda fitted: _recentred_on_support(context, fitted))
+    return _survivors(context, grown, loss, loss_limit(grown.size), {})[0]
 
 
-def _relief(site: Site, boxes: Boxes) -> Float:
+def _relief(context: PlacementContext, boxes: Boxes) -> Float:
     """(B,) height or depth of the letters at each box, size-30 units."""
-    return np.array([abs(site.parameters.relief_at(height)) for height in boxes.size[:, 1].tolist()])
+    return np.array([abs(context.parameters.relief_at(height)) for height in boxes.size[:, 1].tolist()])
 
 
-def _settled(site: Site, fitted: Boxes) -> tuple[Boxes, Bool]:
+def _recentred_on_support(context: PlacementContext, fitted: Boxes) -> tuple[Boxes, Bool]:
     """Rays are cheap, closest points are not: boxes that hang over an edge are slid before they are given up. The boxes
     and which of them stand (B,)."""
-    index, relief = site.index, _relief(site, fitted)
-    stands = covered(footprint(fitted, index, site.normals, relief), fitted, site.part)
+    index, relief = context.index, _relief(context, fitted)
+    stands = fully_supported(footprint(fitted, index, context.normals, relief), fitted, context.component)
     center = fitted.center.copy()
-    for ahead in SLIDES:
+    for ahead in RECENTRE_STEPS:
         hang = np.flatnonzero(~stands)
         moved = Boxes(center[hang], fitted.axes[hang], fitted.size[hang])
-        met = footprint(moved, index, site.normals, relief[hang], SLIDE_GRID, SLIDE_MARGIN)
-        moved = slid(moved, met, site.part, ahead)
+        met = footprint(moved, index, context.normals, relief[hang], RECENTRE_GRID, RECENTRE_MARGIN)
+        moved = recentre(moved, met, context.component, ahead)
         center[hang] = moved.center
-        stands[hang] = covered(footprint(moved, index, site.normals, relief[hang]), moved, site.part)
+        stands[hang] = fully_supported(footprint(moved, index, context.normals, relief[hang]), moved, context.component)
     return Boxes(center, fitted.axes, fitted.size), stands
 
 
 def _survivors(
-    site: Site, boxes: Boxes, loss: Float, limit: Float | float, left: dict[str, int], hanging: int = 0
+    context: PlacementContext, boxes: Boxes, loss: Float, limit: Float | float, left: dict[str, int], hanging: int = 0
 ) -> tuple[Placement, dict[str, int]]:
     """Those of the fitted ``boxes`` (B,) with a ``loss`` (B,) below the ``limit`` (B,) that may carry the text, and
     how many were ``left`` after each stage; ``hanging`` ones were given up while they were fitted."""
-    parameters, index = site.parameters, site.index
+    parameters, index = context.parameters, context.index
     kept = np.flatnonzero(loss < limit)
     boxes, loss = right_way_up(boxes[kept]), loss[kept]
     left["aligned"] = len(boxes) + hanging
     kept = distinct(boxes, loss, COPY)
     boxes, loss = boxes[kept], loss[kept]
     left["distinct"] = len(boxes) + hanging
-    if site.regions is not None:
-        kept = np.flatnonzero(~site.regions.touches(boxes, margin=float(_relief(site, boxes).max(initial=0))))
+    if context.regions is not None:
+        kept = np.flatnonzero(~context.regions.touches(boxes, margin=float(_relief(context, boxes).max(initial=0))))
         boxes, loss = boxes[kept], loss[kept]
     left["free"] = len(boxes) + hanging
 
-    met = footprint(boxes, index, site.normals, _relief(site, boxes))
-    kept = np.flatnonzero(covered(met, boxes, site.part))
+    met = footprint(boxes, index, context.normals, _relief(context, boxes))
+    kept = np.flatnonzero(fully_supported(met, boxes, context.component))
     boxes, loss = boxes[kept], loss[kept]
     met = Footprint(met.height[kept], met.cosine[kept], met.local[kept], met.face[kept])
     left["covered"] = len(boxes)
 
     kept = np.arange(len(boxes))
-    if site.rims is not None:
-        kept = np.flatnonzero(~site.rims.crossed(boxes, index))
+    if context.rims is not None:
+        kept = np.flatnonzero(~context.rims.crossed(boxes, index))
         boxes, loss = boxes[kept], loss[kept]
     left["whole"] = len(boxes)
 
-    if site.opacity is not None:
+    if context.opacity is not None:
         met = Footprint(met.height[kept], met.cosine[kept], met.local[kept], met.face[kept])
         points = above(boxes, met, 0.0).reshape(-1, 3)
-        kept = np.flatnonzero(site.opacity(points, met.face.ravel()).reshape(met.face.shape).all(axis=1))
+        kept = np.flatnonzero(context.opacity(points, met.face.ravel()).reshape(met.face.shape).all(axis=1))
         boxes, loss = boxes[kept], loss[kept]
     left["opaque"] = len(boxes)
 
-    rough = roughness_met(met, site.normals)[kept]
+    rough = roughness_met(met, context.normals)[kept]
     kept = np.flatnonzero(smooth(rough))
     boxes, loss, rough = boxes[kept], loss[kept], rough[kept]
     left["smooth"] = len(boxes)
 
-    relief = _relief(site, boxes)
-    met = footprint(boxes, index, site.normals, relief, SIGHT_GRID, margin=0.0)
+    relief = _relief(context, boxes)
+    met = footprint(boxes, index, context.normals, relief, SIGHT_GRID, margin=0.0)
     sight = above(boxes, met, LIFT * relief)
     blocked = occluded(boxes, sight, index, reach=SIGHT * boxes.size[:, 1])
     left["open"] = int((~blocked).sum())
     if parameters.mode is Mode.DEBOSS:
         blocked |= thin_walled(boxes, above(boxes, met, -SKIN), index, depth=LIFT * relief)
     left["thick"] = int((~blocked).sum())
-    visible = np.zeros((len(boxes), len(site.served.directions)), dtype=bool)
-    visible[~blocked] = visibility(boxes[~blocked], sight[~blocked], index, site.served.directions)
+    visible = np.zeros((len(boxes), len(context.targets.directions)), dtype=bool)
+    visible[~blocked] = visibility(boxes[~blocked], sight[~blocked], index, context.targets.directions)
     kept = np.flatnonzero(visible.any(axis=1))
     left["seen"] = len(kept)
     met = Footprint(met.height[kept], met.cosine[kept], met.local[kept], met.face[kept])
-    return _valued(site, boxes[kept], loss[kept], rough[kept], visible[kept], met, relief[kept]), left
+    return _valued(context, boxes[kept], loss[kept], rough[kept], visible[kept], met, relief[kept]), left
 
 
-def _candidates(site: Site, size: tuple[float, float, float], wanted: Float | None, rng: np.random.Generator) -> Boxes:
+def _candidates(
+    context: PlacementContext, size: tuple[float, float, float], wanted: Float | None, rng: np.random.Generator
+) -> Boxes:
     """Boxes to start from; where directions are ``wanted``, only on surface that looks there."""
-    if site.parameters.preset is Preset.PAPER:
-        points, face = sample(site.ground, PAPER_SAMPLES, rng)
-        return candidates(points, site.ground.normals[face], size, PAPER_RADIUS)
+    if context.parameters.preset is Preset.PAPER:
+        points, face = sample(context.ground, PAPER_SAMPLES, rng)
+        return candidates(points, context.ground.normals[face], size, PAPER_RADIUS)
     number, most = SAMPLES, float(CANDIDATES)
     if wanted is not None:
-        number, most = MORE_SAMPLES, CANDIDATES * max(MORE * len(wanted) / len(site.served.directions), FEWEST)
-    points, face = sample(site.ground, number, rng)
-    normals = site.ground.normals[face]
+        number, most = MORE_SAMPLES, CANDIDATES * max(MORE * len(wanted) / len(context.targets.directions), FEWEST)
+    points, face = sample(context.ground, number, rng)
+    normals = context.ground.normals[face]
     if wanted is not None:
         looking = np.flatnonzero((product(normals, wanted.T) >= FACING_VIEW).any(axis=1))
         points, normals = points[looking[: 2 * SAMPLES]], normals[looking[: 2 * SAMPLES]]
         number = number * len(points) // max(len(looking), 1)
-    shown = _in_sight(site, points, normals, site.served.directions if wanted is None else wanted, rng)
-    area = float(site.ground.areas.sum()) * len(shown) / number
+    shown = _in_sight(context, points, normals, context.targets.directions if wanted is None else wanted, rng)
+    area = float(context.ground.areas.sum()) * len(shown) / number
     shown = shown[:SAMPLES]
     if not len(shown):
         return Boxes.empty()
     boxes = candidates(points[shown], normals[shown], size, float(np.sqrt(PACKING * area / (CHOICE * most))))
-    narrow = NARROW * min(text_width(1.0, site.lettering.aspect), size[0])
+    narrow = NARROW * min(text_width(1.0, context.lettering.aspect), size[0])
     around = shown[:: int(np.ceil(len(shown) * 4 * narrow**2 / (area * STRIP_SAMPLES)))]
-    return _promising(site, along_strips(boxes, points[around], normals[around], narrow))
+    return _most_supported(context, along_strips(boxes, points[around], normals[around], narrow))
 
 
-def _promising(site: Site, boxes: Boxes) -> Boxes:
+def _most_supported(context: PlacementContext, boxes: Boxes) -> Boxes:
     """Those of the ``boxes``, one in :data:`CHOICE`, that stand on most surface before they are fitted."""
-    best_first = np.argsort(-_standing(site, boxes), kind="stable")
+    best_first = np.argsort(-_support(context, boxes), kind="stable")
     return boxes[np.sort(best_first[: int(np.ceil(len(boxes) / CHOICE))])]
 
 
-def _standing(site: Site, boxes: Boxes) -> Float:
+def _support(context: PlacementContext, boxes: Boxes) -> Float:
     """(B,) share of each box that stands on the surface, at a glance."""
-    met = footprint(boxes, site.index, site.normals, _relief(site, boxes), GLANCE_GRID, margin=0.0)
-    return standing(met, boxes, site.part)
+    met = footprint(boxes, context.index, context.normals, _relief(context, boxes), COARSE_GRID, margin=0.0)
+    return support(met, boxes, context.component)
 
 
-def _in_sight(site: Site, points: Float, normals: Float, directions: Float, rng: np.random.Generator) -> Int:
+def _in_sight(
+    context: PlacementContext, points: Float, normals: Float, directions: Float, rng: np.random.Generator
+) -> Int:
     """Which ``points`` (N, 3) of the surface, with unit ``normals`` (N, 3), are seen from any of a few ``directions``
     (K, 3) that each looks along within 45 degrees."""
     hidden = product(normals, directions.T) < FACING_VIEW
     order = rng.random(hidden.shape, dtype=np.float32)
     order[hidden] = np.inf
-    few = min(GLANCES, len(directions))
+    few = min(VISIBILITY_PROBES, len(directions))
     glance = np.argpartition(order, few - 1, axis=1)[:, :few]
     point, turn = np.nonzero(np.isfinite(np.take_along_axis(order, glance, axis=1)))
     start, toward = points[point] + SKIN * normals[point], directions[glance[point, turn]]
-    _, face = site.index.first_hit(start, toward, Eye.FAR)
+    _, face = context.index.first_hit(start, toward, Eye.FAR)
     return np.unique(point[face < 0])
 
 
 def _valued(
-    site: Site, boxes: Boxes, loss: Float, rough: Float, visible: Bool, met: Footprint, relief: Float
+    context: PlacementContext, boxes: Boxes, loss: Float, rough: Float, visible: Bool, met: Footprint, relief: Float
 ) -> Placement:
     """The ``boxes`` with what each shows and costs; ``met`` is the surface under each."""
-    parameters, bent, preferred = site.parameters, bend(boxes, met.height), np.zeros(len(boxes))
-    if site.regions is not None:
-        preferred = site.regions.preference(above(boxes, met, 0.0), met.face)
-    _, salient = site.saliency.under(boxes)
-    details, busy, contrast = np.zeros(len(boxes)), np.zeros(len(boxes)), np.ones(len(boxes))
-    if site.detail is not None:
-        _, details, busy = site.detail.under(boxes)
-        contrast = tone(site.detail.color_under(boxes), parameters.color)
+    parameters, bent, preferred = context.parameters, curvature_deviation(boxes, met.height), np.zeros(len(boxes))
+    if context.regions is not None:
+        preferred = context.regions.preference(above(boxes, met, 0.0), met.face)
+    _, salient = context.saliency.under(boxes)
+    details, busy, legible = np.zeros(len(boxes)), np.zeros(len(boxes)), np.ones(len(boxes))
+    if context.texture is not None:
+        _, details, busy = context.texture.under(boxes)
+        legible = contrast(context.texture.color_under(boxes), parameters.color)
     terms = Terms(
-        obstructed=obstructed(visible, facing(boxes, site.served.directions), site.served),
+        obstructed=obstructed(visible, facing(boxes, context.targets.directions), context.targets),
         salient=salient,
         roll=roll(boxes),
-        bend=bent,
+        curvature_deviation=bent,
         rough=rough - 1,
-        exposed=exposed(boxes, site.index, site.normals, relief),
-        joint=np.zeros(len(boxes)) if site.joints is None else site.joints.under(boxes),
+        edge_proximity=edge_proximity(boxes, context.index, context.normals, relief),
+        articulation=np.zeros(len(boxes)) if context.skin is None else context.skin.under(boxes),
         detail=details,
         busy=busy,
         preferred=preferred,
-        distance=distance(boxes, relief, site.lettering.ink, float(site.surface.areas.sum())),
+        distance=distance(boxes, relief, context.lettering.ink, float(context.surface.areas.sum())),
     )
     return Placement(
         boxes=boxes,
         loss=loss,
         roughness=rough,
         visible=visible,
-        likelihood=likelihood(boxes, visible, bent, contrast, site.served, parameters.color, site.objective),
-        cost=cost(terms, site.objective),
-        barred=((salient > BARRED) | (details > PRINTED)) & site.objective.bars,
-        weight=site.served.weight,
-        backup=site.objective.backup,
-        crowd=site.objective.crowd,
+        likelihood=likelihood(boxes, visible, bent, legible, context.targets, parameters.color, context.objective),
+        cost=cost(terms, context.objective),
+        last_resort=((salient > MAX_SALIENT_SHARE) | (details > MAX_DETAIL_SHARE)) & context.objective.bars,
+        weight=context.targets.weight,
+        redundancy=context.objective.redundancy,
+        proximity_weight=context.objective.proximity_weight,
     )

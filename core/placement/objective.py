@@ -15,7 +15,7 @@ somebody has filed that one off. The columns are
 
   Seen is 1 where the mark faces the direction within 45 degrees and rays from all over its letters get out; size is
   how well text as high as this is read, coloured or not (:mod:`core.placement.legibility`), the projected height times
-  its tone; tone is how letters stand out from the base colour under them, see :func:`tone`; facing is the cosine
+  its tone; tone is how letters stand out from the base colour under them, see :func:`contrast`; facing is the cosine
   over that of 40 degrees, at most 1; roll is ``1 - ROLLED (1 - cos r) / 2`` for the angle r between the text and the
   picture's horizontal (1 for the even directions, whose pictures have no up); flatness is 1 less the bend under the
   text;
@@ -76,15 +76,17 @@ ROLLED = 0.5  # readers turn pictures in four ways; people do not
 PENALTY = 0.005
 WORTH_DIGITS = 6  # of an objective that is about 1
 MOST_DISTORTED = 0.05  # whoever asks for text as large as a side gets it on all sides
-BESIDE = 5.0  # between the centres of marks, size-30 units
+PROXIMITY_RANGE = 5.0  # between the centres of marks, size-30 units
 # CIELAB units between letters and ground. Over 672 views of one mark in six colours on eleven textured assets, 12 to 20
 # pixels high, recognition reads 0.37 to 0.69 below 30 and 0.8 to 0.9 above; by WCAG 2's contrast ratio, which does not
 # see that red on grey differs, 0.76 to 0.84 below 3 and 0.87 above.
 DISTINCT = 50.0
-TONELESS = 0.5  # gloss and edges show letters as dark as their ground
+MIN_CONTRAST = 0.5  # gloss and edges show letters as dark as their ground
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear sRGB
-BARRED = 0.45  # share salient from which no mark is placed; the metric's 0.5 less what the edges of a box hold
-PRINTED = 0.3  # share on details of the texture likewise: an eye or a line of print is a small part of a box
+MAX_SALIENT_SHARE = (
+    0.45  # share salient from which no mark is placed; the metric's 0.5 less what the edges of a box hold
+)
+MAX_DETAIL_SHARE = 0.3  # share on details of the texture likewise: an eye or a line of print is a small part of a box
 
 
 @dataclass(frozen=True)
@@ -97,21 +99,23 @@ class Objective:
     """
 
     seen: float = 0.5  # of serving a direction, for being seen there at all
-    backup: float = 0.15  # of serving a column, for the second best mark
+    redundancy: float = 0.15  # of serving a column, for the second best mark
     crops: float = 0.1  # all half-spaces together; nearly any choice of a few marks serves nearly all
     legibility: float = 1.0  # exponent of size x facing x roll x flatness
     obstructed: float = 6.0
     salient: float = 1.4
     roll: float = 3.0
-    bend: float = 1.0
+    curvature_deviation: float = 1.0
     rough: float = 1.0
-    exposed: float = 1.0
-    joint: float = 40.0  # text that joints tear is worth nothing in motion
+    edge_proximity: float = 1.0
+    articulation: float = 40.0  # text that joints tear is worth nothing in motion
     detail: float = 1.4
     busy: float = 1.0
     preferred: float = 1.0
     mark: float = 0.0003  # a mark has to add more than an eighth of one of the 200 directions
-    crowd: float = 0.01  # a pair of marks at one place: more than the second is worth but on the only side of its kind
+    proximity_weight: float = (
+        0.01  # a pair of marks at one place: more than the second is worth but on the only side of its kind
+    )
     distortion: float = 35.0  # per unit of mean distance (SMSE) that a mark adds
     bars: bool = True  # salient parts and details are barred
 
@@ -120,7 +124,7 @@ OBJECTIVE = Objective()
 
 
 @dataclass(frozen=True, eq=False)
-class Columns:
+class Targets:
     """What marks are to serve.
 
     Attributes:
@@ -144,13 +148,13 @@ def centroid(surface: Surface) -> Float:
     return np.asarray((surface.areas[:, None] * middle).sum(axis=0) / surface.areas.sum())
 
 
-def columns(surface: Surface, objective: Objective = OBJECTIVE) -> Columns:
+def targets(surface: Surface, objective: Objective = OBJECTIVE) -> Targets:
     """The columns for an asset."""
     (views, up), even = view_directions(), fibonacci_directions(EVEN_DIRECTIONS)
     weight = np.repeat(
         [0.5 / len(views), 0.5 / len(even), objective.crops / HALF_SPACES], [len(views), len(even), HALF_SPACES]
     )
-    return Columns(np.concatenate([views, even]), up, fibonacci_directions(HALF_SPACES), centroid(surface), weight)
+    return Targets(np.concatenate([views, even]), up, fibonacci_directions(HALF_SPACES), centroid(surface), weight)
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,10 +168,10 @@ class Placement:
         visible: (B, D) whether the box faces a direction within 45 degrees and all its rays get out.
         likelihood: (B, J) float32 that the box serves each column, 0 to 1.
         cost: (B,) in the unit of ``weight``.
-        barred: (B,) boxes on salient parts, for use only where there is nothing else.
+        last_resort: (B,) boxes on salient parts, for use only where there is nothing else.
         weight: (J,) what serving each column is worth.
-        backup: what serving it a second time is worth of that.
-        crowd: what a pair of boxes costs that stand right beside each other.
+        redundancy: what serving it a second time is worth of that.
+        proximity_weight: what a pair of boxes costs that stand right beside each other.
         start: a good choice among the boxes, which selection improves on.
     """
 
@@ -177,22 +181,22 @@ class Placement:
     visible: Bool
     likelihood: NDArray[np.float32]
     cost: Float
-    barred: Bool
+    last_resort: Bool
     weight: Float
-    backup: float = OBJECTIVE.backup
-    crowd: float = OBJECTIVE.crowd
+    redundancy: float = OBJECTIVE.redundancy
+    proximity_weight: float = OBJECTIVE.proximity_weight
     start: tuple[int, ...] = ()
 
-    def served(self, chosen: Sequence[int]) -> tuple[Single, Single]:
+    def coverage(self, chosen: Sequence[int]) -> tuple[Single, Single]:
         """(J,) each: how well the best and the second best of the ``chosen`` boxes serve each column."""
         (best, second, _), _ = self._leaders(chosen)
         return best, second
 
     def gain(self, chosen: Sequence[int]) -> Float:
         """(B,) what adding each box to the ``chosen`` adds to the objective."""
-        best, second = self.served(chosen)
+        best, second = self.coverage(chosen)
         added = (self._added(best, second) * self.weight).sum(axis=1)
-        return _even(added - self.crowd * self.beside(chosen).sum(axis=1) - self.cost)
+        return _even(added - self.proximity_weight * self.proximity(chosen).sum(axis=1) - self.cost)
 
     def gain_without(self, chosen: Sequence[int]) -> Float:
         """(B, K) :meth:`gain` where each of the K ``chosen`` boxes in turn is left out.
@@ -206,8 +210,8 @@ class Placement:
             without = self._added(one, other) * self.weight - whole
             for number in range(len(chosen)):
                 gain[:, number] += without[:, owner[rank] == number].sum(axis=1)
-        near = self.beside(chosen)
-        return _even(gain - self.crowd * (near.sum(axis=1, keepdims=True) - near) - self.cost[:, None])
+        near = self.proximity(chosen)
+        return _even(gain - self.proximity_weight * (near.sum(axis=1, keepdims=True) - near) - self.cost[:, None])
 
     def _leaders(self, chosen: Sequence[int]) -> tuple[Single, Int]:
         """(3, J) the three largest likelihoods of the ``chosen`` boxes in each column, 0 where there are fewer, and
@@ -222,27 +226,27 @@ class Placement:
         backed = np.minimum(self.likelihood, best)
         backed -= second
         np.maximum(backed, 0, out=backed)
-        backed *= self.backup
+        backed *= self.redundancy
         added = self.likelihood - best
         np.maximum(added, 0, out=added)
         added += backed
         return added
 
-    def beside(self, chosen: Sequence[int]) -> Float:
-        """(B, K) how much each box stands beside each of the K ``chosen``: 1 less the distance over :data:`BESIDE`
-        on the same side of the surface, 0 for itself."""
+    def proximity(self, chosen: Sequence[int]) -> Float:
+        """(B, K) how much each box stands beside each of the K ``chosen``: 1 less the distance over
+        :data:`PROXIMITY_RANGE` on the same side of the surface, 0 for itself."""
         chosen = list(chosen)
         apart = cdist(self.boxes.center, self.boxes.center[chosen])
         same_side = product(self.boxes.axes[:, 2], self.boxes.axes[chosen, 2].T) > 0
-        near = np.maximum(1 - apart / BESIDE, 0) * same_side
+        near = np.maximum(1 - apart / PROXIMITY_RANGE, 0) * same_side
         near[chosen, np.arange(len(chosen))] = 0
         return np.asarray(near)
 
     def value(self, chosen: Sequence[int]) -> float:
         """The objective F of ``chosen``."""
-        best, second = self.served(chosen)
-        crowded = self.crowd * self.beside(chosen)[list(chosen)].sum() / 2
-        served = (self.weight * (best + self.backup * second)).sum()
+        best, second = self.coverage(chosen)
+        crowded = self.proximity_weight * self.proximity(chosen)[list(chosen)].sum() / 2
+        served = (self.weight * (best + self.redundancy * second)).sum()
         return float(_even(served - self.cost[list(chosen)].sum() - crowded))
 
 
@@ -257,7 +261,7 @@ def facing(boxes: Boxes, directions: Float) -> Bool:
     return np.asarray(product(boxes.axes[:, 2], directions.T) >= FACING_VIEW)
 
 
-def tone(ground: Float, color: str | None) -> Float:
+def contrast(ground: Float, color: str | None) -> Float:
     """(B,) how well letters stand out from each colour of the ``ground`` (B, 3), linear sRGB: 0 to 1.
 
     Letters of a ``color`` of their own ("#rrggbb") are told from the ground by the distance of the two in CIELAB.
@@ -271,10 +275,10 @@ def tone(ground: Float, color: str | None) -> Float:
     else:
         apart = np.linalg.norm(cielab(ground) - cielab(hex_linear(color)[None]), axis=1)
         contrast = np.minimum(apart / DISTINCT, 1)
-    return np.asarray(TONELESS + (1 - TONELESS) * contrast)
+    return np.asarray(MIN_CONTRAST + (1 - MIN_CONTRAST) * contrast)
 
 
-def within_reach(height: float, cosine: Float, color: str | None, objective: Objective = OBJECTIVE) -> Float:
+def best_possible_coverage(height: float, cosine: Float, color: str | None, objective: Objective = OBJECTIVE) -> Float:
     """(D,) how well a mark serves directions at best, whose text is of a ``height`` in size-30 units and turned away
     by the angles of these ``cosine`` (D,)."""
     legible = legibility(np.array(height), color) * np.clip(cosine / HEAD_ON, 0, 1)
@@ -286,7 +290,7 @@ def likelihood(
     visible: Bool,
     bend: Float,
     tone: Float,
-    served: Columns,
+    served: Targets,
     color: str | None = None,
     objective: Objective = OBJECTIVE,
 ) -> Single:
@@ -295,8 +299,8 @@ def likelihood(
     Args:
         boxes: size-30 units.
         visible: (B, D) in which directions each is seen.
-        bend: (B,) how much the surface under each bends, see :func:`bend`.
-        tone: (B,) how well letters stand out from the ground, see :func:`tone`.
+        bend: (B,) how much the surface under each bends, see :func:`curvature_deviation`.
+        tone: (B,) how well letters stand out from the ground, see :func:`contrast`.
         served: the columns.
         color: of the letters, "#rrggbb"; None for that of the ground.
         objective: the terms' weights.
@@ -326,10 +330,10 @@ class Terms:
     obstructed: Float
     salient: Float
     roll: Float
-    bend: Float
+    curvature_deviation: Float
     rough: Float
-    exposed: Float
-    joint: Float
+    edge_proximity: Float
+    articulation: Float
     detail: Float
     busy: Float
     preferred: Float
@@ -342,10 +346,10 @@ def cost(terms: Terms, objective: Objective = OBJECTIVE) -> Float:
         objective.obstructed * terms.obstructed
         + objective.salient * terms.salient
         + objective.roll * terms.roll
-        + objective.bend * terms.bend
+        + objective.curvature_deviation * terms.curvature_deviation
         + objective.rough * terms.rough
-        + objective.exposed * terms.exposed
-        + objective.joint * terms.joint
+        + objective.edge_proximity * terms.edge_proximity
+        + objective.articulation * terms.articulation
         + objective.detail * terms.detail
         + objective.busy * terms.busy
         - objective.preferred * terms.preferred
@@ -353,7 +357,7 @@ def cost(terms: Terms, objective: Objective = OBJECTIVE) -> Float:
     return PENALTY * unwelcome + objective.mark + np.minimum(objective.distortion * terms.distance, MOST_DISTORTED)
 
 
-def obstructed(visible: Bool, faced: Bool, served: Columns) -> Float:
+def obstructed(visible: Bool, faced: Bool, served: Targets) -> Float:
     """(B,) weighted share of the directions each box faces (B, D) in which it is not ``visible`` (B, D)."""
     weight = served.weight[: len(served.directions)]
     return np.asarray(
@@ -367,7 +371,7 @@ def roll(boxes: Boxes) -> Float:
     return np.asarray(np.sqrt(1 - np.clip(level, 0, 1) ** 2))
 
 
-def bend(boxes: Boxes, height: Float) -> Float:
+def curvature_deviation(boxes: Boxes, height: Float) -> Float:
     """(B,) root mean square ``height`` (B, N) of the surface above the middle plane over half the box's thickness;
     at most 1."""
     return np.asarray(np.minimum(np.sqrt((height**2).mean(axis=1)) / (boxes.size[:, 2] / 2), 1.0))

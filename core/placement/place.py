@@ -10,10 +10,10 @@ from core.arrays import Bool
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.boxes import Boxes
 from core.geometry.surface import MODEL_SIZE
-from core.placement.context import Site
-from core.placement.fit import fit, grow
+from core.placement.context import PlacementContext
+from core.placement.fit import fit, widen
 from core.placement.legibility import USUAL_ASPECT, legible_height, text_width
-from core.placement.objective import FACING_VIEW, Placement, within_reach
+from core.placement.objective import FACING_VIEW, Placement, best_possible_coverage
 from core.placement.selection import select
 
 # Heights of the text, in legible ones; the small one is only for what nothing higher shows, the last only where there
@@ -34,18 +34,18 @@ def ladder(aspect: float) -> list[float]:
     return sorted(set(widths), reverse=True)
 
 
-def _widths(site: Site) -> list[float]:
+def _widths(context: PlacementContext) -> list[float]:
     """The widths for what is asked, from the widest on.
 
     Raises:
         MeshmarkError: ``no_placement`` where there is less surface than any text covers.
     """
-    asked = site.parameters.size
-    widths = [asked] if asked is not None else ladder(site.lettering.aspect)
+    asked = context.parameters.size
+    widths = [asked] if asked is not None else ladder(context.lettering.aspect)
     # Letters stand on as much surface as they cover. Less than that is no asset but needles, on which searches for
     # the closest point take forever.
-    area = float(site.ground.areas.sum())
-    widths = [width for width in widths if width**2 * site.lettering.aspect <= area]
+    area = float(context.ground.areas.sum())
+    widths = [width for width in widths if width**2 * context.lettering.aspect <= area]
     if not widths:
         raise MeshmarkError(
             ErrorCode.NO_PLACEMENT,
@@ -56,7 +56,9 @@ def _widths(site: Site) -> list[float]:
     return widths
 
 
-def place(site: Site, rng: np.random.Generator, progress: Callable[[float], None] = lambda _: None) -> Placement:
+def place(
+    context: PlacementContext, rng: np.random.Generator, progress: Callable[[float], None] = lambda _: None
+) -> Placement:
     """All boxes that may carry the text; :func:`core.placement.selection.select` picks among them.
 
     With no ``size`` asked for, five heights of text are tried from the highest on, then one that is legible only from
@@ -65,93 +67,99 @@ def place(site: Site, rng: np.random.Generator, progress: Callable[[float], None
     tried where nothing was found. Then the best choice grows, each mark to what its place has room for.
 
     Args:
-        site: where.
+        context: where.
         rng: the source of every draw.
         progress: called with the share done, 0 to 1.
 
     Raises:
         MeshmarkError: ``no_placement`` when no box survives, saying what removed most.
     """
-    widths = _widths(site)
-    found, left = _search(site, widths, None, (), (), rng, progress)
+    widths = _widths(context)
+    found, left = _search(context, widths, None, (), (), rng, progress)
     if found is None or len(found.boxes) == 0:
         raise _no_placement(widths, left)
     return found
 
 
-def place_more(
-    site: Site, found: Placement, standing: Sequence[int], dead: Collection[int], rng: np.random.Generator
+def search_again(
+    context: PlacementContext,
+    found: Placement,
+    standing: Sequence[int],
+    rejected: Collection[int],
+    rng: np.random.Generator,
 ) -> Placement:
     """``found`` and more boxes, which keep the numbers they have: places for the directions in which nothing is seen
-    of the boxes ``standing`` and of what else could be chosen now that those in ``dead`` were refused."""
-    more, _ = _search(site, _widths(site), found, standing, dead, rng, lambda _: None)
+    of the boxes ``standing`` and of what else could be chosen now that those in ``rejected`` were refused."""
+    more, _ = _search(context, _widths(context), found, standing, rejected, rng, lambda _: None)
     return more or found
 
 
 def _search(
-    site: Site,
+    context: PlacementContext,
     widths: list[float],
     found: Placement | None,
     standing: Sequence[int],
-    dead: Collection[int],
+    rejected: Collection[int],
     rng: np.random.Generator,
     progress: Callable[[float], None],
 ) -> tuple[Placement | None, list[dict[str, int]]]:
     """What is found with one width after the other until enough is seen, and what was left of each by stage."""
-    parameters, possible = site.parameters, site.facing >= FACING_VIEW
+    parameters, possible = context.parameters, context.facing >= FACING_VIEW
     assert parameters.count is not None
-    worth = site.served.weight[: len(possible)]
+    worth = context.targets.weight[: len(possible)]
     left: list[dict[str, int]] = []
     for step, width in enumerate(widths):
         wanted = None
         if found is not None:
-            chosen = select(found, parameters.count, fixed=standing, dead=dead, start=found.start)
+            chosen = select(found, parameters.count, fixed=standing, rejected=rejected, start=found.start)
             if step and len(chosen) == parameters.count and set(chosen) == set(found.start):
                 break  # there are as many marks as were asked for, and narrower text would replace none of them
             found = replace(found, start=tuple(chosen))
-            if len(chosen) and not found.barred[chosen].any():
-                poorly = possible & _poorly_served(site, found, chosen, width)
+            if len(chosen) and not found.last_resort[chosen].any():
+                poorly = possible & _poorly_covered(context, found, chosen, width)
                 if worth[poorly].sum() <= (1 - ENOUGH) * worth[possible].sum():
                     break
-                wanted = site.served.directions[poorly]
-            if len(found.boxes) and width < text_width(SMALL, site.lettering.aspect):
+                wanted = context.targets.directions[poorly]
+            if len(found.boxes) and width < text_width(SMALL, context.lettering.aspect):
                 break
 
         def share(done: float, step: int = step) -> None:
             progress((step + done) / len(widths))
 
-        placement, counts = fit(site, width, wanted, rng, share)
+        placement, counts = fit(context, width, wanted, rng, share)
         left.append(counts)
-        found = placement if found is None else _pool(found, placement)
+        found = placement if found is None else _merge(found, placement)
         share(1.0)
     if found is None:
         return None, left
-    best = select(found, parameters.count, fixed=standing, dead=dead, start=found.start)
-    found = _grown(site, widths, found, [one for one in best if one not in standing])
-    best = select(found, parameters.count, fixed=standing, dead=dead, start=best)
+    best = select(found, parameters.count, fixed=standing, rejected=rejected, start=found.start)
+    found = _widened(context, widths, found, [one for one in best if one not in standing])
+    best = select(found, parameters.count, fixed=standing, rejected=rejected, start=best)
     return replace(found, start=tuple(best)), left
 
 
-def _grown(site: Site, widths: list[float], found: Placement, which: list[int]) -> Placement:
+def _widened(context: PlacementContext, widths: list[float], found: Placement, which: list[int]) -> Placement:
     """``found`` and wider text at the places of ``which`` of its boxes: as wide as each has room for, short of the next
     of the ``widths``, which was tried there before."""
     ladder, boxes = np.sort(widths), found.boxes[np.array(which, dtype=np.int64)]
     wider = np.searchsorted(ladder, boxes.size[:, 0], side="right")
-    return _pool(found, grow(site, boxes, np.append(ladder, 0.0)[wider]))
+    return _merge(found, widen(context, boxes, np.append(ladder, 0.0)[wider]))
 
 
-def _poorly_served(site: Site, found: Placement, chosen: list[int], width: float) -> Bool:
+def _poorly_covered(context: PlacementContext, found: Placement, chosen: list[int], width: float) -> Bool:
     """(D,) directions in which nothing of the ``chosen`` boxes is seen, or what is seen reads clearly worse than text
     of this ``width`` could."""
-    served, _ = found.served(chosen)
-    enough = BETTER * within_reach(width * site.lettering.aspect, site.facing, site.parameters.color, site.objective)
+    served, _ = found.coverage(chosen)
+    enough = BETTER * best_possible_coverage(
+        width * context.lettering.aspect, context.facing, context.parameters.color, context.objective
+    )
     # On the views' pictures text is also worth less for being rolled, which other text would be as well.
-    views = len(site.served.up)
-    enough[:views] = np.minimum(enough[:views], site.objective.seen)
+    views = len(context.targets.up)
+    enough[:views] = np.minimum(enough[:views], context.objective.seen)
     return np.asarray(served[: len(enough)] < enough)
 
 
-def _pool(one: Placement, other: Placement) -> Placement:
+def _merge(one: Placement, other: Placement) -> Placement:
     """The boxes of both; those of ``one`` keep their numbers."""
     return Placement(
         boxes=Boxes.concat(one.boxes, other.boxes),
@@ -160,10 +168,10 @@ def _pool(one: Placement, other: Placement) -> Placement:
         visible=np.concatenate([one.visible, other.visible]),
         likelihood=np.concatenate([one.likelihood, other.likelihood]),
         cost=np.concatenate([one.cost, other.cost]),
-        barred=np.concatenate([one.barred, other.barred]),
+        last_resort=np.concatenate([one.last_resort, other.last_resort]),
         weight=one.weight,
-        backup=one.backup,
-        crowd=one.crowd,
+        redundancy=one.redundancy,
+        proximity_weight=one.proximity_weight,
         start=one.start,
     )
 

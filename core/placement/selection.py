@@ -33,7 +33,7 @@ def select(
     placement: Placement,
     count: int,
     fixed: Sequence[int] = (),
-    dead: Collection[int] = (),
+    rejected: Collection[int] = (),
     start: Sequence[int] = (),
 ) -> list[int]:
     """Indices of at most ``count`` boxes that do not overlap, in the order in which to emboss them.
@@ -46,13 +46,13 @@ def select(
         placement: the survivors.
         count: the most boxes to choose, those in ``fixed`` included.
         fixed: boxes that stay, because they are embossed already; they come first, in this order.
-        dead: boxes that must not be used.
-        start: a choice to improve on, as this function returned it; dead boxes in it are left out.
+        rejected: boxes that must not be used.
+        start: a choice to improve on, as this function returned it; rejected boxes in it are left out.
     """
     usable = np.ones(len(placement.boxes), dtype=bool)
-    usable[list(dead)] = False
-    if fixed or (usable & ~placement.barred).any():
-        usable &= ~placement.barred
+    usable[list(rejected)] = False
+    if fixed or (usable & ~placement.last_resort).any():
+        usable &= ~placement.last_resort
     overlap = cache(lambda one: overlapping(placement.boxes, one, SPACING))
 
     def overlaps(chosen: list[int]) -> Bool:

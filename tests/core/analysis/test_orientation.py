@@ -13,7 +13,7 @@ BALL = sphere(5.0, 2)
 
 
 def _reversed(shape: Surface) -> list[bool]:
-    return list(_oriented(shape).turned.tolist())
+    return list(_oriented(shape).flipped.tolist())
 
 
 def _oriented(shape: Surface, counts: Bool | None = None, one_sided: Bool | None = None) -> Orientation:
@@ -44,7 +44,7 @@ def test_whichever_faces_are_flipped_are_the_ones_that_are_turned(which: list[in
 def test_parts_are_told_apart_and_faces_that_do_not_count_belong_to_none() -> None:
     both = join(box(3.0, 3.0, 3.0), moved(box(3.0, 3.0, 3.0), 8.0, 0.0, 0.0))
     counts = np.arange(24) != 5
-    part = _oriented(both, counts).part
+    part = _oriented(both, counts).component
     assert part[5] == -1
     assert len(set(part[:12][counts[:12]].tolist())) == 1
     assert len(set(part[12:].tolist())) == 1
@@ -89,20 +89,20 @@ def test_a_moebius_band_stays_as_it_is(turns: int) -> None:
 
 def test_a_part_that_is_drawn_from_its_front_only_keeps_the_winding_of_its_file() -> None:
     room = _turned(box(3.0, 3.0, 3.0), np.arange(12))
-    assert not _oriented(room, one_sided=np.ones(12, dtype=bool)).turned.any()
+    assert not _oriented(room, one_sided=np.ones(12, dtype=bool)).flipped.any()
 
 
 def test_the_rest_of_a_part_follows_what_is_drawn_from_its_front_only() -> None:
     room = _turned(box(3.0, 3.0, 3.0), np.arange(6))
     inwards = np.arange(12) < 6
-    assert _oriented(room, one_sided=inwards).turned.tolist() == [False] * 6 + [True] * 6
+    assert _oriented(room, one_sided=inwards).flipped.tolist() == [False] * 6 + [True] * 6
 
 
 def test_two_faces_that_are_drawn_from_opposite_sides_belong_to_no_part_together() -> None:
     sheet = _turned(grid(10.0, 6.0, 2, 1), np.arange(2))
     found = _oriented(sheet, one_sided=np.ones(len(sheet.faces), dtype=bool))
-    assert not found.turned.any()
-    assert set(found.part[:2]).isdisjoint(found.part[2:])
+    assert not found.flipped.any()
+    assert set(found.component[:2]).isdisjoint(found.component[2:])
 
 
 def test_only_a_body_without_holes_that_shows_its_fronts_is_closed() -> None:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from core.analysis.skinning import Joints, joints
+from core.analysis.skinning import SkinDeformation, skin_deformation
 from core.geometry.boxes import Boxes
 from core.geometry.sampling import sample
 from core.gltf.document import Document
@@ -9,14 +9,14 @@ from core.gltf.scene import flatten
 from tests.core.gltf.builder import Builder, grid
 
 
-def made(weights: list[tuple[float, float]]) -> Joints:
-    """Samples along x on a plane, each moved by two joints."""
+def made(weights: list[tuple[float, float]]) -> SkinDeformation:
+    """SurfaceSamples along x on a plane, each moved by two joints."""
     points = np.column_stack([np.linspace(-4, 4, len(weights)), np.zeros(len(weights)), np.zeros(len(weights))])
     normals, joints = np.tile([0.0, 0.0, 1.0], (len(weights), 1)), np.tile([3, 7], (len(weights), 1))
-    return Joints(points, normals, joints, np.array(weights))
+    return SkinDeformation(points, normals, joints, np.array(weights))
 
 
-def under(found: Joints) -> float:
+def under(found: SkinDeformation) -> float:
     return float(found.under(Boxes(np.zeros((1, 3)), np.eye(3)[None], np.array([[10.0, 1.0, 1.0]])))[0])
 
 
@@ -55,7 +55,7 @@ def an_arm() -> Document:
 def test_the_elbow_of_an_arm_is_shared_and_its_ends_and_what_has_no_skin_are_not() -> None:
     scene = flatten(an_arm())
     points, face = sample(scene.surface, 4000, np.random.default_rng(0))
-    found = joints(scene, scene.surface, points, face)
+    found = skin_deformation(scene, scene.surface, points, face)
     assert found is not None
     assert found.weights.sum(axis=1) == pytest.approx(1)
     world = scene.surface.to_world(points)
@@ -72,4 +72,4 @@ def test_an_asset_without_a_skin_has_no_joints() -> None:
     builder = Builder()
     scene = flatten(builder.document(meshes=[{"primitives": [builder.primitive(positions, faces)]}]))
     points, face = sample(scene.surface, 100, np.random.default_rng(0))
-    assert joints(scene, scene.surface, points, face) is None
+    assert skin_deformation(scene, scene.surface, points, face) is None

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from core.analysis.saliency import saliency
-from core.analysis.texture import Detail, detail
+from core.analysis.texture import TextureSaliency, texture_saliency
 from core.budgets import DEFAULT_BUDGETS
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
@@ -58,11 +58,11 @@ def scene(writer: GlbWriter) -> Scene:
     return flatten(Document.from_glb(writer.bytes()))
 
 
-def look(shown: Scene, seed: int = 0) -> Detail | None:
-    return detail(shown, shown.surface, *sample(shown.surface, 20_000, np.random.default_rng(seed)))
+def look(shown: Scene, seed: int = 0) -> TextureSaliency | None:
+    return texture_saliency(shown, shown.surface, *sample(shown.surface, 20_000, np.random.default_rng(seed)))
 
 
-def found(shown: Scene, seed: int = 0) -> Detail:
+def found(shown: Scene, seed: int = 0) -> TextureSaliency:
     result = look(shown, seed)
     assert result is not None
     return result
@@ -139,13 +139,13 @@ STRIPES = np.where(np.arange(SIZE)[:, None, None] % 8 < 4, 60, 140).astype(np.ui
 def test_nothing_stands_out_of_what_is_the_same_everywhere(pixels: NDArray[np.uint8]) -> None:
     result = found(plate(pixels))
     assert result.threshold == 1
-    assert (result.stands_out == 0).all()
+    assert (result.saliency == 0).all()
 
 
 def test_noise_is_busy_and_a_gradient_is_not() -> None:
-    assert found(plate(noise(0, 255))).busy.mean() > 0.5
-    assert found(plate(noise(118, 138))).busy.mean() < 0.1
-    assert found(plate(GRADIENT)).busy.mean() < 0.1
+    assert found(plate(noise(0, 255))).color_variance.mean() > 0.5
+    assert found(plate(noise(118, 138))).color_variance.mean() < 0.1
+    assert found(plate(GRADIENT)).color_variance.mean() < 0.1
 
 
 def test_an_eye_stands_out_of_grain() -> None:
@@ -167,13 +167,13 @@ def test_the_two_sides_of_a_thin_sheet_are_not_one_picture() -> None:
     back = np.diag([-1.0, 1, -1])
     writer = GlbWriter().mesh(QUAD, QUAD_FACES, material=plain((1, 1, 1, 1)))
     writer.mesh(QUAD @ back - [0, 0, 0.003], QUAD_FACES, material=plain((0, 0, 0, 1)))
-    assert found(scene(writer)).busy.max() < 1e-3
+    assert found(scene(writer)).color_variance.max() < 1e-3
 
 
 def test_what_lies_hidden_below_a_sheet_does_not_show() -> None:
     writer = GlbWriter().mesh(QUAD, QUAD_FACES, material=plain((1, 1, 1, 1)))
     hidden = writer.mesh(QUAD - [0, 0, 0.025], QUAD_FACES, material=plain((0, 0, 0, 1)))
-    assert found(scene(hidden)).busy.max() < 1e-3
+    assert found(scene(hidden)).color_variance.max() < 1e-3
 
 
 def test_the_layout_of_the_uvs_does_not_matter() -> None:
@@ -182,9 +182,9 @@ def test_the_layout_of_the_uvs_does_not_matter() -> None:
     half[:, SIZE:] = picture
     one = found(plate(picture))
     other = found(plate(half, scale=[0.5, 1], offset=[0.5, 0]))
-    assert np.abs(one.stands_out - other.stands_out).mean() < 0.01
+    assert np.abs(one.saliency - other.saliency).mean() < 0.01
     tiled = found(plate(picture, np.add(QUAD_UV, [7, -3], dtype=np.float32)))
-    assert tiled.stands_out == pytest.approx(one.stands_out, abs=1e-3)
+    assert tiled.saliency == pytest.approx(one.saliency, abs=1e-3)
 
 
 def test_vertex_colours_are_seen() -> None:
@@ -237,7 +237,7 @@ def test_no_boxes_have_no_colour() -> None:
 def test_an_eye_is_found_wherever_it_is(x: float, y: float) -> None:
     result = found(plate(drawn(*eye(x, y))))
     away = np.hypot(result.points[:, 0] - x, result.points[:, 1] - y)
-    above = result.stands_out > result.threshold
+    above = result.saliency > result.threshold
     assert above[away < 0.9].mean() > 0.9
     assert not above[away > 2.2].any()
 
@@ -246,16 +246,19 @@ def test_an_eye_is_found_however_the_asset_is_turned() -> None:
     shown, turn = plate(drawn(*eye(5, 4))), rotation((1, 2, 3), 40)
     points, face = sample(shown.surface, 20_000, np.random.default_rng(0))
     turned = replace(shown.surface, positions=shown.surface.positions @ turn.T)
-    one, other = detail(shown, shown.surface, points, face), detail(shown, turned, points @ turn.T, face)
+    one, other = (
+        texture_saliency(shown, shown.surface, points, face),
+        texture_saliency(shown, turned, points @ turn.T, face),
+    )
     assert one is not None
     assert other is not None
-    assert np.abs(other.stands_out - one.stands_out).max() < 0.02
+    assert np.abs(other.saliency - one.saliency).max() < 0.02
 
 
 def test_the_samples_of_the_saliency_will_do_and_the_same_ones_give_the_same_detail() -> None:
     shown = plate(drawn(*eye(5, 4)))
     map_ = saliency(shown.surface, seed=3)
-    one, other = (detail(shown, shown.surface, map_.points, map_.face) for _ in range(2))
+    one, other = (texture_saliency(shown, shown.surface, map_.points, map_.face) for _ in range(2))
     assert one is not None
     assert other is not None
     assert (one.points == map_.points).all()
@@ -271,7 +274,7 @@ def test_the_samples_of_the_saliency_will_do_and_the_same_ones_give_the_same_det
 @pytest.mark.parametrize("count", [1, 2, 31])
 def test_a_handful_of_samples_will_do(count: int) -> None:
     shown = plate(noise(0, 255))
-    result = detail(shown, shown.surface, *sample(shown.surface, count, np.random.default_rng(0)))
+    result = texture_saliency(shown, shown.surface, *sample(shown.surface, count, np.random.default_rng(0)))
     assert result is None if count == 1 else result is not None
 
 
@@ -282,7 +285,7 @@ def read(path: Path) -> Scene:
 
 def test_the_eyes_of_a_cow_stand_out_and_its_hide_does_not() -> None:
     result = found(read(DATA / "spot.glb"))
-    above = result.stands_out > result.threshold
+    above = result.saliency > result.threshold
     luminance = result.color @ LUMINANCE
     pupil, hide = luminance < 0.01, luminance > 0.85
     assert 20 < pupil.sum() < 400
@@ -293,7 +296,7 @@ def test_the_eyes_of_a_cow_stand_out_and_its_hide_does_not() -> None:
 @pytest.mark.parametrize("path", [MESHES / "glass-hurricane-candle-holder.glb"] * MESHES.exists(), ids=lambda p: p.stem)
 def test_the_logos_on_a_glass_stand_out_and_nothing_else_does(path: Path) -> None:
     result = found(read(path))
-    above, dark = result.stands_out > result.threshold, result.color @ LUMINANCE < 0.45
+    above, dark = result.saliency > result.threshold, result.color @ LUMINANCE < 0.45
     assert above[dark].mean() > 0.95
     assert above.mean() < 0.08
 
@@ -301,7 +304,7 @@ def test_the_logos_on_a_glass_stand_out_and_nothing_else_does(path: Path) -> Non
 @pytest.mark.parametrize("path", [MESHES / "egyptian-cat.glb"] * MESHES.exists(), ids=lambda p: p.stem)
 def test_the_painted_face_of_a_cat_stands_out_of_its_weathered_body(path: Path) -> None:
     result = found(read(path))
-    above = result.stands_out > result.threshold
+    above = result.saliency > result.threshold
     height, front = result.points[:, 1], result.normals[:, 2] > 0.3
     assert above[front & (height > 8) & (height < 13)].mean() > 0.85
     assert above[height < 0].mean() < 0.05

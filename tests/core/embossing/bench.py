@@ -5,7 +5,7 @@ import numpy as np
 from core.arrays import Int
 from core.artwork.outline import lettering
 from core.embossing.emboss import Mark, emboss
-from core.embossing.islands import Stamp, stamp
+from core.embossing.islands import LetterIslands, letter_islands
 from core.embossing.mesh import WorkingMesh
 from core.embossing.refusal import Refusal
 from core.geometry.boxes import Boxes
@@ -14,7 +14,7 @@ from core.geometry.surface import Surface
 from core.gltf.edit import SurfaceEdit
 
 TEXT = lettering("watermark")
-LETTERS: Stamp = stamp(TEXT)
+LETTERS: LetterIslands = letter_islands(TEXT)
 
 
 def box_at(
@@ -38,7 +38,7 @@ class Bench:
         self.index = SpatialIndex(surface.positions, surface.faces)
         self.mesh = WorkingMesh(surface, np.ones(len(surface.faces), dtype=bool))
 
-    def emboss(self, box: Boxes, relief: float = 0.2, letters: Stamp = LETTERS) -> Mark | Refusal:
+    def emboss(self, box: Boxes, relief: float = 0.2, letters: LetterIslands = LETTERS) -> Mark | Refusal:
         return emboss(self.mesh, box, letters, relief, self.index)
 
     def faces(self) -> Int:

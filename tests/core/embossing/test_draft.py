@@ -9,7 +9,7 @@ from scipy.spatial import Delaunay
 
 from core.artwork.outline import lettering
 from core.embossing.draft import INSET, MITRE, Draft, draft
-from core.embossing.islands import stamp
+from core.embossing.islands import letter_islands
 from tests.core.embossing.bench import LETTERS
 
 BAR = CrossSection([np.array([[-0.4, -0.05], [0.4, -0.05], [0.4, 0.05], [-0.4, 0.05]])])
@@ -55,7 +55,7 @@ def test_a_hairline_beside_a_fat_stroke_stays_open() -> None:
 @settings(max_examples=40)
 @given(text=st.text(st.characters(codec="latin-1", categories=["L", "N", "P", "S"]), min_size=1, max_size=6))
 def test_no_part_of_any_letter_turns_over_and_none_grows(text: str) -> None:
-    letters = stamp(lettering(text))
+    letters = letter_islands(lettering(text))
     points, triangles = _outline_triangles(letters.draft)
     before, after = _areas(points, triangles), _areas(points + letters.draft.shift, triangles)
     assert np.all(after > 0.099 * before - 1e-7)
@@ -86,5 +86,5 @@ def test_triangles_cut_from_any_mesh_do_not_turn_over(seed: int) -> None:
 
 
 def test_what_did_not_fit_stays_the_same_on_every_run() -> None:
-    once, again = stamp(lettering("&§@")).draft, stamp(lettering("&§@")).draft
+    once, again = letter_islands(lettering("&§@")).draft, letter_islands(lettering("&§@")).draft
     assert np.array_equal(once.shift, again.shift)

@@ -13,7 +13,7 @@ from core.embossing import emboss as module
 from core.embossing.cut_arrange import arrange
 from core.embossing.cut_split import split
 from core.embossing.emboss import Mark
-from core.embossing.islands import stamp
+from core.embossing.islands import letter_islands
 from core.embossing.lift import folded
 from core.embossing.refusal import Refusal
 from core.geometry.surface import Surface
@@ -168,7 +168,7 @@ def test_an_edge_with_three_faces_under_the_text_is_refused_and_beside_it_is_fin
 
 def test_letters_may_stand_on_several_parts_when_none_is_cut() -> None:
     text = lettering("i i")
-    letters = stamp(text)
+    letters = letter_islands(text)
     left, right = moved(grid(2.0, 4.0, 4, 8), -1.005, 0.0, 0.0), moved(grid(2.0, 4.0, 4, 8), 1.005, 0.0, 0.0)
     bench = Bench(join(left, right))
     place = box_at(width=1.0, aspect=text.aspect)
@@ -218,7 +218,7 @@ def test_outlines_that_coincide_with_edges_of_the_mesh_are_cut_all_the_same() ->
     sheet = grid(8.0, 8.0, 8, 8)
     bench = Bench(sheet)
     place = box_at(center=(0.0, 2.0 * text.aspect, 0.0), width=4.0, aspect=text.aspect)
-    assert isinstance(bench.emboss(place, letters=stamp(text)), Mark)
+    assert isinstance(bench.emboss(place, letters=letter_islands(text)), Mark)
     assert edge_counts(bench.faces()) == edge_counts(sheet.weld[sheet.faces])
 
 

@@ -25,9 +25,9 @@ class Cutter:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, times: int, pooled: bool) -> None:
         self.left, self.searches, self._pooled = times, 0, pooled
-        self._emboss, self._more = emboss.emboss, place.place_more
+        self._emboss, self._more = emboss.emboss, place.search_again
         monkeypatch.setattr("core.embossing.marks.emboss", self.emboss)
-        monkeypatch.setattr("core.embossing.marks.place_more", self.place_more)
+        monkeypatch.setattr("core.embossing.marks.search_again", self.search_again)
 
     def emboss(self, mesh: WorkingMesh, box: Boxes, *rest: Any) -> Mark | Refusal:
         if self.left and box.axes[0, 2, 2] > 0.9:
@@ -35,7 +35,7 @@ class Cutter:
             return Refusal.NOT_WHOLE
         return self._emboss(mesh, box, *rest)
 
-    def place_more(self, *arguments: Any) -> Placement:
+    def search_again(self, *arguments: Any) -> Placement:
         self.searches += 1
         if self._pooled:
             self.left = 0
@@ -82,7 +82,7 @@ def test_where_every_mark_costs_more_than_it_shows_the_search_still_ends(
 
 
 def test_however_much_each_search_regains_there_are_only_so_many(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(marks, "WORTHWHILE", -1.0)
+    monkeypatch.setattr(marks, "MIN_IMPROVEMENT", -1.0)
     _, searches = cube_marks(monkeypatch, refused=10_000)
     assert searches == marks.MAX_SEARCHES
 

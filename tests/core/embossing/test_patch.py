@@ -39,7 +39,7 @@ def test_the_room_for_letters_keeps_off_every_boundary() -> None:
     (patch,) = patches(_mesh(sheet.positions, sheet.faces), box_at())
     side = 4.0 / 4.0
     assert patch.silhouette().area() == pytest.approx(side * side / 2)  # the two middle rows
-    assert patch.room(0.004).area() == pytest.approx((side - 0.008) * (side / 2 - 0.008))
+    assert patch.inset_silhouette(0.004).area() == pytest.approx((side - 0.008) * (side / 2 - 0.008))
 
 
 def test_neighbours_that_disagree_about_outside_are_not_joined() -> None:

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from core.analysis.analyse import survey
+from core.analysis.analyse import analyse
 from core.analysis.saliency import saliency
 from core.embossing.unmarked import unmarked_parts
 from core.gltf.document import Document
@@ -14,7 +14,7 @@ from tests.core.rendering.glb import CORNERS, CUBE_FACES, GlbWriter, plain
 
 def _said(writer: GlbWriter, *marked: int) -> dict[str, str] | None:
     scene = flatten(Document.from_glb(writer.bytes()))
-    ground = survey(scene)
+    ground = analyse(scene)
     samples = saliency(ground.surface, 0)
     return unmarked_parts(scene, ground.surface, samples, ground.index, np.array(marked, dtype=np.int64))
 

@@ -6,31 +6,31 @@ from core.analysis.saliency import saliency
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.surface import Surface
 from core.parameters import Parameters
-from core.placement.context import Site, open_site
+from core.placement.context import PlacementContext, build_context
 from tests.core.placement.shapes import cuboid, index_of, plane, text
 
 
-def opened(shape: Surface, usable: NDArray[np.bool_] | None = None) -> Site:
+def opened(shape: Surface, usable: NDArray[np.bool_] | None = None) -> PlacementContext:
     parameters = Parameters(text="watermark").resolved()
     rng = np.random.default_rng(0)
-    return open_site(shape, index_of(shape), saliency(shape, 0), None, None, text(0.125), parameters, rng, usable)
+    return build_context(shape, index_of(shape), saliency(shape, 0), None, None, text(0.125), parameters, rng, usable)
 
 
 def test_a_direction_is_faced_as_nearly_as_any_surface_looks_that_way() -> None:
     sheet = opened(plane(30, 30))
-    assert sheet.facing == pytest.approx(sheet.served.directions[:, 2])
+    assert sheet.facing == pytest.approx(sheet.targets.directions[:, 2])
     cube = opened(cuboid(30, 30, 30))
-    assert cube.facing == pytest.approx(np.abs(cube.served.directions).max(axis=1))
+    assert cube.facing == pytest.approx(np.abs(cube.targets.directions).max(axis=1))
 
 
 def test_faces_that_are_not_usable_carry_no_box_but_stay_in_the_way() -> None:
     shape = cuboid(30, 30, 30)
     front = shape.normals[:, 2] > 0.5
-    site = opened(shape, usable=front)
-    assert len(site.ground.faces) == front.sum()
-    assert not site.normals[~front].any()
-    assert site.index is not None
-    assert site.facing == pytest.approx(site.served.directions[:, 2])
+    context = opened(shape, usable=front)
+    assert len(context.ground.faces) == front.sum()
+    assert not context.normals[~front].any()
+    assert context.index is not None
+    assert context.facing == pytest.approx(context.targets.directions[:, 2])
 
 
 def test_an_asset_without_usable_faces_says_so() -> None:

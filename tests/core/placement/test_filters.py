@@ -9,16 +9,16 @@ from core.geometry.sampling import sample
 from core.geometry.surface import Surface
 from core.placement.filters import (
     above,
-    covered,
-    exposed,
+    edge_proximity,
     footprint,
+    fully_supported,
     occluded,
     overlapping,
+    recentre,
     roughness,
     roughness_met,
-    slid,
     smooth,
-    standing,
+    support,
     thin_walled,
     well_aligned,
 )
@@ -46,13 +46,13 @@ def one_part(shape: Surface) -> NDArray[np.int64]:
 
 def is_covered(shape: Surface, where: Boxes, part: NDArray[np.int64] | None = None) -> bool:
     met = footprint(where, index_of(shape), shape.normals, CLEARANCE)
-    return bool(covered(met, where, one_part(shape) if part is None else part)[0])
+    return bool(fully_supported(met, where, one_part(shape) if part is None else part)[0])
 
 
 def slid_twice(shape: Surface, where: Boxes, part: NDArray[np.int64] | None = None) -> Boxes:
     for ahead in (2.0, 1.0):
         met = footprint(where, index_of(shape), shape.normals, CLEARANCE, (12, 16), 0.16)
-        where = slid(where, met, one_part(shape) if part is None else part, ahead)
+        where = recentre(where, met, one_part(shape) if part is None else part, ahead)
     return where
 
 
@@ -114,7 +114,7 @@ def test_a_box_on_a_strip_as_wide_as_itself_is_slid_to_its_middle() -> None:
 def test_boxes_with_nothing_or_everything_under_them_stay() -> None:
     for shape, where in ((plane(10, 10), box((20, 0, 0))), (plane(10, 10), box())):
         met = footprint(where, index_of(shape), shape.normals, CLEARANCE)
-        assert slid(where, met, one_part(shape), 2.0).center == pytest.approx(where.center)
+        assert recentre(where, met, one_part(shape), 2.0).center == pytest.approx(where.center)
 
 
 def test_a_box_across_two_parts_is_slid_onto_one_of_them() -> None:
@@ -133,7 +133,7 @@ def test_half_of_a_box_stands_where_half_of_it_hangs_over_an_edge_or_another_par
     flush = join(moved(half, shift=(-5, 0, 0)), moved(half, shift=(5, 0, 0)))
     for shape, where, part in ((half, box((5, 0, 0)), one_part(half)), (flush, box((0.1, 0, 0)), np.repeat([0, 1], 2))):
         met = footprint(where, index_of(shape), shape.normals, CLEARANCE)
-        assert standing(met, where, part)[0] == pytest.approx(0.5, abs=0.05)
+        assert support(met, where, part)[0] == pytest.approx(0.5, abs=0.05)
 
 
 def test_a_box_over_a_hole_is_not_covered() -> None:
@@ -284,6 +284,6 @@ def test_of_near_copies_the_best_aligned_one_stays() -> None:
 def test_a_box_close_to_an_edge_is_exposed_on_that_side_only() -> None:
     shape = plane(20, 20)
     places = boxes(box((0, 0, 0), (4, 1, 0.5)), box((7.9, 0, 0), (4, 1, 0.5)), box((7.9, 9.4, 0), (4, 1, 0.5)))
-    middle, edge, corner = exposed(places, index_of(shape), shape.normals, 0.2)
+    middle, edge, corner = edge_proximity(places, index_of(shape), shape.normals, 0.2)
     assert middle == 0
     assert 0 < edge < corner < 1

@@ -5,17 +5,17 @@ from core.analysis.saliency import saliency
 from core.geometry.boxes import Boxes
 from core.geometry.surface import Surface
 from core.parameters import Parameters
-from core.placement.context import Site, open_site
-from core.placement.fit import fit, grow
+from core.placement.context import PlacementContext, build_context
+from core.placement.fit import fit, widen
 from tests.core.placement.shapes import box, cuboid, index_of, inside_out, join, moved, sphere, text
 
 UP = np.array([[0.0, 1.0, 0.0]])
 
 
-def opened(shape: Surface) -> Site:
+def opened(shape: Surface) -> PlacementContext:
     parameters = Parameters(text="watermark").resolved()
     rng = np.random.default_rng(0)
-    return open_site(shape, index_of(shape), saliency(shape, 0), None, None, text(0.125), parameters, rng)
+    return build_context(shape, index_of(shape), saliency(shape, 0), None, None, text(0.125), parameters, rng)
 
 
 def test_each_stage_leaves_no_more_boxes_than_the_one_before() -> None:
@@ -62,7 +62,7 @@ def test_candidates_that_stand_badly_are_not_fitted() -> None:
 
 
 def grown(shape: Surface, where: Boxes, most: float) -> list[float]:
-    found = grow(opened(shape), where, np.full(len(where), most))
+    found = widen(opened(shape), where, np.full(len(where), most))
     assert np.allclose(found.boxes.size[:, 1] / found.boxes.size[:, 0], where.size[0, 1] / where.size[0, 0])
     return sorted(found.boxes.size[:, 0].tolist())
 

@@ -15,21 +15,21 @@ from core.placement.objective import (
     OBJECTIVE,
     Placement,
     Terms,
-    bend,
+    best_possible_coverage,
     centroid,
-    columns,
+    contrast,
     cost,
+    curvature_deviation,
     distance,
     facing,
     likelihood,
     obstructed,
     roll,
-    tone,
-    within_reach,
+    targets,
 )
 from tests.core.placement.shapes import box, boxes, cuboid, plane, rotation
 
-SERVED = columns(cuboid(30, 30, 30))
+SERVED = targets(cuboid(30, 30, 30))
 FRONT = 0  # the first view
 
 
@@ -139,7 +139,7 @@ def test_no_mark_serves_a_direction_better_than_its_width_can(color: str | None)
         where = box((0, 0, 15), size=(width, width / 8, 0.5))
         seen = facing(where, SERVED.directions)
         served = likelihood(where, seen, np.zeros(1), np.ones(1), SERVED, color)[0, : len(SERVED.directions)]
-        reach = within_reach(width / 8, SERVED.directions[:, 2], color)
+        reach = best_possible_coverage(width / 8, SERVED.directions[:, 2], color)
         assert (served <= reach + 1e-6).all()
         assert served.max() == pytest.approx(reach.max(), abs=0.01)
         assert served[seen[0]].min() > 0.7 * reach[seen[0]].min()
@@ -149,8 +149,8 @@ def test_a_view_that_reads_one_mark_gains_from_a_second_but_from_no_third() -> N
     placement = replace(a_placement(3, 0), likelihood=np.array([[0.9], [0.6], [0.3]], np.float32), weight=np.ones(1))
     placement = replace(placement, cost=np.zeros(3))
     assert placement.value([0]) == pytest.approx(0.9)
-    assert placement.value([2, 0]) == pytest.approx(0.9 + 0.3 * OBJECTIVE.backup)
-    assert placement.value([0, 1]) == pytest.approx(0.9 + 0.6 * OBJECTIVE.backup)
+    assert placement.value([2, 0]) == pytest.approx(0.9 + 0.3 * OBJECTIVE.redundancy)
+    assert placement.value([0, 1]) == pytest.approx(0.9 + 0.6 * OBJECTIVE.redundancy)
     assert placement.value([0, 1, 2]) == placement.value([0, 1])
 
 
@@ -163,14 +163,14 @@ def test_marks_in_a_stack_pay_for_it_and_marks_apart_or_back_to_back_do_not() ->
         assert placement.value([0, 1]) == pytest.approx(gain)
         return float(-gain)
 
-    assert crowded(box((0, 1, 0))) == pytest.approx(0.8 * OBJECTIVE.crowd)
+    assert crowded(box((0, 1, 0))) == pytest.approx(0.8 * OBJECTIVE.proximity_weight)
     assert crowded(box((0, 1, 0))) > crowded(box((0, 3, 0))) > 0
     assert crowded(box((0, 6, 0))) == crowded(box((0, 0, -1), axes=rotation((1, 0, 0), 180))) == 0
 
 
 def test_letters_of_a_colour_stand_out_from_other_colours_and_letters_without_one_from_bright_ground() -> None:
     grey = np.repeat([[0.0], [0.2], [1.0]], 3, axis=1)
-    plain, white, black = (tone(grey, color) for color in (None, "#ffffff", "#000000"))
+    plain, white, black = (contrast(grey, color) for color in (None, "#ffffff", "#000000"))
     assert (np.diff(plain) > 0).all()
     assert plain[2] == white[0] == black[2] == 1
     assert white[2] == black[0] == plain[0] == pytest.approx(0.5)
@@ -178,7 +178,7 @@ def test_letters_of_a_colour_stand_out_from_other_colours_and_letters_without_on
 
 def test_letters_stand_out_from_ground_of_the_same_lightness_and_another_hue() -> None:
     red = hex_linear("#d02020")
-    same, grey, brick = tone(np.array([red, np.full(3, LUMINANCE @ red), hex_linear("#b83024")]), "#d02020")
+    same, grey, brick = contrast(np.array([red, np.full(3, LUMINANCE @ red), hex_linear("#b83024")]), "#d02020")
     assert same == pytest.approx(0.5)
     assert grey == 1
     assert same < brick < 0.75
@@ -239,8 +239,8 @@ def test_roll_is_the_sine_of_the_turn_from_upright(degrees: float) -> None:
 
 def test_bend_is_the_part_of_the_boxs_thickness_that_the_surface_takes_up() -> None:
     where = box(size=(4, 1, 0.5))
-    assert bend(where, np.array([[0.1, -0.1]]))[0] == pytest.approx(0.4)
-    assert bend(where, np.array([[-np.inf, 0.0]]))[0] == 1
+    assert curvature_deviation(where, np.array([[0.1, -0.1]]))[0] == pytest.approx(0.4)
+    assert curvature_deviation(where, np.array([[-np.inf, 0.0]]))[0] == 1
 
 
 def test_a_mark_changes_a_small_surface_more() -> None:

@@ -11,11 +11,11 @@ from core.geometry.surface import Surface
 from core.gltf.scene import flatten
 from core.parameters import Mode, Parameters, Preset
 from core.placement.candidates import upright
-from core.placement.context import Site, open_site
+from core.placement.context import PlacementContext, build_context
 from core.placement.filters import overlapping
 from core.placement.legibility import legible_height
 from core.placement.objective import Placement
-from core.placement.place import HEIGHTS, ladder, place, place_more
+from core.placement.place import HEIGHTS, ladder, place, search_again
 from core.placement.selection import select
 from tests.core.formats.meshes import MESHES
 from tests.core.placement.shapes import cuboid, index_of, inside_out, join, moved, plane, sphere, surface, text
@@ -25,10 +25,10 @@ WIDTHS = ladder(ASPECT)
 LEGIBLE_WIDTH = WIDTHS[len(HEIGHTS) - 1]
 
 
-def opened(shape: Surface, rng: np.random.Generator, aspect: float = ASPECT, **asked: object) -> Site:
+def opened(shape: Surface, rng: np.random.Generator, aspect: float = ASPECT, **asked: object) -> PlacementContext:
     parameters = Parameters.model_validate({"text": "watermark"} | asked).resolved()
     salient = saliency(shape, parameters.seed)
-    return open_site(shape, index_of(shape), salient, None, None, text(aspect), parameters, rng)
+    return build_context(shape, index_of(shape), salient, None, None, text(aspect), parameters, rng)
 
 
 def placed(shape: Surface, aspect: float = ASPECT, seed: int = 0, **asked: object) -> Placement:
@@ -197,7 +197,7 @@ def test_real_assets_get_marks_that_are_seen_from_nearly_everywhere(path: Path) 
     chosen = list(found.start)
     assert 8 <= len(chosen) <= 16
     assert found.visible[chosen].any(axis=0).mean() > 0.9
-    assert not found.barred[chosen].any()
+    assert not found.last_resort[chosen].any()
     for position, one in enumerate(chosen):
         assert not overlapping(found.boxes, one)[chosen[position + 1 :]].any()
 
@@ -229,7 +229,7 @@ def test_a_direction_in_which_only_a_grazing_mark_is_seen_gets_one_that_faces_it
     wedge = join(cuboid(30, 8, 30), moved(cuboid(2.8, 6, 2.8), shift=(0, 7, 0)))
     found = placed(wedge)
     chosen = list(found.start)
-    served, _ = found.served(chosen)
+    served, _ = found.coverage(chosen)
     assert served[:24].min() > 0.7
 
 
@@ -242,11 +242,11 @@ def test_the_two_sides_of_a_plate_get_no_more_marks_than_show_something_new() ->
 
 def test_where_places_were_refused_more_are_looked_for_on_the_sides_that_show_nothing_now() -> None:
     rng = np.random.default_rng(0)
-    site = opened(cuboid(30, 30, 30), rng)
-    found = place(site, rng)
+    context = opened(cuboid(30, 30, 30), rng)
+    found = place(context, rng)
     front = np.flatnonzero(found.boxes.axes[:, 2, 2] > 0.9)
     standing = [one for one in found.start if one not in front]
-    more = place_more(site, found, standing, front.tolist(), rng)
+    more = search_again(context, found, standing, front.tolist(), rng)
     assert np.array_equal(more.boxes.center[: len(found.boxes)], found.boxes.center)
     new = np.arange(len(found.boxes), len(more.boxes))
     assert len(new) > 0
@@ -256,9 +256,9 @@ def test_where_places_were_refused_more_are_looked_for_on_the_sides_that_show_no
 
 def test_where_nothing_was_refused_no_more_is_looked_for() -> None:
     rng = np.random.default_rng(0)
-    site = opened(cuboid(30, 30, 30), rng)
-    found = place(site, rng)
-    assert len(place_more(site, found, found.start, (), rng).boxes) == len(found.boxes)
+    context = opened(cuboid(30, 30, 30), rng)
+    found = place(context, rng)
+    assert len(search_again(context, found, found.start, (), rng).boxes) == len(found.boxes)
 
 
 def test_more_widths_never_make_the_choice_worse() -> None:
@@ -268,7 +268,7 @@ def test_more_widths_never_make_the_choice_worse() -> None:
     start: list[int] = []
     for width in widths:
         some = np.flatnonzero(found.boxes.size[:, 0] < width)
-        start = select(found, 16, dead=some.tolist(), start=start)
+        start = select(found, 16, rejected=some.tolist(), start=start)
         assert found.value(start) >= best
         best = found.value(start)
 
@@ -277,8 +277,8 @@ def test_salient_parts_are_spared_while_there_is_anything_else() -> None:
     ball = moved(sphere(3.5), shift=(0, 0, 3))
     found = placed(join(cuboid(30, 30, 1), ball))
     chosen = list(found.start)
-    assert found.barred.any()
-    assert not found.barred[chosen].any()
+    assert found.last_resort.any()
+    assert not found.last_resort[chosen].any()
 
 
 def test_an_asset_with_less_surface_than_the_text_covers_is_refused_before_any_search() -> None:

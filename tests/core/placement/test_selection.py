@@ -9,11 +9,11 @@ from core.geometry.boxes import Boxes
 from core.geometry.directions import fibonacci_directions
 from core.placement.candidates import upright
 from core.placement.filters import overlapping
-from core.placement.objective import Placement, columns, facing, likelihood
+from core.placement.objective import Placement, facing, likelihood, targets
 from core.placement.selection import select, visibility
 from tests.core.placement.shapes import box, boxes, index_of, inside_out, join, moved, plane, rotation, sphere
 
-SERVED = columns(sphere(12))
+SERVED = targets(sphere(12))
 
 
 def on_a_ball(number: int, seed: int = 0, radius: float = 12.0) -> Placement:
@@ -30,7 +30,7 @@ def on_a_ball(number: int, seed: int = 0, radius: float = 12.0) -> Placement:
         visible=visible,
         likelihood=likelihood(found, visible, np.zeros(number), np.ones(number), SERVED),
         cost=0.005 + 0.02 * rng.random(number),
-        barred=np.zeros(number, dtype=bool),
+        last_resort=np.zeros(number, dtype=bool),
         weight=SERVED.weight,
     )
 
@@ -52,11 +52,11 @@ def test_a_selection_never_overlaps_never_exceeds_the_count_and_keeps_what_is_fi
     placement = on_a_ball(number, seed)
     earlier = select(placement, min(3, count))
     fixed = earlier[:2]
-    dead = {pick for pick in picks if pick < number and pick not in fixed}
-    chosen = select(placement, count, fixed=fixed, dead=dead)
+    rejected = {pick for pick in picks if pick < number and pick not in fixed}
+    chosen = select(placement, count, fixed=fixed, rejected=rejected)
     assert chosen[: len(fixed)] == fixed
     assert len(chosen) == len(set(chosen)) <= count
-    assert not dead & set(chosen)
+    assert not rejected & set(chosen)
     for position, one in enumerate(chosen):
         assert not overlapping(placement.boxes, one)[chosen[position + 1 :]].any()
 
@@ -79,7 +79,7 @@ def test_no_more_marks_are_placed_than_add_something() -> None:
 @given(seed=st.integers(0, 100), number=st.integers(1, 60), more=st.integers(0, 60), count=st.integers(1, 12))
 def test_more_candidates_never_make_the_choice_worse(seed: int, number: int, more: int, count: int) -> None:
     placement = on_a_ball(number + more, seed)
-    few = select(placement, count, dead=range(number, number + more))
+    few = select(placement, count, rejected=range(number, number + more))
     assert placement.value(select(placement, count, start=few)) >= placement.value(few)
 
 
@@ -95,10 +95,10 @@ def test_the_choice_is_better_than_the_best_of_many_random_ones(seed: int) -> No
 def test_marks_on_salient_parts_are_chosen_only_where_there_is_nothing_else() -> None:
     placement = on_a_ball(100)
     barred = placement.boxes.center[:, 1] > 0
-    chosen = select(replace(placement, barred=barred), 12)
+    chosen = select(replace(placement, last_resort=barred), 12)
     assert chosen
     assert not barred[chosen].any()
-    only = select(replace(placement, barred=np.ones(100, dtype=bool)), 12)
+    only = select(replace(placement, last_resort=np.ones(100, dtype=bool)), 12)
     assert only
 
 
@@ -128,7 +128,7 @@ def test_a_few_marks_go_where_they_are_seen_from_most_directions() -> None:
 def test_a_box_that_failed_is_replaced_while_the_embossed_ones_stay() -> None:
     placement = on_a_ball(400)
     first = select(placement, 10)
-    again = select(placement, 10, fixed=first[:4], dead={first[4]})
+    again = select(placement, 10, fixed=first[:4], rejected={first[4]})
     assert again[:4] == first[:4]
     assert first[4] not in again
     assert len(again) >= len(first) - 1
