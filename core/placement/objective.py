@@ -1,52 +1,52 @@
-"""What a choice of marks is worth: one number, which placement maximises.
+"""The objective of placement: one number for a choice of marks, which selection maximises.
 
-With boxes m, chosen ones S, and columns j::
+With candidate boxes m, a choice S of them, and targets j::
 
-    F(S) = sum over j of w_j (first_j + BACKUP second_j)  -  sum over m in S of cost_m
-           -  CROWD x sum over pairs in S of beside(m, n)
+    F(S) = sum over j of w_j (best_j + REDUNDANCY second_j)  -  sum over m in S of cost_m
+           -  PROXIMITY_WEIGHT x sum over pairs in S of proximity(m, n)
 
-where ``first_j`` and ``second_j`` are the largest and the second largest L[m, j] over m in S, and ``L[m, j]``, 0 to
-1, is how well mark m serves column j: who looks from there reads the mark that reads best, and still reads one after
-somebody has filed that one off. The columns are
+where ``best_j`` and ``second_j`` are the largest and the second largest L[m, j] over m in S, and ``L[m, j]``, 0 to
+1, is how well mark m covers target j: from each direction the most legible visible mark counts; the second best counts
+with a small weight, for when the first is removed. The targets are
 
 * the paper's 24 views and 200 even directions, each set worth half (``w`` sums to 1 over them)::
 
-      L = seen (SEEN + (1 - SEEN) size x facing x roll x flatness)
+      L = visible (SEEN + (1 - SEEN) size x facing x roll x flatness)
 
-  Seen is 1 where the mark faces the direction within 45 degrees and rays from all over its letters get out; size is
-  how well text as high as this is read, coloured or not (:mod:`core.placement.legibility`), the projected height times
-  its tone; tone is how letters stand out from the base colour under them, see :func:`contrast`; facing is the cosine
-  over that of 40 degrees, at most 1; roll is ``1 - ROLLED (1 - cos r) / 2`` for the angle r between the text and the
-  picture's horizontal (1 for the even directions, whose pictures have no up); flatness is 1 less the bend under the
-  text;
+  Visible is 1 where the mark faces the direction within 45 degrees and rays from all over its letters get out; size is
+  the legibility of text of this height, coloured or not (:mod:`core.placement.legibility`), for the projected height
+  times the contrast of the letters with the base colour under them, see :func:`contrast`; facing is the cosine over
+  that of 40 degrees, at most 1; roll is ``1 - ROLLED (1 - cos r) / 2`` for the angle r between the text and the
+  picture's horizontal (1 for the even directions, whose pictures have no up); flatness is 1 less the curvature
+  deviation under the text;
 * 64 half-spaces through the surface's centroid, together worth ``CROPS``: L = 1 where the whole mark lies in the
   half-space, so that a crop by the plane leaves it.
 
-``beside`` is 1 less the distance of the centres over 5, at least 0, for marks on the same side of the surface: texts
-that stand in a stack are taken off together, and look like a list.
+``proximity`` is 1 less the distance of the centres over 5, at least 0, for marks on the same side of the surface: marks
+close together are removed together; the term keeps them apart.
 
 F is submodular (the two largest of a set, the second weighing less; pairs only take away): a mark that shows only what
 two others show better adds nothing. Were it monotone too, greedy choice would reach 1 - 1/e of the best (Nemhauser,
 Wolsey, Fisher 1978); exchanging marks only adds to it. A noisy-or in place of the two largest counts every mark that
-shows a view, which stacks them on the best places. Without the second mark (BACKUP 0) 10.7 marks on sixteen assets
+shows a view, which stacks them on the best places. Without the second mark (REDUNDANCY 0) 10.7 marks on sixteen assets
 were read in 0.77 of the views, with it 14.2 marks in 0.84. ::
 
-    cost_m = PENALTY (6 obstructed + 1.4 salient + 3 sin(roll) + bend + (roughness - 1) + exposed + 40 joint
-                      + 1.4 detail + busy - preferred)
+    cost_m = PENALTY (6 obstructed + 1.4 salient + 3 sin(roll) + curvature_deviation + (roughness - 1)
+                      + edge_proximity + 40 articulation + 1.4 detail + busy - preferred)
              + MARK + min(DISTORTION x (the letters' share of the surface) x relief, 0.05)
 
-Obstructed is the share of the directions a mark faces in which it is not seen (what the paper's Ray punishes),
-salient the share of salient surface under it, exposed the share of a frame around it in which the surface does not go
-on (edges, silhouettes, holes), joint how many joints share the skin under it (letters on an elbow are torn in other
-poses), detail the share on eyes, logos or print in the texture, busy how much colours vary
-there, preferred the share on regions asked for. Thin walls take no sunken letters at all
+Obstructed is the share of the directions a mark faces in which it is not visible (the paper's Ray punishes it); salient
+the share of salient surface under it; edge proximity the share of a margin around it that has no supporting surface
+(edges, silhouettes, holes); articulation the number of joints that share the skin under it (letters on an elbow are
+torn in other poses); detail the share on eyes, logos or print in the texture; busy the variance of colours there;
+preferred the share on regions asked for. Thin walls take no sunken letters at all
 (:func:`core.placement.filters.thin_walled`), and marks do not overlap (selection). Seams of the texture cost nothing
-of their own: letters carry the texture of either side, and a change of colour at a seam is what busy counts. Marks on
-surface that is mostly salient, or a third of it detail, are barred: they are placed only where there is nothing else
-at all. The last two terms are what any mark costs: it has to show more than that, and a mark that adds less is not
-placed. This takes the place of the paper's octants, which spread marks without asking what they show.
+of their own: letters carry the texture of either side, and a change of colour at a seam counts as busy. Marks on
+surface that is mostly salient, or a third of it detail, are a last resort: they are placed only where there is nothing
+else at all. The last two terms are the price of any mark: one that adds less is not placed. This takes the place of the
+paper's octants, which spread marks without asking what they show.
 
-What each term does to the metrics is in the report of ``meshmark benchmark --methods objective``.
+The effect of each term on the metrics is in the report of ``meshmark benchmark --methods objective``.
 """
 
 from collections.abc import Sequence
@@ -98,9 +98,9 @@ class Objective:
     because it is in every view's picture. With distortion at 20 SMSE is a sixth larger, and text reads no better.
     """
 
-    seen: float = 0.5  # of serving a direction, for being seen there at all
-    redundancy: float = 0.15  # of serving a column, for the second best mark
-    crops: float = 0.1  # all half-spaces together; nearly any choice of a few marks serves nearly all
+    seen: float = 0.5  # of covering a direction, for being visible there at all
+    redundancy: float = 0.15  # of covering a target, for the second best mark
+    crops: float = 0.1  # all half-spaces together; nearly any choice of a few marks covers nearly all
     legibility: float = 1.0  # exponent of size x facing x roll x flatness
     obstructed: float = 6.0
     salient: float = 1.4
@@ -108,16 +108,15 @@ class Objective:
     curvature_deviation: float = 1.0
     rough: float = 1.0
     edge_proximity: float = 1.0
-    articulation: float = 40.0  # text that joints tear is worth nothing in motion
+    articulation: float = 40.0  # text torn by joints is worth nothing in motion
     detail: float = 1.4
     busy: float = 1.0
     preferred: float = 1.0
     mark: float = 0.0003  # a mark has to add more than an eighth of one of the 200 directions
-    proximity_weight: float = (
-        0.01  # a pair of marks at one place: more than the second is worth but on the only side of its kind
-    )
+    # Of a pair of marks at one place: more than the second is worth but on the only side of its kind.
+    proximity_weight: float = 0.01
     distortion: float = 35.0  # per unit of mean distance (SMSE) that a mark adds
-    bars: bool = True  # salient parts and details are barred
+    bars: bool = True  # salient parts and details are a last resort
 
 
 OBJECTIVE = Objective()
@@ -125,14 +124,14 @@ OBJECTIVE = Objective()
 
 @dataclass(frozen=True, eq=False)
 class Targets:
-    """What marks are to serve.
+    """The targets that marks are to cover.
 
     Attributes:
         directions: (D, 3) unit vectors from the asset towards the camera, the 24 views first.
         up: (24, 3) the pictures' up in the views.
         half_spaces: (H, 3) unit normals of planes through ``centroid``, pointing to the kept side.
         centroid: (3,) of the surface.
-        weight: (D + H,) what serving each column is worth.
+        weight: (D + H,) the weight of covering each target.
     """
 
     directions: Float
@@ -149,7 +148,7 @@ def centroid(surface: Surface) -> Float:
 
 
 def targets(surface: Surface, objective: Objective = OBJECTIVE) -> Targets:
-    """The columns for an asset."""
+    """The targets of an asset."""
     (views, up), even = view_directions(), fibonacci_directions(EVEN_DIRECTIONS)
     weight = np.repeat(
         [0.5 / len(views), 0.5 / len(even), objective.crops / HALF_SPACES], [len(views), len(even), HALF_SPACES]
@@ -159,19 +158,19 @@ def targets(surface: Surface, objective: Objective = OBJECTIVE) -> Targets:
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """All boxes that survived the filters, and what choosing among them needs.
+    """All boxes that passed the filters, with their coverage and cost.
 
     Attributes:
         boxes: B boxes, size-30 units.
         loss: (B,) mean squared distance of the outline to the surface, squared size-30 units.
         roughness: (B,) mean of 1/cos between normals; 1 is flat.
         visible: (B, D) whether the box faces a direction within 45 degrees and all its rays get out.
-        likelihood: (B, J) float32 that the box serves each column, 0 to 1.
+        likelihood: (B, J) float32 how well the box covers each target, 0 to 1.
         cost: (B,) in the unit of ``weight``.
         last_resort: (B,) boxes on salient parts, for use only where there is nothing else.
-        weight: (J,) what serving each column is worth.
-        redundancy: what serving it a second time is worth of that.
-        proximity_weight: what a pair of boxes costs that stand right beside each other.
+        weight: (J,) the weight of covering each target.
+        redundancy: weight of covering it a second time, as a share of that.
+        proximity_weight: cost of a pair of boxes at one place.
         start: a good choice among the boxes, which selection improves on.
     """
 
@@ -188,12 +187,12 @@ class Placement:
     start: tuple[int, ...] = ()
 
     def coverage(self, chosen: Sequence[int]) -> tuple[Single, Single]:
-        """(J,) each: how well the best and the second best of the ``chosen`` boxes serve each column."""
+        """(J,) each: how well the best and the second best of the ``chosen`` boxes cover each target."""
         (best, second, _), _ = self._leaders(chosen)
         return best, second
 
     def gain(self, chosen: Sequence[int]) -> Float:
-        """(B,) what adding each box to the ``chosen`` adds to the objective."""
+        """(B,) the gain in the objective from adding each box to the ``chosen``."""
         best, second = self.coverage(chosen)
         added = (self._added(best, second) * self.weight).sum(axis=1)
         return _even(added - self.proximity_weight * self.proximity(chosen).sum(axis=1) - self.cost)
@@ -201,7 +200,7 @@ class Placement:
     def gain_without(self, chosen: Sequence[int]) -> Float:
         """(B, K) :meth:`gain` where each of the K ``chosen`` boxes in turn is left out.
 
-        Only in those columns does that make a difference in which the one left out is best or second best.
+        Only in those targets does that make a difference in which the one left out is best or second best.
         """
         (best, second, third), owner = self._leaders(chosen)
         whole = self._added(best, second) * self.weight
@@ -214,7 +213,7 @@ class Placement:
         return _even(gain - self.proximity_weight * (near.sum(axis=1, keepdims=True) - near) - self.cost[:, None])
 
     def _leaders(self, chosen: Sequence[int]) -> tuple[Single, Int]:
-        """(3, J) the three largest likelihoods of the ``chosen`` boxes in each column, 0 where there are fewer, and
+        """(3, J) the three largest likelihoods of the ``chosen`` boxes for each target, 0 where there are fewer, and
         (2, J) which of ``chosen`` has the largest and the second largest; -1 for none."""
         none = np.zeros((3, self.likelihood.shape[1]), np.float32)
         rows = np.concatenate([self.likelihood[list(chosen)], none])
@@ -222,18 +221,18 @@ class Placement:
         return np.take_along_axis(rows, order, axis=0), np.where(order < len(chosen), order, -1)[:2]
 
     def _added(self, best: Single, second: Single) -> Single:
-        """(B, J) what each box adds in each column where others serve it ``best`` and ``second`` best (J,)."""
-        backed = np.minimum(self.likelihood, best)
-        backed -= second
-        np.maximum(backed, 0, out=backed)
-        backed *= self.redundancy
+        """(B, J) the gain of each box in each target that others cover ``best`` and ``second`` best (J,)."""
+        redundant = np.minimum(self.likelihood, best)
+        redundant -= second
+        np.maximum(redundant, 0, out=redundant)
+        redundant *= self.redundancy
         added = self.likelihood - best
         np.maximum(added, 0, out=added)
-        added += backed
+        added += redundant
         return added
 
     def proximity(self, chosen: Sequence[int]) -> Float:
-        """(B, K) how much each box stands beside each of the K ``chosen``: 1 less the distance over
+        """(B, K) proximity of each box to each of the K ``chosen``: 1 less the distance over
         :data:`PROXIMITY_RANGE` on the same side of the surface, 0 for itself."""
         chosen = list(chosen)
         apart = cdist(self.boxes.center, self.boxes.center[chosen])
@@ -245,9 +244,9 @@ class Placement:
     def value(self, chosen: Sequence[int]) -> float:
         """The objective F of ``chosen``."""
         best, second = self.coverage(chosen)
-        crowded = self.proximity_weight * self.proximity(chosen)[list(chosen)].sum() / 2
-        served = (self.weight * (best + self.redundancy * second)).sum()
-        return float(_even(served - self.cost[list(chosen)].sum() - crowded))
+        close = self.proximity_weight * self.proximity(chosen)[list(chosen)].sum() / 2
+        covered = (self.weight * (best + self.redundancy * second)).sum()
+        return float(_even(covered - self.cost[list(chosen)].sum() - close))
 
 
 def _even(worth: Float) -> Float:
@@ -262,7 +261,7 @@ def facing(boxes: Boxes, directions: Float) -> Bool:
 
 
 def contrast(ground: Float, color: str | None) -> Float:
-    """(B,) how well letters stand out from each colour of the ``ground`` (B, 3), linear sRGB: 0 to 1.
+    """(B,) contrast of letters with each colour of the ``ground`` (B, 3), linear sRGB: 0 to 1.
 
     Letters of a ``color`` of their own ("#rrggbb") are told from the ground by the distance of the two in CIELAB.
     Letters without one are told by their walls, one side of which is lit half as much as the other: on black ground
@@ -279,8 +278,8 @@ def contrast(ground: Float, color: str | None) -> Float:
 
 
 def best_possible_coverage(height: float, cosine: Float, color: str | None, objective: Objective = OBJECTIVE) -> Float:
-    """(D,) how well a mark serves directions at best, whose text is of a ``height`` in size-30 units and turned away
-    by the angles of these ``cosine`` (D,)."""
+    """(D,) coverage of directions by a mark in the best case: its text has a ``height`` in size-30 units, and is turned
+    away by the angles of these ``cosine`` (D,)."""
     legible = legibility(np.array(height), color) * np.clip(cosine / HEAD_ON, 0, 1)
     return np.asarray(objective.seen + (1 - objective.seen) * legible)
 
@@ -288,44 +287,44 @@ def best_possible_coverage(height: float, cosine: Float, color: str | None, obje
 def likelihood(
     boxes: Boxes,
     visible: Bool,
-    bend: Float,
-    tone: Float,
-    served: Targets,
+    deviation: Float,
+    contrasts: Float,
+    goal: Targets,
     color: str | None = None,
     objective: Objective = OBJECTIVE,
 ) -> Single:
-    """(B, J) likelihood that each box serves each column.
+    """(B, J) how well each box covers each target, 0 to 1.
 
     Args:
         boxes: size-30 units.
-        visible: (B, D) in which directions each is seen.
-        bend: (B,) how much the surface under each bends, see :func:`curvature_deviation`.
-        tone: (B,) how well letters stand out from the ground, see :func:`contrast`.
-        served: the columns.
+        visible: (B, D) directions in which each is visible.
+        deviation: (B,) curvature deviation of the surface under each, see :func:`curvature_deviation`.
+        contrasts: (B,) of letters with the ground under each, see :func:`contrast`.
+        goal: the targets.
         color: of the letters, "#rrggbb"; None for that of the ground.
         objective: the terms' weights.
     """
-    cosine = np.clip(product(boxes.axes[:, 2], served.directions.T), 0, 1)
+    cosine = np.clip(product(boxes.axes[:, 2], goal.directions.T), 0, 1)
     # The text is as high on the picture as its up is long there.
-    upright_length = np.sqrt(np.clip(1 - product(boxes.axes[:, 1], served.directions.T) ** 2, 0, 1))
+    upright_length = np.sqrt(np.clip(1 - product(boxes.axes[:, 1], goal.directions.T) ** 2, 0, 1))
     # Contrast and size stand in for each other: fainter text has to be larger.
-    height = boxes.size[:, 1:2] * upright_length * tone[:, None]
-    legible = legibility(height, color) * np.minimum(1.0, cosine / HEAD_ON) * np.clip(1 - bend, 0, 1)[:, None]
+    height = boxes.size[:, 1:2] * upright_length * contrasts[:, None]
+    legible = legibility(height, color) * np.minimum(1.0, cosine / HEAD_ON) * np.clip(1 - deviation, 0, 1)[:, None]
     # The text's right on the picture: how far along its horizontal, how far along its vertical.
-    views = served.directions[: len(served.up)]
-    along = product(boxes.axes[:, 0], np.cross(served.up, views).T)
-    across = product(boxes.axes[:, 0], served.up.T)
+    views = goal.directions[: len(goal.up)]
+    along = product(boxes.axes[:, 0], np.cross(goal.up, views).T)
+    across = product(boxes.axes[:, 0], goal.up.T)
     length = np.maximum(np.hypot(along, across), np.finfo(float).tiny)
     legible[:, : len(views)] *= 1 - ROLLED * (1 - along / length) / 2
     shown = visible * (objective.seen + (1 - objective.seen) * legible**objective.legibility)
-    corners = boxes.corners() - served.centroid
-    whole = product(corners, served.half_spaces.T).min(axis=1) > 0
+    corners = boxes.corners() - goal.centroid
+    whole = product(corners, goal.half_spaces.T).min(axis=1) > 0
     return np.concatenate([shown, whole], axis=1).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
 class Terms:
-    """What is unwelcome at each of B places, all (B,), 0 where nothing is."""
+    """Cost terms of B candidate boxes, all (B,)."""
 
     obstructed: Float
     salient: Float
@@ -337,12 +336,12 @@ class Terms:
     detail: Float
     busy: Float
     preferred: Float
-    distance: Float  # that a mark adds to the mean distance between the surfaces, size-30 units
+    distance: Float  # added to the mean distance between the surfaces, size-30 units
 
 
 def cost(terms: Terms, objective: Objective = OBJECTIVE) -> Float:
-    """(B,) what a mark at each place costs, in shares of all directions."""
-    unwelcome = (
+    """(B,) cost of a mark in each box, in shares of all directions."""
+    penalty = (
         objective.obstructed * terms.obstructed
         + objective.salient * terms.salient
         + objective.roll * terms.roll
@@ -354,12 +353,12 @@ def cost(terms: Terms, objective: Objective = OBJECTIVE) -> Float:
         + objective.busy * terms.busy
         - objective.preferred * terms.preferred
     )
-    return PENALTY * unwelcome + objective.mark + np.minimum(objective.distortion * terms.distance, MOST_DISTORTED)
+    return PENALTY * penalty + objective.mark + np.minimum(objective.distortion * terms.distance, MOST_DISTORTED)
 
 
-def obstructed(visible: Bool, faced: Bool, served: Targets) -> Float:
+def obstructed(visible: Bool, faced: Bool, goal: Targets) -> Float:
     """(B,) weighted share of the directions each box faces (B, D) in which it is not ``visible`` (B, D)."""
-    weight = served.weight[: len(served.directions)]
+    weight = goal.weight[: len(goal.directions)]
     return np.asarray(
         1 - (visible * weight).sum(axis=1) / np.maximum((faced * weight).sum(axis=1), np.finfo(float).tiny)
     )
@@ -378,6 +377,6 @@ def curvature_deviation(boxes: Boxes, height: Float) -> Float:
 
 
 def distance(boxes: Boxes, relief: Float, ink: float, area: float) -> Float:
-    """(B,) about what each mark, its letters ``relief`` (B,) high and covering the share ``ink`` of its box, adds to
-    the mean distance between the marked and the plain surface of an ``area``."""
+    """(B,) estimate of the distance that each mark adds to the mean between the marked and the plain surface of an
+    ``area``; its letters are ``relief`` (B,) high and cover the share ``ink`` of its box."""
     return np.asarray(ink * boxes.size[:, 0] * boxes.size[:, 1] * relief / area)
