@@ -1,9 +1,8 @@
-"""Which fitted boxes are fit for letters: one pure function per reason to drop a box.
+"""Filters of fitted boxes: one pure function per reason to drop a box.
 
-A box may only be kept where its front looks out of the asset. On a part whose faces are wound inside out the
-candidates look inwards; what they face is then the asset itself, and :func:`occluded` (or the visibility
-matrix of ``selection``) removes them. They are not turned around: a renderer that culls back faces would not
-show their letters either.
+A box may only be kept where its front looks out of the asset. On a component whose faces are wound inside out the
+candidates look inwards, at the asset itself, and :func:`occluded` (or the visibility matrix of ``selection``) removes
+them. They are not turned around: a renderer that culls back faces would not show their letters either.
 """
 
 from dataclasses import dataclass
@@ -24,13 +23,13 @@ SMALLEST_COSINE = 0.05
 FACING = 0.15  # cosine from which embossing takes a face as part of the patch
 FOOTPRINT = (24, 6)
 RAYS_SKIPPED = 4  # roughness takes every fourth ray, 36 a box
-FRAME, FRAME_GRID = 0.8, (9, 4)
+EDGE_MARGIN, EDGE_GRID = 0.8, (9, 4)  # text heights around a box
 FOOTPRINT_MARGIN = 0.08  # of the height; letters keep this clear of every border of the surface
 
 
 @dataclass(frozen=True, eq=False)
 class Footprint:
-    """What rays from above meet over a grid on each box: the first layer, seen along minus the box's normal.
+    """First hits of rays cast from above over a grid on each box, against the box's normal.
 
     Attributes:
         height: (B, N) along the normal from the middle plane, size-30 units; -inf where nothing is met.
@@ -76,57 +75,57 @@ def well_aligned(loss: Float) -> Bool:
     return np.asarray(loss < LOSS_THRESHOLD)
 
 
-def recentre(boxes: Boxes, met: Footprint, part: Int, ahead: float) -> Boxes:
-    """Boxes moved along their plane to where the surface under them goes on.
+def recentre(boxes: Boxes, met: Footprint, component: Int, step: float) -> Boxes:
+    """Boxes moved along their plane towards the centre of their support.
 
-    Each moves ``ahead`` times the way from its middle to the middle of what of its footprint stands on surface: twice
-    the way, a box that hangs over a straight edge ends right at it; once, one on a strip narrower than itself ends in
-    its middle. Fitting brings boxes near such places, but a point that hangs over an edge only a little hardly pulls.
-    ``part`` as for :func:`fully_supported`.
+    Each moves ``step`` times the way from its centre to that of the supported part of its footprint: with 2 a box that
+    hangs over a straight edge ends right at it, with 1 a box on a strip narrower than itself ends in its middle. The
+    loss brings boxes near such places, but a point that hangs over an edge only a little hardly contributes.
+    ``component`` as for :func:`fully_supported`.
     """
-    stands = _supported(met, boxes) & _together(met, part)
-    share = stands.sum(axis=1, keepdims=True)
-    middle = np.einsum("bn,bnk->bk", stands, met.local) / np.maximum(share, 1)
-    return Boxes(boxes.center + ahead * np.einsum("bk,bkj->bj", middle, boxes.axes[:, :2]), boxes.axes, boxes.size)
+    supported = _supported(met, boxes) & _on_one_component(met, component)
+    share = supported.sum(axis=1, keepdims=True)
+    middle = np.einsum("bn,bnk->bk", supported, met.local) / np.maximum(share, 1)
+    return Boxes(boxes.center + step * np.einsum("bk,bkj->bj", middle, boxes.axes[:, :2]), boxes.axes, boxes.size)
 
 
-def fully_supported(met: Footprint, boxes: Boxes, part: Int) -> Bool:
-    """(B,) boxes with one layer of one part of the surface under all of their footprint.
+def fully_supported(met: Footprint, boxes: Boxes, component: Int) -> Bool:
+    """(B,) boxes with one layer of one component of the surface under all of their footprint.
 
     Every ray meets a face that looks at the box (cosine above 0.15) within the box's thickness. A box that
     hangs over an edge, a hole or a gap fails, and so does one with another layer within the clearance of
-    ``footprint`` above it, because the rays start above that layer and meet it first. ``part`` (F,) says which part
-    each face belongs to: letters are not cut where one part runs into another.
+    ``footprint`` above it, because the rays start above that layer and meet it first. ``component`` (F,)
+    numbers the component of each face: letters are not cut where one runs into another.
     """
-    return np.asarray((_supported(met, boxes) & _together(met, part)).all(axis=1))
+    return np.asarray((_supported(met, boxes) & _on_one_component(met, component)).all(axis=1))
 
 
-def support(met: Footprint, boxes: Boxes, part: Int) -> Float:
-    """(B,) share of each footprint that is as :func:`fully_supported` demands of all of it."""
-    return np.asarray((_supported(met, boxes) & _together(met, part)).mean(axis=1))
+def support(met: Footprint, boxes: Boxes, component: Int) -> Float:
+    """(B,) share of each footprint that meets the conditions of :func:`fully_supported`."""
+    return np.asarray((_supported(met, boxes) & _on_one_component(met, component)).mean(axis=1))
 
 
 def _supported(met: Footprint, boxes: Boxes) -> Bool:
-    """(B, N) rays that meet a face within the box which looks at it."""
+    """(B, N) rays that meet, within the box, a face that looks at it."""
     return np.asarray((np.abs(met.height) <= boxes.size[:, 2:3] / 2) & (met.cosine > FACING))
 
 
-def _together(met: Footprint, part: Int) -> Bool:
-    """(B, N) rays that meet the part which is met in the middle."""
-    under = np.where(met.face >= 0, part[met.face], -1)
+def _on_one_component(met: Footprint, component: Int) -> Bool:
+    """(B, N) rays that meet the same component as the ray in the middle."""
+    under = np.where(met.face >= 0, component[met.face], -1)
     middle = (met.local**2).sum(axis=2).argmin(axis=1)
     return np.asarray(under == np.take_along_axis(under, middle[:, None], axis=1))
 
 
 def edge_proximity(boxes: Boxes, index: SpatialIndex, normals: Float, clearance: float | Float) -> Float:
-    """(B,) share of a frame around each box in which the surface under it does not go on: near an edge, a hole or a
-    silhouette a mark is cut off by the first crop, and looks as if it had slipped.
+    """(B,) share of a margin around each box that has no supporting surface: near an edge, a hole or a silhouette a
+    mark is cut off by the first crop, and looks misplaced.
 
-    The frame is :data:`FRAME` of the height wide; ``clearance`` and ``normals`` as for :func:`footprint`.
+    The margin is :data:`EDGE_MARGIN` of the height wide; ``clearance`` and ``normals`` as for :func:`footprint`.
     """
-    met = footprint(boxes, index, normals, clearance, FRAME_GRID, margin=FRAME)
-    across, down = FRAME_GRID
-    rim = np.zeros(FRAME_GRID, dtype=bool)
+    met = footprint(boxes, index, normals, clearance, EDGE_GRID, margin=EDGE_MARGIN)
+    across, down = EDGE_GRID
+    rim = np.zeros(EDGE_GRID, dtype=bool)
     rim[[0, across - 1]] = True
     rim[:, [0, down - 1]] = True
     return np.asarray(1 - _supported(met, boxes)[:, rim.ravel()].mean(axis=1))
@@ -158,7 +157,7 @@ def roughness(boxes: Boxes, points: Float, normals: Float) -> Float:
 
 
 def roughness_met(met: Footprint, normals: Float) -> Float:
-    """(B,) :func:`roughness` of what the rays of a footprint met, every fourth of them; ``normals`` as there."""
+    """(B,) :func:`roughness` over the faces met by every fourth ray of a footprint; ``normals`` as there."""
     face = met.face[:, ::RAYS_SKIPPED]
     return _mean_inverse_cosine(normals[face], face >= 0)
 
@@ -181,7 +180,7 @@ def occluded(boxes: Boxes, points: Float, index: SpatialIndex, reach: float | Fl
     """(B,) boxes whose front looks at the asset itself within ``reach`` (one for all, or (B,)), size-30 units.
 
     Rays leave along the normal from ``points`` (B, N, 3), see :func:`above` (paper, supplement "Non-Occluding
-    Boxes"), through what hides nothing from whoever looks at the box.
+    Boxes"), and pass faces that hide nothing from the outside.
     """
     return _meets(points, boxes.axes[:, 2], index, reach, Eye.FAR)
 

@@ -1,4 +1,4 @@
-"""One text width: candidates, fine-tuning, filters, and what selection has to know of the boxes that are left."""
+"""One text width: candidates, fine-tuning, filters, and coverage and cost of the boxes that pass."""
 
 from collections.abc import Callable
 
@@ -44,37 +44,32 @@ from core.placement.objective import (
 )
 from core.placement.selection import visibility
 
-THICKNESS, THINNEST = 0.15, 0.25  # of the longer side: room for text that bends as much as it may; size-30 units
+THICKNESS, THINNEST = 0.15, 0.25  # size-30 units, share of the longer side and least: room for text on curved surface
 PAPER_THICKNESS, PAPER_SAMPLES, PAPER_RADIUS = 0.5, 300, 1.0
-# Drawn before thinning, and about how many stay: as many as half a second fits on one core. Narrower text is looked for
-# only where wider text does little, and draws more: thin edges and small parts have little of the area.
+# Area samples drawn, and boxes left after thinning: about 0.5 s of fitting on one core. Narrower text is searched only
+# where wider text covers little, and draws more samples: thin edges and small parts have little of the area.
 SAMPLES, CANDIDATES = 8000, 700
 MORE_SAMPLES = 40_000
-MORE, FEWEST = 1.2, 0.25  # of CANDIDATES: for each share of all directions that is wanted; at least
-# Candidates drawn for each that is fitted: of those that stand badly where they are drawn few ever do better.
+MORE, FEWEST = 1.2, 0.25  # share of CANDIDATES for each share of all directions that is wanted; least share
+# Candidates drawn for each one fitted, those with the best support: few others ever gain it.
 CHOICE, COARSE_GRID = 2.0, (8, 3)
-# Share of a box that stands after the coarse pass. Of 2746 boxes on less, of seven assets, 145 would have come to stand
-# whole: one in fifty of all that did.
+# Least supported share of a box after the coarse pass. Of 2746 boxes with less, on seven assets, 145 would have become
+# fully supported: one in fifty of all that did.
 MIN_SUPPORT = 0.7
-VISIBILITY_PROBES = (
-    6  # directions in which each sample is looked for: one that none of them sees lies inside or in a cranny
-)
-# Of that many random darts thinned to a radius r, about 0.5 area / r^2 stay.
+VISIBILITY_PROBES = 6  # directions tried for each sample; one visible from none lies inside or in a cranny
+# Random points thinned to a radius r leave about this times area / r^2.
 PACKING = 0.5
-COPY = 0.05  # fitted boxes closer than this are one (finetune.distinct)
-# On strips narrower than this share of legible text, or of the text if that is less, text runs along; so many of the
-# samples around each place say what is a strip.
+COPY = 0.05  # size-30 units: fitted boxes closer than this are one (finetune.distinct)
+# Text runs along strips narrower than this share of legible text, or of the text if that is less; so many samples
+# around each place decide.
 NARROW, STRIP_SAMPLES = 0.75, 300
 GROWTH, GROWTH_STEPS = 1.1, 5  # from each width to nearly the next wider one
 LIFT = 1.5  # reliefs above the surface at which visibility starts: just clear of the letters
 SKIN = 0.01  # how far from the surface rays start that must not meet it
 SIGHT_GRID = (8, 2)
 SIGHT = 8.0  # heights in front of a text in which no other part may stand
-RECENTRE_STEPS, RECENTRE_GRID, RECENTRE_MARGIN = (
-    (2.0, 1.0),
-    (12, 16),
-    0.16,
-)  # with as much of the height to spare at the border
+RECENTRE_STEPS, RECENTRE_GRID = (2.0, 1.0), (12, 16)
+RECENTRE_MARGIN = 0.16  # text heights to spare at the border
 
 
 def fit(
@@ -84,10 +79,10 @@ def fit(
     rng: np.random.Generator,
     progress: Callable[[float], None],
 ) -> tuple[Placement, dict[str, int]]:
-    """All boxes of one ``width`` (size-30 units) that may carry the text.
+    """Boxes of one ``width`` (size-30 units) that may carry the text.
 
     Args:
-        context: where.
+        context: the shared inputs.
         width: of the text.
         wanted: (K, 3) only candidates that look towards one of these directions, within 45 degrees, are fitted; None
             for all.
@@ -95,7 +90,7 @@ def fit(
         progress: called with the share done, 0 to 1, by the slow solver.
 
     Returns:
-        The survivors, and how many boxes were left after each stage, by stage.
+        The boxes that passed, and the number left after each stage.
     """
     height = width * context.lettering.aspect
     thickness = max(THICKNESS * max(width, height), THINNEST)
@@ -106,22 +101,22 @@ def fit(
     if context.parameters.solver is Solver.ADAM:
         boxes, loss = adam(boxes, context.index, progress)
         return _survivors(context, boxes, loss, LOSS_THRESHOLD, left)
-    hanging = 0
+    overhanging = 0
 
-    def worth(coarse: Boxes) -> Bool:
-        nonlocal hanging
-        stands = _support(context, coarse) >= MIN_SUPPORT
-        hanging += int((~stands).sum())
-        return stands
+    def keep_after_coarse(coarse: Boxes) -> Bool:
+        nonlocal overhanging
+        supported = _support(context, coarse) >= MIN_SUPPORT
+        overhanging += int((~supported).sum())
+        return supported
 
     def recentre_on_support(fitted: Boxes) -> tuple[Boxes, Bool]:
-        nonlocal hanging
-        settled, stands = _recentred_on_support(context, fitted)
-        hanging += int((~stands).sum())
-        return settled, stands
+        nonlocal overhanging
+        recentred, supported = _recentred_on_support(context, fitted)
+        overhanging += int((~supported).sum())
+        return recentred, supported
 
-    boxes, loss = levenberg_marquardt(boxes, context.index, context.surfels, worth, recentre_on_support)
-    return _survivors(context, boxes, loss, loss_limit(boxes.size), left, hanging)
+    boxes, loss = levenberg_marquardt(boxes, context.index, context.surfels, keep_after_coarse, recentre_on_support)
+    return _survivors(context, boxes, loss, loss_limit(boxes.size), left, overhanging)
 
 
 def widen(context: PlacementContext, boxes: Boxes, most: Float) -> Placement:
@@ -141,37 +136,44 @@ def _relief(context: PlacementContext, boxes: Boxes) -> Float:
 
 
 def _recentred_on_support(context: PlacementContext, fitted: Boxes) -> tuple[Boxes, Bool]:
-    """Rays are cheap, closest points are not: boxes that hang over an edge are slid before they are given up. The boxes
-    and which of them stand (B,)."""
+    """Overhanging boxes are recentred on their support before they are rejected; this takes only ray casts. The boxes,
+    and which of them are fully supported (B,)."""
     index, relief = context.index, _relief(context, fitted)
-    stands = fully_supported(footprint(fitted, index, context.normals, relief), fitted, context.component)
+    supported = fully_supported(footprint(fitted, index, context.normals, relief), fitted, context.component)
     center = fitted.center.copy()
-    for ahead in RECENTRE_STEPS:
-        hang = np.flatnonzero(~stands)
-        moved = Boxes(center[hang], fitted.axes[hang], fitted.size[hang])
-        met = footprint(moved, index, context.normals, relief[hang], RECENTRE_GRID, RECENTRE_MARGIN)
-        moved = recentre(moved, met, context.component, ahead)
-        center[hang] = moved.center
-        stands[hang] = fully_supported(footprint(moved, index, context.normals, relief[hang]), moved, context.component)
-    return Boxes(center, fitted.axes, fitted.size), stands
+    for step in RECENTRE_STEPS:
+        over = np.flatnonzero(~supported)
+        moved = Boxes(center[over], fitted.axes[over], fitted.size[over])
+        met = footprint(moved, index, context.normals, relief[over], RECENTRE_GRID, RECENTRE_MARGIN)
+        moved = recentre(moved, met, context.component, step)
+        center[over] = moved.center
+        supported[over] = fully_supported(
+            footprint(moved, index, context.normals, relief[over]), moved, context.component
+        )
+    return Boxes(center, fitted.axes, fitted.size), supported
 
 
 def _survivors(
-    context: PlacementContext, boxes: Boxes, loss: Float, limit: Float | float, left: dict[str, int], hanging: int = 0
+    context: PlacementContext,
+    boxes: Boxes,
+    loss: Float,
+    limit: Float | float,
+    left: dict[str, int],
+    overhanging: int = 0,
 ) -> tuple[Placement, dict[str, int]]:
-    """Those of the fitted ``boxes`` (B,) with a ``loss`` (B,) below the ``limit`` (B,) that may carry the text, and
-    how many were ``left`` after each stage; ``hanging`` ones were given up while they were fitted."""
+    """Fitted ``boxes`` (B,) with a ``loss`` (B,) below the ``limit`` (B,) that pass all filters, and the number
+    ``left`` after each stage; ``overhanging`` ones were rejected during fitting."""
     parameters, index = context.parameters, context.index
     kept = np.flatnonzero(loss < limit)
     boxes, loss = right_way_up(boxes[kept]), loss[kept]
-    left["aligned"] = len(boxes) + hanging
+    left["aligned"] = len(boxes) + overhanging
     kept = distinct(boxes, loss, COPY)
     boxes, loss = boxes[kept], loss[kept]
-    left["distinct"] = len(boxes) + hanging
+    left["distinct"] = len(boxes) + overhanging
     if context.regions is not None:
         kept = np.flatnonzero(~context.regions.touches(boxes, margin=float(_relief(context, boxes).max(initial=0))))
         boxes, loss = boxes[kept], loss[kept]
-    left["free"] = len(boxes) + hanging
+    left["free"] = len(boxes) + overhanging
 
     met = footprint(boxes, index, context.normals, _relief(context, boxes))
     kept = np.flatnonzero(fully_supported(met, boxes, context.component))
@@ -241,13 +243,13 @@ def _candidates(
 
 
 def _most_supported(context: PlacementContext, boxes: Boxes) -> Boxes:
-    """Those of the ``boxes``, one in :data:`CHOICE`, that stand on most surface before they are fitted."""
+    """The best supported of the ``boxes`` before fitting, one in :data:`CHOICE`."""
     best_first = np.argsort(-_support(context, boxes), kind="stable")
     return boxes[np.sort(best_first[: int(np.ceil(len(boxes) / CHOICE))])]
 
 
 def _support(context: PlacementContext, boxes: Boxes) -> Float:
-    """(B,) share of each box that stands on the surface, at a glance."""
+    """(B,) supported share of each box, on a coarse grid."""
     met = footprint(boxes, context.index, context.normals, _relief(context, boxes), COARSE_GRID, margin=0.0)
     return support(met, boxes, context.component)
 
@@ -255,15 +257,15 @@ def _support(context: PlacementContext, boxes: Boxes) -> Float:
 def _in_sight(
     context: PlacementContext, points: Float, normals: Float, directions: Float, rng: np.random.Generator
 ) -> Int:
-    """Which ``points`` (N, 3) of the surface, with unit ``normals`` (N, 3), are seen from any of a few ``directions``
-    (K, 3) that each looks along within 45 degrees."""
+    """Indices of the ``points`` (N, 3) of the surface, with unit ``normals`` (N, 3), that are visible from one of a few
+    ``directions`` (K, 3) within 45 degrees of their normal."""
     hidden = product(normals, directions.T) < FACING_VIEW
     order = rng.random(hidden.shape, dtype=np.float32)
     order[hidden] = np.inf
     few = min(VISIBILITY_PROBES, len(directions))
-    glance = np.argpartition(order, few - 1, axis=1)[:, :few]
-    point, turn = np.nonzero(np.isfinite(np.take_along_axis(order, glance, axis=1)))
-    start, toward = points[point] + SKIN * normals[point], directions[glance[point, turn]]
+    probe = np.argpartition(order, few - 1, axis=1)[:, :few]
+    point, turn = np.nonzero(np.isfinite(np.take_along_axis(order, probe, axis=1)))
+    start, toward = points[point] + SKIN * normals[point], directions[probe[point, turn]]
     _, face = context.index.first_hit(start, toward, Eye.FAR)
     return np.unique(point[face < 0])
 
@@ -271,7 +273,7 @@ def _in_sight(
 def _valued(
     context: PlacementContext, boxes: Boxes, loss: Float, rough: Float, visible: Bool, met: Footprint, relief: Float
 ) -> Placement:
-    """The ``boxes`` with what each shows and costs; ``met`` is the surface under each."""
+    """The ``boxes`` with their coverage and cost; ``met`` is the surface under each."""
     parameters, bent, preferred = context.parameters, curvature_deviation(boxes, met.height), np.zeros(len(boxes))
     if context.regions is not None:
         preferred = context.regions.preference(above(boxes, met, 0.0), met.face)

@@ -1,4 +1,4 @@
-"""The whole of placement for one text: the widths from the widest on, each for what is served poorly so far."""
+"""Placement of one text: widths from large to small; each searches only directions that are not yet covered well."""
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
@@ -16,17 +16,17 @@ from core.placement.legibility import USUAL_ASPECT, legible_height, text_width
 from core.placement.objective import FACING_VIEW, Placement, best_possible_coverage
 from core.placement.selection import select
 
-# Heights of the text, in legible ones; the small one is only for what nothing higher shows, the last only where there
-# is nothing else at all.
+# Heights of the text as multiples of the legible height. SMALL is used only for directions that nothing higher covers,
+# LAST_RESORT only where nothing else fits at all.
 HEIGHTS, SMALL, LAST_RESORT = (3.1, 2.4, 1.85, 1.4, 1.0), 0.6, 0.4
-NARROWER = 1.5  # from one to the next width below those, which text in one line has to be on small assets if it is long
-# A direction is served well by as large a share of what text of a width can do for it at best. With so many of the
-# directions that any surface looks at served well, text of that width is not tried.
+NARROWER = 1.5  # ratio of widths below those, which long text needs on small assets
+# A direction is covered well from this share of the best possible coverage by text of a width. With so large a share of
+# the directions covered well, text of that width is not tried.
 BETTER, ENOUGH = 0.85, 0.98
 
 
 def ladder(aspect: float) -> list[float]:
-    """The widths, from the widest on, at which text of this height over its width is tried."""
+    """Text widths to try, from the widest on, for text of this height over its width; size-30 units."""
     widths = [text_width(height, aspect) for height in (*HEIGHTS, SMALL, LAST_RESORT)]
     narrowest = LAST_RESORT * legible_height() / float(np.sqrt(aspect * USUAL_ASPECT))  # as much area as a word's
     while widths[-1] > NARROWER * narrowest:
@@ -35,15 +35,15 @@ def ladder(aspect: float) -> list[float]:
 
 
 def _widths(context: PlacementContext) -> list[float]:
-    """The widths for what is asked, from the widest on.
+    """Text widths to try for the request, from the widest on.
 
     Raises:
         MeshmarkError: ``no_placement`` where there is less surface than any text covers.
     """
     asked = context.parameters.size
     widths = [asked] if asked is not None else ladder(context.lettering.aspect)
-    # Letters stand on as much surface as they cover. Less than that is no asset but needles, on which searches for
-    # the closest point take forever.
+    # Letters need as much surface as they cover. An asset with less consists of needles, on which searches for the
+    # closest point take forever.
     area = float(context.ground.areas.sum())
     widths = [width for width in widths if width**2 * context.lettering.aspect <= area]
     if not widths:
@@ -62,12 +62,12 @@ def place(
     """All boxes that may carry the text; :func:`core.placement.selection.select` picks among them.
 
     With no ``size`` asked for, five heights of text are tried from the highest on, then one that is legible only from
-    close up, each only for the directions that higher text serves worse than it could. It ends where there are none,
+    close up, each only for the directions that higher text covers worse than it could. It ends where there are none,
     and where all marks that were asked for have their places and the last height changed none of them. Lower text is
-    tried where nothing was found. Then the best choice grows, each mark to what its place has room for.
+    tried where nothing was found. Then the chosen marks are widened as far as their places have room.
 
     Args:
-        context: where.
+        context: the shared inputs.
         rng: the source of every draw.
         progress: called with the share done, 0 to 1.
 
@@ -84,13 +84,13 @@ def place(
 def search_again(
     context: PlacementContext,
     found: Placement,
-    standing: Sequence[int],
+    placed: Sequence[int],
     rejected: Collection[int],
     rng: np.random.Generator,
 ) -> Placement:
-    """``found`` and more boxes, which keep the numbers they have: places for the directions in which nothing is seen
-    of the boxes ``standing`` and of what else could be chosen now that those in ``rejected`` were refused."""
-    more, _ = _search(context, _widths(context), found, standing, rejected, rng, lambda _: None)
+    """``found`` and more boxes behind them, for the directions that neither the boxes ``placed`` cover nor others that
+    could be chosen without those ``rejected``."""
+    more, _ = _search(context, _widths(context), found, placed, rejected, rng, lambda _: None)
     return more or found
 
 
@@ -98,26 +98,27 @@ def _search(
     context: PlacementContext,
     widths: list[float],
     found: Placement | None,
-    standing: Sequence[int],
+    placed: Sequence[int],
     rejected: Collection[int],
     rng: np.random.Generator,
     progress: Callable[[float], None],
 ) -> tuple[Placement | None, list[dict[str, int]]]:
-    """What is found with one width after the other until enough is seen, and what was left of each by stage."""
-    parameters, possible = context.parameters, context.facing >= FACING_VIEW
+    """Search one width after the other until enough is covered; the boxes, and the number left by stage for each
+    width."""
+    parameters, coverable = context.parameters, context.facing >= FACING_VIEW
     assert parameters.count is not None
-    worth = context.targets.weight[: len(possible)]
+    worth = context.targets.weight[: len(coverable)]
     left: list[dict[str, int]] = []
     for step, width in enumerate(widths):
         wanted = None
         if found is not None:
-            chosen = select(found, parameters.count, fixed=standing, rejected=rejected, start=found.start)
+            chosen = select(found, parameters.count, fixed=placed, rejected=rejected, start=found.start)
             if step and len(chosen) == parameters.count and set(chosen) == set(found.start):
                 break  # there are as many marks as were asked for, and narrower text would replace none of them
             found = replace(found, start=tuple(chosen))
             if len(chosen) and not found.last_resort[chosen].any():
-                poorly = possible & _poorly_covered(context, found, chosen, width)
-                if worth[poorly].sum() <= (1 - ENOUGH) * worth[possible].sum():
+                poorly = coverable & _poorly_covered(context, found, chosen, width)
+                if worth[poorly].sum() <= (1 - ENOUGH) * worth[coverable].sum():
                     break
                 wanted = context.targets.directions[poorly]
             if len(found.boxes) and width < text_width(SMALL, context.lettering.aspect):
@@ -132,31 +133,30 @@ def _search(
         share(1.0)
     if found is None:
         return None, left
-    best = select(found, parameters.count, fixed=standing, rejected=rejected, start=found.start)
-    found = _widened(context, widths, found, [one for one in best if one not in standing])
-    best = select(found, parameters.count, fixed=standing, rejected=rejected, start=best)
+    best = select(found, parameters.count, fixed=placed, rejected=rejected, start=found.start)
+    found = _widened(context, widths, found, [one for one in best if one not in placed])
+    best = select(found, parameters.count, fixed=placed, rejected=rejected, start=best)
     return replace(found, start=tuple(best)), left
 
 
 def _widened(context: PlacementContext, widths: list[float], found: Placement, which: list[int]) -> Placement:
-    """``found`` and wider text at the places of ``which`` of its boxes: as wide as each has room for, short of the next
-    of the ``widths``, which was tried there before."""
+    """``found`` and wider text at ``which`` of its boxes: as wide as each has room for, short of the next of the
+    ``widths``, which was tried there before."""
     ladder, boxes = np.sort(widths), found.boxes[np.array(which, dtype=np.int64)]
     wider = np.searchsorted(ladder, boxes.size[:, 0], side="right")
     return _merge(found, widen(context, boxes, np.append(ladder, 0.0)[wider]))
 
 
 def _poorly_covered(context: PlacementContext, found: Placement, chosen: list[int], width: float) -> Bool:
-    """(D,) directions in which nothing of the ``chosen`` boxes is seen, or what is seen reads clearly worse than text
-    of this ``width`` could."""
-    served, _ = found.coverage(chosen)
+    """(D,) directions that the ``chosen`` boxes do not cover, or clearly worse than text of this ``width`` could."""
+    covered, _ = found.coverage(chosen)
     enough = BETTER * best_possible_coverage(
         width * context.lettering.aspect, context.facing, context.parameters.color, context.objective
     )
-    # On the views' pictures text is also worth less for being rolled, which other text would be as well.
+    # In the views rolled text counts less, and other text would be rolled as well.
     views = len(context.targets.up)
     enough[:views] = np.minimum(enough[:views], context.objective.seen)
-    return np.asarray(served[: len(enough)] < enough)
+    return np.asarray(covered[: len(enough)] < enough)
 
 
 def _merge(one: Placement, other: Placement) -> Placement:
@@ -176,7 +176,7 @@ def _merge(one: Placement, other: Placement) -> Placement:
     )
 
 
-# Why boxes are dropped at each stage, and what helps.
+# Reason and remedy for boxes dropped at each stage.
 SMALLER = "Ask for a `size` below {narrowest:.3g}, or use a shorter text."
 REASONS = {
     "aligned": ("the surface bends away from it or ends under it", SMALLER),
@@ -203,7 +203,7 @@ def _no_placement(widths: list[float], left: list[dict[str, int]]) -> MeshmarkEr
         for before, after in pairwise(counts):
             if after in REASONS:
                 removed[after] += counts[before] - counts[after]
-    # What a thin wall alone keeps from being placed came further than all else.
+    # Boxes refused for thin walls alone passed all other filters.
     worst = "thick" if removed["thick"] else max(removed, key=lambda stage: removed[stage])
     reason, remedy = REASONS[worst]
     tried = sum(counts["candidates"] for counts in left)
