@@ -6,8 +6,15 @@ Nothing else reaches a user: the service and the command line print exactly thes
 from enum import StrEnum
 
 
-class ErrorCode(StrEnum):
-    """Stable codes; a code is never renamed or reused once released."""
+class Code(StrEnum):
+    """Stable codes; a code is never renamed or reused once released.
+
+    Of no members: each package that raises errors has an enumeration of its own of this type.
+    """
+
+
+class ErrorCode(Code):
+    """Codes that the engine raises."""
 
     # The uploaded file.
     EMPTY_FILE = "empty_file"
@@ -37,49 +44,11 @@ class ErrorCode(StrEnum):
     MODEL_UNAVAILABLE = "model_unavailable"
     DEVICE_UNAVAILABLE = "device_unavailable"
     INTERNAL_ERROR = "internal_error"
-    # The process around the work; raised by the worker, listed here so that all codes stand in one place.
-    TIME_LIMIT = "time_limit"
-    MEMORY_LIMIT = "memory_limit"
-    ENGINE_CRASHED = "engine_crashed"
-    WORKER_LOST = "worker_lost"
-    # The service in front of it.
-    UPLOAD_TOO_LARGE = "upload_too_large"
-    UPLOAD_NOT_SENT = "upload_not_sent"
-    UPLOAD_MISMATCH = "upload_mismatch"
-    UPLOAD_EXPIRED = "upload_expired"
-    TOO_MANY_UPLOADS = "too_many_uploads"
-    QUOTA_EXCEEDED = "quota_exceeded"
+    # The call, of the command line, a measurement or the benchmark; the service has the same cases.
     MISSING_FILE = "missing_file"
-    SOURCE_URL_DISABLED = "source_url_disabled"
-    ADDRESS_REFUSED = "address_refused"
-    DOWNLOAD_FAILED = "download_failed"
-    DOWNLOAD_TOO_LARGE = "download_too_large"
-    INVALID_SECRET = "invalid_secret"
-    TOO_MANY_ENDPOINTS = "too_many_endpoints"
-    ENDPOINT_EXISTS = "endpoint_exists"
-    ENDPOINT_DISABLED = "endpoint_disabled"
-    NO_WEBHOOK_SECRET = "no_webhook_secret"
-    INVALID_API_KEY = "invalid_api_key"
-    INVALID_HOOK_TOKEN = "invalid_hook_token"
-    MISSING_SCOPE = "missing_scope"
-    RATE_LIMITED = "rate_limited"
-    TOO_MANY_JOBS = "too_many_jobs"
-    TOO_MANY_STREAMS = "too_many_streams"
-    IDEMPOTENCY_KEY_IN_USE = "idempotency_key_in_use"
-    IDEMPOTENCY_KEY_REUSED = "idempotency_key_reused"
-    INVALID_METADATA = "invalid_metadata"
-    NOT_FOUND = "not_found"
-    NOT_READY = "not_ready"
-    JOB_FAILED = "job_failed"
-    JOB_CANCELED = "job_canceled"
-    JOB_EXPIRED = "job_expired"
-    RANGE_NOT_SATISFIABLE = "range_not_satisfiable"
-    PRECONDITION_FAILED = "precondition_failed"
     INVALID_REQUEST = "invalid_request"
-    REQUEST_TIMEOUT = "request_timeout"
-    UNSUPPORTED_MEDIA_TYPE = "unsupported_media_type"
-    METHOD_NOT_ALLOWED = "method_not_allowed"
-    SERVICE_UNAVAILABLE = "service_unavailable"
+    TIME_LIMIT = "time_limit"
+    ENGINE_CRASHED = "engine_crashed"
 
 
 class MeshmarkError(Exception):
@@ -91,7 +60,7 @@ class MeshmarkError(Exception):
         remedy: one sentence that says what to do about it.
     """
 
-    def __init__(self, code: ErrorCode, message: str, remedy: str) -> None:
+    def __init__(self, code: Code, message: str, remedy: str) -> None:
         super().__init__(code, message, remedy)  # all three in args, so that pickling keeps them
         self.code = code
         self.message = message

@@ -10,7 +10,7 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.routing import APIRoute
 from sqlalchemy.exc import OperationalError
 
-from core.errors import ErrorCode
+from service.errors import ServiceErrorCode
 from service.jobs.artifacts import StoreUnavailableError
 from service.jobs.limits import spend
 from service.jobs.models import DEFAULT_TENANT
@@ -20,7 +20,7 @@ from service.problems import ProblemError
 from service.state import AppState, state_of
 
 SCHEME = "api_key"  # its name in the OpenAPI document
-REFUSALS = (ErrorCode.INVALID_API_KEY, ErrorCode.MISSING_SCOPE, ErrorCode.RATE_LIMITED)
+REFUSALS = (ServiceErrorCode.INVALID_API_KEY, ServiceErrorCode.MISSING_SCOPE, ServiceErrorCode.RATE_LIMITED)
 # Whoever is refused may still be sending an asset, which nobody will read.
 CLOSE = {"Connection": "close"}
 
@@ -83,7 +83,7 @@ def let_in(request: Request) -> Client:
     key = authenticate(state.ledger.sessions, text.strip()) if scheme.lower() == "bearer" else None
     if key is None:
         raise ProblemError(
-            ErrorCode.INVALID_API_KEY,
+            ServiceErrorCode.INVALID_API_KEY,
             "The request carries no API key."
             if shown is None
             else "The API key is not one, or it was revoked or has expired.",
@@ -95,7 +95,7 @@ def let_in(request: Request) -> Client:
     scope = required_scope([request.method])
     if scope not in key.scopes:
         raise ProblemError(
-            ErrorCode.MISSING_SCOPE,
+            ServiceErrorCode.MISSING_SCOPE,
             f"The API key {key.id} is not for this: it lacks the scope {scope}.",
             "Ask the operator for a key with this scope.",
             CLOSE | {"WWW-Authenticate": f'Bearer error="insufficient_scope", scope="{scope}"'},
@@ -115,7 +115,7 @@ def take_request(state: AppState, client: Client) -> None:
         return
     if wait := spend(state.ledger.sessions, client.key_id, allowed):
         raise ProblemError(
-            ErrorCode.RATE_LIMITED,
+            ServiceErrorCode.RATE_LIMITED,
             f"The API key {client.key_id} makes more than {allowed:,} requests a minute.",
             "Send the request again after the seconds in Retry-After.",
             CLOSE | {"Retry-After": str(math.ceil(wait))},

@@ -7,8 +7,8 @@ from typing import Any
 from fastapi import Request, Response
 from fastapi.routing import APIRoute
 
-from core.errors import ErrorCode
 from service.access import CLOSE, GuardedRoute
+from service.errors import ServiceErrorCode
 from service.forms import FormRequest
 from service.problems import ProblemError
 from service.state import AppState, state_of
@@ -41,7 +41,7 @@ def upload_place(state: AppState, tenant: str) -> Iterator[None]:
     most = state.settings.max_uploads_at_once
     if most and state.uploads.count(tenant) >= most:
         raise ProblemError(
-            ErrorCode.TOO_MANY_UPLOADS,
+            ServiceErrorCode.TOO_MANY_UPLOADS,
             f"{most:,} uploads of yours are under way, the most at a time.",
             "Send the asset again when one of them is done.",
             CLOSE | {"Retry-After": "5"},

@@ -6,7 +6,8 @@ from contextlib import suppress
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import MeshmarkError
+from service.errors import ServiceErrorCode
 
 LINGER, LINGER_BYTES = 2.0, 2**24  # seconds, and what may come in them
 PIECE = 2**16  # bytes; however small the pieces a client sends, work is done for each of these only
@@ -90,7 +91,7 @@ class _Body:
             if self.is_answered:
                 return await self._any()
             raise MeshmarkError(
-                ErrorCode.REQUEST_TIMEOUT,
+                ServiceErrorCode.REQUEST_TIMEOUT,
                 f"The body stood still for {self._silence:g} seconds, or came at less than {self._rate:,} bytes a "
                 "second.",
                 "Send the request again, over a faster connection; the operator can raise the limits.",

@@ -7,7 +7,8 @@ from urllib.parse import quote
 from fastapi import Request, Response, status
 from fastapi.responses import RedirectResponse, StreamingResponse
 
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import MeshmarkError
+from service.errors import ServiceErrorCode
 from service.jobs.artifacts import ArtifactStore
 from service.jobs.models import Artifact
 from service.problems import problem_response
@@ -38,7 +39,7 @@ def deliver(
     always = {"ETag": tag, "Cache-Control": "private, no-cache"}
     if not is_meant(request.headers.get("If-Match"), tag):
         raise MeshmarkError(
-            ErrorCode.PRECONDITION_FAILED,
+            ServiceErrorCode.PRECONDITION_FAILED,
             "The content is another one than If-Match names.",
             "Fetch it anew, without If-Match.",
         )
@@ -104,7 +105,7 @@ def requested_range(header: str | None, size: int) -> tuple[int, int] | None:
             return None
     if start >= stop:
         raise MeshmarkError(
-            ErrorCode.RANGE_NOT_SATISFIABLE,
+            ServiceErrorCode.RANGE_NOT_SATISFIABLE,
             f"The range {header!r} begins after the end: there are {size:,} bytes.",
             "Ask for a range within them, or leave out the Range header.",
         )

@@ -13,6 +13,7 @@ from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 from sqlalchemy.exc import OperationalError
 
 from core.errors import ErrorCode, MeshmarkError
+from service.errors import ServiceErrorCode
 from service.jobs.events import ENDINGS
 from service.jobs.models import JobEvent
 from service.places import Places
@@ -52,13 +53,13 @@ class Streams:
         """
         if self._open.count(tenant) >= STREAMS_PER_TENANT:
             raise MeshmarkError(
-                ErrorCode.TOO_MANY_STREAMS,
+                ServiceErrorCode.TOO_MANY_STREAMS,
                 f"{STREAMS_PER_TENANT} event streams of yours are open, the most at a time.",
                 "Close some, or ask for the jobs' states or their webhooks instead.",
             )
         if self._open.total() >= STREAMS:
             raise MeshmarkError(
-                ErrorCode.SERVICE_UNAVAILABLE,
+                ServiceErrorCode.SERVICE_UNAVAILABLE,
                 f"{STREAMS} event streams are open here, the most at a time.",
                 "Try again in a few seconds, or ask for the jobs' states or their webhooks instead.",
             )

@@ -20,8 +20,9 @@ from uvicorn.protocols.http.flow_control import FlowControl
 from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol
 from uvicorn.server import ServerState
 
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import Code, ErrorCode, MeshmarkError
 from service.config import Settings
+from service.errors import ServiceErrorCode
 from service.problems import problem_response
 
 # Bytes of a request that are no body: its headers, and of a body that comes in chunks the lengths, their extensions and
@@ -322,14 +323,14 @@ class Connection(HttpToolsProtocol):
     def _give_up(self) -> None:
         if self._is_in_headers:
             self._refuse(
-                ErrorCode.REQUEST_TIMEOUT,
+                ServiceErrorCode.REQUEST_TIMEOUT,
                 f"The headers of the request did not come within {self._timeout:g} seconds.",
                 "Send the request again, at once as a whole.",
             )
         else:  # not a byte came
             self.give_way()
 
-    def _refuse(self, code: ErrorCode, message: str, remedy: str) -> None:
+    def _refuse(self, code: Code, message: str, remedy: str) -> None:
         """Hear nothing more on this connection, and answer what is yet to be answered."""
         self._is_deaf = True
         self._stop_waiting()

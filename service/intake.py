@@ -23,6 +23,7 @@ from core.artwork.fonts import default_font
 from core.artwork.shaping import shape
 from core.errors import ErrorCode, MeshmarkError
 from service.config import Settings
+from service.errors import error_code
 from service.jobs.artifacts import Staged, writing
 from service.template import Child, Template, tail
 from service.turnstile import Turnstile
@@ -132,7 +133,7 @@ class Intake:
             log.error("the gate's process died", exit_code=exit_code)
             return _crashed(exit_code)
         said = json.loads(answer)
-        return said and MeshmarkError(ErrorCode(said["code"]), said["message"], said["remedy"])
+        return said and MeshmarkError(error_code(said["code"]), said["message"], said["remedy"])
 
     def _listen(self, child: Child, channel: socket.socket) -> bytes | None:
         """The line that a child answers; None where it ended before.

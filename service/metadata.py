@@ -5,8 +5,9 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, StringConstraints, TypeAdapter, ValidationError
 from pydantic_core import PydanticCustomError
 
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import MeshmarkError
 from core.validation import describe
+from service.errors import ServiceErrorCode
 
 MOST = 16
 
@@ -39,7 +40,7 @@ def parse_metadata(data: str | dict[str, Any]) -> dict[str, str]:
         return METADATA.validate_json(data, strict=True)
     except ValidationError as error:
         raise MeshmarkError(
-            ErrorCode.INVALID_METADATA,
+            ServiceErrorCode.INVALID_METADATA,
             f"The metadata is not valid: {describe(error.errors(), 'metadata')}.",
             "Send a JSON object of at most 16 strings of 256 characters, each under a name of at most 40 letters, "
             "digits, dots, hyphens and underscores.",
@@ -60,7 +61,7 @@ def parse_pair(text: str) -> tuple[str, str]:
     except ValidationError:
         pass
     raise MeshmarkError(
-        ErrorCode.INVALID_METADATA,
+        ServiceErrorCode.INVALID_METADATA,
         "The filter by metadata is not a pair of a name and a value.",
         "Write it as `name:value`.",
     )

@@ -8,6 +8,7 @@ from fastapi import UploadFile
 
 from core.errors import ErrorCode, MeshmarkError
 from core.parameters import Parameters
+from service.errors import ServiceErrorCode
 from service.jobs import sources, uploads
 from service.outbound.resolve import check_address
 from service.state import AppState
@@ -49,7 +50,7 @@ def order_from(
     assert source_url is not None
     if not state.settings.source_urls:
         raise MeshmarkError(
-            ErrorCode.SOURCE_URL_DISABLED,
+            ServiceErrorCode.SOURCE_URL_DISABLED,
             "This service does not fetch assets from addresses.",
             "Send the asset itself, or ask the operator to set MESHMARK_SOURCE_URLS.",
         )

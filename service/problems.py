@@ -8,14 +8,17 @@ import structlog
 from fastapi import FastAPI, Request, params
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, core_schema
 from sqlalchemy.exc import OperationalError
 from starlette.exceptions import HTTPException
 from starlette.middleware.body_limit import MAX_BODY_SIZE_SCOPE_KEY
 from starlette.routing import compile_path
 
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import Code, ErrorCode, MeshmarkError
 from core.validation import describe, shortened
+from service.errors import ServiceErrorCode, error_code
 from service.metrics import PROBLEMS
 
 MEDIA_TYPE = "application/problem+json"
@@ -23,7 +26,7 @@ FORMS = ("multipart/form-data", "application/x-www-form-urlencoded")
 HOW_TO_SEND = "Send multipart/form-data with the asset as the file part `file` and JSON in the field `params`."
 HOW_TO_SEND_JSON = "Send what /docs describes, as application/json."
 
-STATUS: dict[ErrorCode, int] = {
+STATUS: dict[Code, int] = {  # in the order in which openapi.yaml and the manual list the codes
     ErrorCode.EMPTY_FILE: 422,
     ErrorCode.UNKNOWN_FORMAT: 415,
     ErrorCode.UNSUPPORTED_FORMAT: 415,
@@ -50,49 +53,72 @@ STATUS: dict[ErrorCode, int] = {
     ErrorCode.DEVICE_UNAVAILABLE: 500,
     ErrorCode.INTERNAL_ERROR: 500,
     ErrorCode.TIME_LIMIT: 500,
-    ErrorCode.MEMORY_LIMIT: 500,
+    ServiceErrorCode.MEMORY_LIMIT: 500,
     ErrorCode.ENGINE_CRASHED: 500,
-    ErrorCode.WORKER_LOST: 500,
-    ErrorCode.UPLOAD_TOO_LARGE: 413,
-    ErrorCode.UPLOAD_NOT_SENT: 409,
-    ErrorCode.UPLOAD_MISMATCH: 422,
-    ErrorCode.UPLOAD_EXPIRED: 410,
-    ErrorCode.TOO_MANY_UPLOADS: 429,
-    ErrorCode.QUOTA_EXCEEDED: 403,  # not 507, as for a fault of ours that passes, nor 413: a smaller one may not fit
+    ServiceErrorCode.WORKER_LOST: 500,
+    ServiceErrorCode.UPLOAD_TOO_LARGE: 413,
+    ServiceErrorCode.UPLOAD_NOT_SENT: 409,
+    ServiceErrorCode.UPLOAD_MISMATCH: 422,
+    ServiceErrorCode.UPLOAD_EXPIRED: 410,
+    ServiceErrorCode.TOO_MANY_UPLOADS: 429,
+    ServiceErrorCode.QUOTA_EXCEEDED: 403,  # not 507, a fault of ours that passes; nor 413, as a smaller one may not fit
     ErrorCode.MISSING_FILE: 422,
-    ErrorCode.SOURCE_URL_DISABLED: 422,
-    ErrorCode.ADDRESS_REFUSED: 422,
-    ErrorCode.DOWNLOAD_FAILED: 422,
-    ErrorCode.DOWNLOAD_TOO_LARGE: 422,
-    ErrorCode.INVALID_SECRET: 422,
-    ErrorCode.TOO_MANY_ENDPOINTS: 409,
-    ErrorCode.ENDPOINT_EXISTS: 409,
-    ErrorCode.ENDPOINT_DISABLED: 409,
-    ErrorCode.NO_WEBHOOK_SECRET: 422,
-    ErrorCode.INVALID_API_KEY: 401,
-    ErrorCode.INVALID_HOOK_TOKEN: 401,
-    ErrorCode.MISSING_SCOPE: 403,
-    ErrorCode.RATE_LIMITED: 429,
-    ErrorCode.TOO_MANY_JOBS: 429,
-    ErrorCode.TOO_MANY_STREAMS: 429,
-    ErrorCode.IDEMPOTENCY_KEY_IN_USE: 409,
-    ErrorCode.IDEMPOTENCY_KEY_REUSED: 422,
-    ErrorCode.INVALID_METADATA: 422,
-    ErrorCode.NOT_FOUND: 404,
-    ErrorCode.NOT_READY: 409,
-    ErrorCode.JOB_FAILED: 409,
-    ErrorCode.JOB_CANCELED: 409,
-    ErrorCode.JOB_EXPIRED: 410,
-    ErrorCode.RANGE_NOT_SATISFIABLE: 416,
-    ErrorCode.PRECONDITION_FAILED: 412,
+    ServiceErrorCode.SOURCE_URL_DISABLED: 422,
+    ServiceErrorCode.ADDRESS_REFUSED: 422,
+    ServiceErrorCode.DOWNLOAD_FAILED: 422,
+    ServiceErrorCode.DOWNLOAD_TOO_LARGE: 422,
+    ServiceErrorCode.INVALID_SECRET: 422,
+    ServiceErrorCode.TOO_MANY_ENDPOINTS: 409,
+    ServiceErrorCode.ENDPOINT_EXISTS: 409,
+    ServiceErrorCode.ENDPOINT_DISABLED: 409,
+    ServiceErrorCode.NO_WEBHOOK_SECRET: 422,
+    ServiceErrorCode.INVALID_API_KEY: 401,
+    ServiceErrorCode.INVALID_HOOK_TOKEN: 401,
+    ServiceErrorCode.MISSING_SCOPE: 403,
+    ServiceErrorCode.RATE_LIMITED: 429,
+    ServiceErrorCode.TOO_MANY_JOBS: 429,
+    ServiceErrorCode.TOO_MANY_STREAMS: 429,
+    ServiceErrorCode.IDEMPOTENCY_KEY_IN_USE: 409,
+    ServiceErrorCode.IDEMPOTENCY_KEY_REUSED: 422,
+    ServiceErrorCode.INVALID_METADATA: 422,
+    ServiceErrorCode.NOT_FOUND: 404,
+    ServiceErrorCode.NOT_READY: 409,
+    ServiceErrorCode.JOB_FAILED: 409,
+    ServiceErrorCode.JOB_CANCELED: 409,
+    ServiceErrorCode.JOB_EXPIRED: 410,
+    ServiceErrorCode.RANGE_NOT_SATISFIABLE: 416,
+    ServiceErrorCode.PRECONDITION_FAILED: 412,
     ErrorCode.INVALID_REQUEST: 400,
-    ErrorCode.REQUEST_TIMEOUT: 408,
-    ErrorCode.UNSUPPORTED_MEDIA_TYPE: 415,
-    ErrorCode.METHOD_NOT_ALLOWED: 405,
-    ErrorCode.SERVICE_UNAVAILABLE: 503,
+    ServiceErrorCode.REQUEST_TIMEOUT: 408,
+    ServiceErrorCode.UNSUPPORTED_MEDIA_TYPE: 415,
+    ServiceErrorCode.METHOD_NOT_ALLOWED: 405,
+    ServiceErrorCode.SERVICE_UNAVAILABLE: 503,
 }
 
 log = structlog.get_logger(__name__)
+
+
+class _Published:
+    """Describes :class:`Code` in OpenAPI as one enumeration of all codes, named ErrorCode, whoever raises them."""
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, _source: Any, _handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.no_info_after_validator_function(
+            error_code, core_schema.str_schema(), ref=f"{__name__}.ErrorCode"
+        )
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        reference = handler(schema)
+        handler.resolve_ref_schema(reference).update(
+            title="ErrorCode",
+            description="Stable codes; a code is never renamed or reused once released.",
+            enum=[code.value for code in STATUS],
+        )
+        return reference
+
+
+PublishedCode = Annotated[Code, _Published]
 
 
 class Problem(BaseModel):
@@ -117,25 +143,25 @@ class Problem(BaseModel):
     title: Annotated[str, Field(description="The kind of problem in words.")]
     status: Annotated[int, Field(description="The HTTP status.")]
     detail: Annotated[str, Field(description="What is wrong with this request or this file.")]
-    code: Annotated[ErrorCode, Field(description="A stable code to program against.")]
+    code: Annotated[PublishedCode, Field(description="A stable code to program against.")]
     remedy: Annotated[str, Field(description="What to do about it.")]
 
 
-def title(code: ErrorCode) -> str:
+def title(code: Code) -> str:
     """A code in words."""
     return code.value.replace("_", " ").capitalize()
 
 
-HEADERS: dict[ErrorCode, dict[str, str]] = {
-    ErrorCode.NOT_READY: {"Retry-After": "1"},
-    ErrorCode.IDEMPOTENCY_KEY_IN_USE: {"Retry-After": "1"},
-    ErrorCode.TOO_MANY_JOBS: {"Retry-After": "5"},
-    ErrorCode.TOO_MANY_STREAMS: {"Retry-After": "5"},
-    ErrorCode.TOO_MANY_UPLOADS: {"Retry-After": "3600"},
-    ErrorCode.SERVICE_UNAVAILABLE: {"Retry-After": "5"},
-    ErrorCode.UPLOAD_TOO_LARGE: {"Connection": "close"},  # nobody will read what is still being sent
-    ErrorCode.UPLOAD_MISMATCH: {"Connection": "close"},
-    ErrorCode.REQUEST_TIMEOUT: {"Connection": "close"},
+HEADERS: dict[Code, dict[str, str]] = {
+    ServiceErrorCode.NOT_READY: {"Retry-After": "1"},
+    ServiceErrorCode.IDEMPOTENCY_KEY_IN_USE: {"Retry-After": "1"},
+    ServiceErrorCode.TOO_MANY_JOBS: {"Retry-After": "5"},
+    ServiceErrorCode.TOO_MANY_STREAMS: {"Retry-After": "5"},
+    ServiceErrorCode.TOO_MANY_UPLOADS: {"Retry-After": "3600"},
+    ServiceErrorCode.SERVICE_UNAVAILABLE: {"Retry-After": "5"},
+    ServiceErrorCode.UPLOAD_TOO_LARGE: {"Connection": "close"},  # nobody will read what is still being sent
+    ServiceErrorCode.UPLOAD_MISMATCH: {"Connection": "close"},
+    ServiceErrorCode.REQUEST_TIMEOUT: {"Connection": "close"},
 }
 
 
@@ -147,7 +173,7 @@ DESCRIBED_HEADERS = {401: CHALLENGE, 403: CHALLENGE, 409: RETRY_AFTER, 429: RETR
 class ProblemError(MeshmarkError):
     """An error whose answer has headers of its own."""
 
-    def __init__(self, code: ErrorCode, message: str, remedy: str, headers: Mapping[str, str]) -> None:
+    def __init__(self, code: Code, message: str, remedy: str, headers: Mapping[str, str]) -> None:
         super().__init__(code, message, remedy)
         self.headers = headers
 
@@ -172,7 +198,7 @@ def problem_response(error: MeshmarkError, headers: Mapping[str, str] | None = N
     return JSONResponse(problem.model_dump(mode="json"), problem.status, headers, MEDIA_TYPE)
 
 
-def problem_responses(*codes: ErrorCode) -> dict[int | str, dict[str, Any]]:
+def problem_responses(*codes: Code) -> dict[int | str, dict[str, Any]]:
     """What OpenAPI says about the errors a route answers with, by status."""
     by_status: dict[int | str, list[str]] = {}
     for code in codes:
@@ -191,7 +217,7 @@ def problem_responses(*codes: ErrorCode) -> dict[int | str, dict[str, Any]]:
 def upload_too_large(limit: int) -> MeshmarkError:
     """The error for a request body over the limit, in bytes."""
     return MeshmarkError(
-        ErrorCode.UPLOAD_TOO_LARGE,
+        ServiceErrorCode.UPLOAD_TOO_LARGE,
         f"The request is larger than the {limit:,} bytes accepted here.",
         "Send less; for assets, the operator can raise the limit.",
     )
@@ -200,7 +226,7 @@ def upload_too_large(limit: int) -> MeshmarkError:
 def ledger_unavailable() -> MeshmarkError:
     """The error for a database that cannot be reached."""
     return MeshmarkError(
-        ErrorCode.SERVICE_UNAVAILABLE,
+        ServiceErrorCode.SERVICE_UNAVAILABLE,
         "The job ledger does not answer.",
         "Try again later; the operator can check the database.",
     )
@@ -279,7 +305,7 @@ def _invalid_request(request: Request, error: RequestValidationError) -> Meshmar
 
 def _unsupported(sent_as: str, expected: str, remedy: str) -> MeshmarkError:
     return MeshmarkError(
-        ErrorCode.UNSUPPORTED_MEDIA_TYPE,
+        ServiceErrorCode.UNSUPPORTED_MEDIA_TYPE,
         f"The body is {shortened(sent_as) or 'of no declared type'}, not {expected}.",
         remedy,
     )
@@ -297,13 +323,13 @@ def _from_status(request: Request, error: HTTPException, body_limit: int) -> Mes
     match error.status_code:
         case HTTPStatus.NOT_FOUND:
             return MeshmarkError(
-                ErrorCode.NOT_FOUND,
+                ServiceErrorCode.NOT_FOUND,
                 f"There is nothing at {shortened(request.url.path)}.",
                 "See /openapi.json for what there is.",
             )
         case HTTPStatus.METHOD_NOT_ALLOWED:
             return MeshmarkError(
-                ErrorCode.METHOD_NOT_ALLOWED,
+                ServiceErrorCode.METHOD_NOT_ALLOWED,
                 f"{shortened(request.method)} is not possible on {shortened(request.url.path)}.",
                 "See the Allow header for what is.",
             )

@@ -10,7 +10,8 @@ from typing import TypeVar
 
 from anyio import CapacityLimiter, fail_after, to_thread
 
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import MeshmarkError
+from service.errors import ServiceErrorCode
 
 CONTENT = 32  # for uploads and downloads
 DELETIONS = 8  # fewer than the connections to the ledger: whoever deletes holds one until the store has answered
@@ -37,7 +38,7 @@ class StoreThreads:
                 await self._places.acquire_on_behalf_of(place)
         except TimeoutError:
             raise MeshmarkError(
-                ErrorCode.SERVICE_UNAVAILABLE,
+                ServiceErrorCode.SERVICE_UNAVAILABLE,
                 "As many requests wait for the artifact store as may do so at a time.",
                 "Send the request again in a few seconds; the operator can check the store.",
             ) from None

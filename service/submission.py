@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 
 from sqlalchemy.orm import Session
 
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import MeshmarkError
 from core.parameters import Parameters
+from service.errors import ServiceErrorCode
 from service.intake import Verdicts
 from service.jobs import contents, idempotency, queue
 from service.jobs.artifacts import Staged
@@ -130,5 +131,7 @@ def plain_name(filename: str | None) -> str:
 def _recorded(state: AppState, tenant: str, job_id: str) -> Job:
     job = state.ledger.get(job_id, tenant)
     if job is None:  # a key goes with its job
-        raise MeshmarkError(ErrorCode.NOT_FOUND, f"There is no job {job_id!r}.", "Send the request with a new key.")
+        raise MeshmarkError(
+            ServiceErrorCode.NOT_FOUND, f"There is no job {job_id!r}.", "Send the request with a new key."
+        )
     return job

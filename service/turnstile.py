@@ -7,7 +7,8 @@ from collections.abc import AsyncIterator, Iterator
 from concurrent.futures import Future
 from contextlib import asynccontextmanager, contextmanager
 
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import MeshmarkError
+from service.errors import ServiceErrorCode
 
 
 class Turnstile:
@@ -106,5 +107,7 @@ class Turnstile:
 
 def _closed() -> MeshmarkError:
     return MeshmarkError(
-        ErrorCode.SERVICE_UNAVAILABLE, "The service is about to stop.", "Send the request again in a few seconds."
+        ServiceErrorCode.SERVICE_UNAVAILABLE,
+        "The service is about to stop.",
+        "Send the request again in a few seconds.",
     )

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TextIO
 
 from core.errors import ErrorCode, MeshmarkError
+from service.errors import ServiceErrorCode
 from worker import sandbox
 
 PR_SET_PDEATHSIG = 1
@@ -136,7 +137,7 @@ def main(engine: Engine, parent: int, *files: int) -> NoReturn:
     except MemoryError:
         say(
             error={
-                "code": ErrorCode.MEMORY_LIMIT,
+                "code": ServiceErrorCode.MEMORY_LIMIT,
                 "message": "There is not enough memory on the machine for this asset.",
                 "remedy": "Reduce the asset, or run the worker where there is more memory.",
             }

@@ -11,7 +11,8 @@ import structlog
 from obstore.exceptions import BaseError, PermissionDeniedError, UnauthenticatedError
 from obstore.store import S3Store
 
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import MeshmarkError
+from service.errors import ServiceErrorCode
 from service.hooks.config import HookSource
 from service.jobs import s3_bucket
 from service.jobs.artifacts import CHUNK, StoreUnavailableError
@@ -42,7 +43,7 @@ def read_object(hook: HookSource, key: str, target: BinaryIO, limit: int, check:
         size += len(chunk)
         if size > limit:
             raise MeshmarkError(
-                ErrorCode.DOWNLOAD_TOO_LARGE,
+                ServiceErrorCode.DOWNLOAD_TOO_LARGE,
                 f"The object in the bucket is larger than the {limit:,} bytes accepted here.",
                 "Drop a smaller asset, or ask the operator to raise the limit.",
             )
@@ -75,12 +76,12 @@ def _asking() -> Iterator[None]:
         yield
     except FileNotFoundError:
         raise MeshmarkError(
-            ErrorCode.DOWNLOAD_FAILED, "The object is not in the bucket any more.", "Drop it again."
+            ServiceErrorCode.DOWNLOAD_FAILED, "The object is not in the bucket any more.", "Drop it again."
         ) from None
     except REFUSALS as error:
         log.error("the bucket of a hook does not let this service in", error=s3_bucket.said(error))
         raise MeshmarkError(
-            ErrorCode.DOWNLOAD_FAILED,
+            ServiceErrorCode.DOWNLOAD_FAILED,
             "The bucket does not let this service in.",
             "Drop the object again once the operator has checked the keys of the hook.",
         ) from None

@@ -15,6 +15,7 @@ import structlog
 
 from core.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
+from service.errors import ServiceErrorCode, error_code
 from service.jobs.artifacts import StoreUnavailableError, writing
 from service.jobs.models import ArtifactKind
 from service.template import Child, Template, tail
@@ -130,7 +131,7 @@ def _listen(
                 if "full" in message:
                     raise StoreUnavailableError
                 if error := message.get("error"):
-                    raise MeshmarkError(ErrorCode(error["code"]), error["message"], error["remedy"])
+                    raise MeshmarkError(error_code(error["code"]), error["message"], error["remedy"])
                 yield _event(message, folder)
             if not chunk or len(buffer) > LONGEST_MESSAGE:
                 return False
@@ -157,7 +158,7 @@ def _check_limits(pid: int, limits: Limits, deadline: float) -> None:
         return
     if resident > limits.memory:
         raise MeshmarkError(
-            ErrorCode.MEMORY_LIMIT,
+            ServiceErrorCode.MEMORY_LIMIT,
             f"This asset needed more than the {limits.memory // 2**20} MiB of memory a job may hold.",
             "Reduce the number of faces or the size of the textures.",
         )

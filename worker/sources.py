@@ -13,8 +13,9 @@ from typing import BinaryIO
 import structlog
 from sqlalchemy.orm import Session, sessionmaker
 
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import MeshmarkError
 from service.config import Settings
+from service.errors import ServiceErrorCode
 from service.jobs import dropped, sources
 from service.jobs.artifacts import writing
 from service.outbound.client import OutboundClient
@@ -71,7 +72,7 @@ class Sources:
             hook = self._hooks.get(item.source)
             if hook is None:
                 raise MeshmarkError(
-                    ErrorCode.DOWNLOAD_FAILED,
+                    ServiceErrorCode.DOWNLOAD_FAILED,
                     f"The hook {item.source!r} that told of this object is not configured any more.",
                     "Configure it again, for API and workers, and drop the object again.",
                 )

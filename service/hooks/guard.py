@@ -4,7 +4,7 @@ import hashlib
 import hmac
 from collections.abc import Mapping
 
-from core.errors import ErrorCode
+from service.errors import ServiceErrorCode
 from service.hooks.config import HookSource
 from service.problems import ProblemError
 
@@ -45,7 +45,7 @@ def _same(shown: str, expected: str) -> bool:
 
 def _refusal(message: str) -> ProblemError:
     return ProblemError(
-        ErrorCode.INVALID_HOOK_TOKEN,
+        ServiceErrorCode.INVALID_HOOK_TOKEN,
         message,
         "Configure the sender as the hooks file says.",
         {"WWW-Authenticate": "Bearer", "Connection": "close"},

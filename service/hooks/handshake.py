@@ -6,7 +6,7 @@ who sends: see :mod:`service.hooks.guard`.
 
 from collections.abc import Mapping
 
-from core.errors import ErrorCode
+from service.errors import ServiceErrorCode
 from service.hooks.config import HookSource
 from service.problems import ProblemError
 
@@ -20,7 +20,7 @@ def grant(source: HookSource, headers: Mapping[str, str]) -> dict[str, str]:
     origin = headers.get("WebHook-Request-Origin", "")
     if origin.lower() not in source.origins:
         raise ProblemError(
-            ErrorCode.METHOD_NOT_ALLOWED,
+            ServiceErrorCode.METHOD_NOT_ALLOWED,
             "The header WebHook-Request-Origin names no sender that this hook lets ask whether it may send.",
             "The operator can add the sender to the `origins` of the hook.",
             {"Allow": "POST"},

@@ -18,7 +18,8 @@ from typing import BinaryIO, NamedTuple, cast
 
 import structlog
 
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import MeshmarkError
+from service.errors import ServiceErrorCode
 from service.jobs.reserve import Reserve
 
 CHUNK = 2**20
@@ -37,7 +38,7 @@ class StoreUnavailableError(MeshmarkError):
 
     def __init__(self) -> None:
         super().__init__(
-            ErrorCode.SERVICE_UNAVAILABLE,
+            ServiceErrorCode.SERVICE_UNAVAILABLE,
             "The artifact store cannot be reached, or has no room.",
             "Send the request again in a few seconds; the operator can check the store.",
         )
@@ -169,7 +170,7 @@ class ArtifactStore(ABC):
                     size += len(chunk)
                     if size > limit:
                         raise MeshmarkError(
-                            ErrorCode.UPLOAD_TOO_LARGE,
+                            ServiceErrorCode.UPLOAD_TOO_LARGE,
                             f"The {name} is larger than {limit:,} bytes, the most accepted here.",
                             "Send a smaller one, or ask the operator to raise the limit.",
                         )

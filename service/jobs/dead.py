@@ -3,13 +3,13 @@
 from sqlalchemy import select
 from sqlalchemy.orm import Session, sessionmaker
 
-from core.errors import ErrorCode
+from service.errors import ServiceErrorCode
 from service.jobs import dropped
 from service.jobs.artifacts import ArtifactStore
 from service.jobs.ledger import Content, Ledger, MissingContentError, Submission
 from service.jobs.models import ArtifactKind, Job, JobState, Priority
 
-DEAD = (Job.state == JobState.FAILED, Job.error_code == ErrorCode.WORKER_LOST)
+DEAD = (Job.state == JobState.FAILED, Job.error_code == ServiceErrorCode.WORKER_LOST)
 
 
 def dead_jobs(sessions: sessionmaker[Session], tenant: str | None = None) -> list[Job]:

@@ -20,8 +20,9 @@ from sqlalchemy import delete, update
 from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session, sessionmaker
 
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import MeshmarkError
 from service.background import in_background
+from service.errors import ServiceErrorCode
 from service.jobs.clock import clock
 from service.jobs.database import insert_into
 from service.jobs.models import IdempotencyKey
@@ -67,7 +68,7 @@ def reserve(sessions: sessionmaker[Session], tenant: str, key: str, print_: str)
         raise _in_use()
     if taken.fingerprint != print_:
         raise MeshmarkError(
-            ErrorCode.IDEMPOTENCY_KEY_REUSED,
+            ServiceErrorCode.IDEMPOTENCY_KEY_REUSED,
             "Another request was sent with this Idempotency-Key: its file, font, parameters, metadata or webhook "
             "differ.",
             "Take a new key for each new request; send the same request again with the key that it had.",
@@ -139,7 +140,7 @@ def _mine(reservation: Reservation) -> tuple[Any, ...]:
 
 def _in_use() -> MeshmarkError:
     return MeshmarkError(
-        ErrorCode.IDEMPOTENCY_KEY_IN_USE,
+        ServiceErrorCode.IDEMPOTENCY_KEY_IN_USE,
         "A request with this Idempotency-Key is being answered at this moment.",
         "Send the request again after the time in Retry-After; it then gets the answer of the first one.",
     )

@@ -26,8 +26,9 @@ from sqlalchemy.engine import make_url
 from sqlalchemy.exc import DatabaseError, OperationalError
 from sqlalchemy.orm import Session, sessionmaker
 
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import MeshmarkError
 from service.correlation import correlation
+from service.errors import ServiceErrorCode
 from service.jobs.clock import clock
 from service.jobs.database import connect
 from service.jobs.erasure import erase_job
@@ -465,7 +466,7 @@ def _key(sha256: str) -> int:
 
 
 WORKER_LOST = MeshmarkError(
-    ErrorCode.WORKER_LOST,
+    ServiceErrorCode.WORKER_LOST,
     "The worker that ran this job disappeared, each time it was tried.",
     "Send the asset again; if it happens again, this asset may exhaust the machine: reduce it, or report it.",
 )

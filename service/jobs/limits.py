@@ -3,7 +3,8 @@
 from sqlalchemy import case, func, select, update
 from sqlalchemy.orm import Session, sessionmaker
 
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import MeshmarkError
+from service.errors import ServiceErrorCode
 from service.jobs.clock import clock
 from service.jobs.ledger import ACTIVE
 from service.jobs.models import ApiKey, Job, Tenant
@@ -49,7 +50,7 @@ def check_active(session: Session, tenant: str, most: int) -> None:
     active = select(func.count()).where(Job.tenant_id == tenant, Job.state.in_(ACTIVE))
     if (session.scalar(active) or 0) > most:
         raise MeshmarkError(
-            ErrorCode.TOO_MANY_JOBS,
+            ServiceErrorCode.TOO_MANY_JOBS,
             f"{most:,} jobs of yours wait or run, the most at a time.",
             "Send the asset again when some of them have ended, or ask the operator to raise the limit.",
         )

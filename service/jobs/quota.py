@@ -7,7 +7,8 @@ as the last row that they lock. So it is exact, and costs no look at the jobs, o
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import MeshmarkError
+from service.errors import ServiceErrorCode
 from service.jobs.clock import clock
 from service.jobs.database import insert_into
 from service.jobs.models import Tenant, Upload
@@ -34,7 +35,7 @@ def check_stored(session: Session, tenant: str, most: int) -> None:
     stored = (session.scalar(jobs) or 0) + int(session.scalar(ahead) or 0)
     if stored > most:
         raise MeshmarkError(
-            ErrorCode.QUOTA_EXCEEDED,
+            ServiceErrorCode.QUOTA_EXCEEDED,
             f"With this, {stored:,} bytes would be stored for you, and {most:,} are the most.",
             "Delete jobs whose files you have fetched, or ask the operator to raise the limit.",
         )

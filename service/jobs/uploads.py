@@ -15,7 +15,8 @@ from itertools import chain
 from sqlalchemy import delete, func, select
 from sqlalchemy.orm import Session, sessionmaker
 
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import MeshmarkError
+from service.errors import ServiceErrorCode
 from service.jobs.artifacts import GRACE, ArtifactStore, Staged
 from service.jobs.clock import now
 from service.jobs.models import Tenant, Upload
@@ -52,7 +53,7 @@ def begin(
         held = select(func.count()).where(Upload.tenant_id == tenant, Upload.expires_at > moment)
         if most and (session.scalar(held) or 0) > most:
             raise MeshmarkError(
-                ErrorCode.TOO_MANY_UPLOADS,
+                ServiceErrorCode.TOO_MANY_UPLOADS,
                 f"{most:,} uploads of yours have not expired, the most at a time.",
                 "Use one of them, or begin a new one when some have expired.",
             )
@@ -72,7 +73,9 @@ def find(sessions: Sessions, tenant: str, upload_id: str) -> Upload:
             upload = session.scalar(select(Upload).where(Upload.id == upload_id, Upload.tenant_id == tenant))
     if upload is None:
         raise MeshmarkError(
-            ErrorCode.NOT_FOUND, f"There is no upload {upload_id[:64]!r}.", "Use the id that POST /v1/uploads gave."
+            ServiceErrorCode.NOT_FOUND,
+            f"There is no upload {upload_id[:64]!r}.",
+            "Use the id that POST /v1/uploads gave.",
         )
     if upload.expires_at <= now():
         raise _expired()
@@ -103,7 +106,7 @@ def stage(store: ArtifactStore, upload: Upload) -> Iterator[Staged]:
         first = next(chunks, b"")
     except FileNotFoundError:
         raise MeshmarkError(
-            ErrorCode.UPLOAD_NOT_SENT,
+            ServiceErrorCode.UPLOAD_NOT_SENT,
             "Nothing has been sent to this upload yet.",
             "PUT the asset to the upload's `url` first.",
         ) from None
@@ -144,8 +147,12 @@ def _at_most(size: int, chunks: Iterable[bytes]) -> Iterator[bytes]:
 
 
 def _mismatch(message: str) -> MeshmarkError:
-    return MeshmarkError(ErrorCode.UPLOAD_MISMATCH, message, "Send the whole asset again, or begin a new upload.")
+    return MeshmarkError(
+        ServiceErrorCode.UPLOAD_MISMATCH, message, "Send the whole asset again, or begin a new upload."
+    )
 
 
 def _expired() -> MeshmarkError:
-    return MeshmarkError(ErrorCode.UPLOAD_EXPIRED, "The upload has expired.", "Begin a new upload, and send it again.")
+    return MeshmarkError(
+        ServiceErrorCode.UPLOAD_EXPIRED, "The upload has expired.", "Begin a new upload, and send it again."
+    )

@@ -3,7 +3,8 @@
 from collections.abc import Callable
 from typing import BinaryIO
 
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import MeshmarkError
+from service.errors import ServiceErrorCode
 from service.outbound.client import Answer, OutboundClient
 from service.outbound.errors import Unreachable
 
@@ -43,7 +44,7 @@ def download(
             return size
     except Unreachable as trouble:
         raise TransientDownloadError(
-            ErrorCode.DOWNLOAD_FAILED,
+            ServiceErrorCode.DOWNLOAD_FAILED,
             f"The server at this address could not be used: {trouble}.",
             "Check the address, or try again later.",
         ) from trouble
@@ -57,7 +58,7 @@ def _check(answer: Answer, limit: int) -> None:
         )
     if answer.status in TRANSIENT:
         raise TransientDownloadError(
-            ErrorCode.DOWNLOAD_FAILED, f"The server answered with status {answer.status}.", "Try again later."
+            ServiceErrorCode.DOWNLOAD_FAILED, f"The server answered with status {answer.status}.", "Try again later."
         )
     if answer.status != OK:
         raise _failed(
@@ -79,12 +80,12 @@ def _check(answer: Answer, limit: int) -> None:
 
 
 def _failed(message: str, remedy: str) -> MeshmarkError:
-    return MeshmarkError(ErrorCode.DOWNLOAD_FAILED, message, remedy)
+    return MeshmarkError(ServiceErrorCode.DOWNLOAD_FAILED, message, remedy)
 
 
 def _too_large(limit: int) -> MeshmarkError:
     return MeshmarkError(
-        ErrorCode.DOWNLOAD_TOO_LARGE,
+        ServiceErrorCode.DOWNLOAD_TOO_LARGE,
         f"The file at this address is larger than the {limit:,} bytes accepted here.",
         "Give a smaller asset, or ask the operator to raise the limit.",
     )

@@ -11,6 +11,7 @@ from core.parameters import parse_parameters
 from core.validation import StrictModel
 from service import access
 from service.access import Admitted, Client, GuardedRoute, take_request
+from service.errors import ServiceErrorCode
 from service.idempotency_key import parse_idempotency_key
 from service.intake import Verdicts
 from service.jobs.models import Priority
@@ -28,10 +29,10 @@ router = APIRouter(prefix="/v1/watermarks", tags=["watermarks"], route_class=Gua
 REFUSALS = problem_responses(
     *access.REFUSALS,
     ErrorCode.INVALID_REQUEST,
-    ErrorCode.UNSUPPORTED_MEDIA_TYPE,
-    ErrorCode.UPLOAD_TOO_LARGE,
-    ErrorCode.REQUEST_TIMEOUT,
-    ErrorCode.SERVICE_UNAVAILABLE,
+    ServiceErrorCode.UNSUPPORTED_MEDIA_TYPE,
+    ServiceErrorCode.UPLOAD_TOO_LARGE,
+    ServiceErrorCode.REQUEST_TIMEOUT,
+    ServiceErrorCode.SERVICE_UNAVAILABLE,
 )
 
 

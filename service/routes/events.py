@@ -11,6 +11,7 @@ from fastapi.responses import StreamingResponse
 from core.errors import ErrorCode
 from service import access
 from service.access import Admitted, GuardedRoute
+from service.errors import ServiceErrorCode
 from service.event_stream import EVENT_ID, event_stream, parse_last_event_id
 from service.jobs import events
 from service.jobs.ledger import ACTIVE
@@ -43,10 +44,10 @@ RESPONSES: dict[int | str, dict[str, Any]] = {
     204: {"description": "The job has ended and nothing is left to tell: a client need not come back."},
     **problem_responses(
         *access.REFUSALS,
-        ErrorCode.NOT_FOUND,
+        ServiceErrorCode.NOT_FOUND,
         ErrorCode.INVALID_REQUEST,
-        ErrorCode.TOO_MANY_STREAMS,
-        ErrorCode.SERVICE_UNAVAILABLE,
+        ServiceErrorCode.TOO_MANY_STREAMS,
+        ServiceErrorCode.SERVICE_UNAVAILABLE,
     ),
 }
 LastEventId = Annotated[

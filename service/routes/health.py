@@ -5,7 +5,8 @@ from typing import Literal
 from fastapi import APIRouter
 from pydantic import BaseModel
 
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import MeshmarkError
+from service.errors import ServiceErrorCode
 from service.problems import problem_responses
 from service.state import State
 
@@ -30,12 +31,12 @@ async def health() -> Health:
     return Health()
 
 
-@router.get("/readyz", responses=problem_responses(ErrorCode.SERVICE_UNAVAILABLE))
+@router.get("/readyz", responses=problem_responses(ServiceErrorCode.SERVICE_UNAVAILABLE))
 async def ready(state: State) -> Ready:
     """Answer 200 while ledger, broker and artifact store answer; for what sends requests here or elsewhere."""
     if failing := await state.readiness.failing():
         raise MeshmarkError(
-            ErrorCode.SERVICE_UNAVAILABLE,
+            ServiceErrorCode.SERVICE_UNAVAILABLE,
             f"The service is not ready. What does not answer: {', '.join(failing)}.",
             "Try again later; the operator can look at the log.",
         )

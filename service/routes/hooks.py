@@ -11,6 +11,7 @@ from sqlalchemy.exc import IntegrityError
 from starlette.requests import ClientDisconnect
 
 from core.errors import ErrorCode, MeshmarkError
+from service.errors import ServiceErrorCode
 from service.hooks.config import HookSource
 from service.hooks.events import Event, parse_notification
 from service.hooks.guard import check_signature, check_token
@@ -26,14 +27,14 @@ LONGEST_KEY = 1024  # of S3, in bytes
 router = APIRouter(prefix="/v1/hooks", tags=["hooks"])
 
 REFUSALS = problem_responses(
-    ErrorCode.INVALID_HOOK_TOKEN,
-    ErrorCode.NOT_FOUND,
+    ServiceErrorCode.INVALID_HOOK_TOKEN,
+    ServiceErrorCode.NOT_FOUND,
     ErrorCode.INVALID_REQUEST,
-    ErrorCode.UPLOAD_TOO_LARGE,
-    ErrorCode.REQUEST_TIMEOUT,
-    ErrorCode.TOO_MANY_JOBS,
-    ErrorCode.QUOTA_EXCEEDED,
-    ErrorCode.SERVICE_UNAVAILABLE,
+    ServiceErrorCode.UPLOAD_TOO_LARGE,
+    ServiceErrorCode.REQUEST_TIMEOUT,
+    ServiceErrorCode.TOO_MANY_JOBS,
+    ServiceErrorCode.QUOTA_EXCEEDED,
+    ServiceErrorCode.SERVICE_UNAVAILABLE,
 )
 BODY: dict[str, Any] = {
     "requestBody": {
@@ -95,7 +96,7 @@ class HookResult(BaseModel):
 @router.options(
     "/{source}",
     response_class=Response,
-    responses=HANDSHAKE | problem_responses(ErrorCode.NOT_FOUND, ErrorCode.METHOD_NOT_ALLOWED),
+    responses=HANDSHAKE | problem_responses(ServiceErrorCode.NOT_FOUND, ServiceErrorCode.METHOD_NOT_ALLOWED),
 )
 async def allow_sender(request: Request, state: State, source: str) -> Response:
     """Let a sender of CloudEvents, of those that the hook is configured with, register for sending notifications."""
@@ -120,7 +121,7 @@ def _hook(state: AppState, name: str) -> HookSource:
     hook = state.settings.hooks.get(name)
     if hook is None:
         raise MeshmarkError(
-            ErrorCode.NOT_FOUND, f"There is no hook {name[:64]!r}.", "Use a name that the hooks file has."
+            ServiceErrorCode.NOT_FOUND, f"There is no hook {name[:64]!r}.", "Use a name that the hooks file has."
         )
     return hook
 

@@ -8,10 +8,10 @@ from fastapi import Request
 from pydantic import AfterValidator, AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field
 from pydantic.config import JsonDict
 
-from core.errors import ErrorCode
 from core.parameters import Parameters
+from service.errors import error_code
 from service.jobs.models import ArtifactKind, Job, JobState, Priority
-from service.problems import title
+from service.problems import PublishedCode, title
 
 EXAMPLE: JsonDict = {
     "id": "6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11",
@@ -77,7 +77,7 @@ class InputView(BaseModel):
 class ErrorView(BaseModel):
     """Why a job failed."""
 
-    code: ErrorCode
+    code: PublishedCode
     title: str
     detail: Annotated[str, Field(description="What is wrong with this asset or this request.")]
     remedy: Annotated[str, Field(description="What to do about it.")]
@@ -124,7 +124,7 @@ class JobView(BaseModel):
         source = job.artifact(ArtifactKind.INPUT)
         error = None
         if job.error_code is not None:
-            code = ErrorCode(job.error_code)
+            code = error_code(job.error_code)
             error = ErrorView(
                 code=code, title=title(code), detail=job.error_message or "", remedy=job.error_remedy or ""
             )

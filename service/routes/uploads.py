@@ -14,6 +14,7 @@ from core.validation import StrictModel
 from service import access
 from service.access import Admitted, GuardedRoute
 from service.asset_route import AssetRoute
+from service.errors import ServiceErrorCode
 from service.jobs import uploads
 from service.jobs.artifacts import CHUNK, writing
 from service.jobs.models import Upload
@@ -27,23 +28,23 @@ sending = APIRouter(prefix="/v1/uploads", tags=["uploads"], route_class=AssetRou
 BEGINNING = problem_responses(
     *access.REFUSALS,
     ErrorCode.INVALID_REQUEST,
-    ErrorCode.UNSUPPORTED_MEDIA_TYPE,
-    ErrorCode.UPLOAD_TOO_LARGE,
-    ErrorCode.REQUEST_TIMEOUT,
-    ErrorCode.TOO_MANY_UPLOADS,
-    ErrorCode.QUOTA_EXCEEDED,
-    ErrorCode.SERVICE_UNAVAILABLE,
+    ServiceErrorCode.UNSUPPORTED_MEDIA_TYPE,
+    ServiceErrorCode.UPLOAD_TOO_LARGE,
+    ServiceErrorCode.REQUEST_TIMEOUT,
+    ServiceErrorCode.TOO_MANY_UPLOADS,
+    ServiceErrorCode.QUOTA_EXCEEDED,
+    ServiceErrorCode.SERVICE_UNAVAILABLE,
 )
 SENDING = problem_responses(
     *access.REFUSALS,
     ErrorCode.INVALID_REQUEST,
-    ErrorCode.NOT_FOUND,
-    ErrorCode.UPLOAD_TOO_LARGE,
-    ErrorCode.UPLOAD_MISMATCH,
-    ErrorCode.UPLOAD_EXPIRED,
-    ErrorCode.REQUEST_TIMEOUT,
-    ErrorCode.TOO_MANY_UPLOADS,
-    ErrorCode.SERVICE_UNAVAILABLE,
+    ServiceErrorCode.NOT_FOUND,
+    ServiceErrorCode.UPLOAD_TOO_LARGE,
+    ServiceErrorCode.UPLOAD_MISMATCH,
+    ServiceErrorCode.UPLOAD_EXPIRED,
+    ServiceErrorCode.REQUEST_TIMEOUT,
+    ServiceErrorCode.TOO_MANY_UPLOADS,
+    ServiceErrorCode.SERVICE_UNAVAILABLE,
 )
 BODY = {"requestBody": {"required": True, "content": {"application/octet-stream": {"schema": {"type": "string"}}}}}
 
@@ -102,7 +103,7 @@ def create_upload(request: Request, state: State, client: Admitted, new: NewUplo
     limit = state.settings.max_upload_bytes
     if new.size > limit:
         raise MeshmarkError(
-            ErrorCode.UPLOAD_TOO_LARGE,
+            ServiceErrorCode.UPLOAD_TOO_LARGE,
             f"The asset is larger than the {limit:,} bytes accepted here.",
             "Send a smaller one, or ask the operator to raise the limit.",
         )

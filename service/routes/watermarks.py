@@ -12,6 +12,7 @@ from service import access
 from service.access import Admitted, Client, GuardedRoute
 from service.asset_route import AssetRoute
 from service.delivery import deliver, disposition
+from service.errors import ServiceErrorCode
 from service.idempotency_key import parse_idempotency_key
 from service.jobs import contents
 from service.jobs.listing import Filters, list_jobs
@@ -57,30 +58,30 @@ ACCEPTED: dict[int | str, dict[str, Any]] = {
 REFUSALS = problem_responses(
     *access.REFUSALS,
     ErrorCode.INVALID_REQUEST,
-    ErrorCode.UPLOAD_TOO_LARGE,
-    ErrorCode.UNSUPPORTED_MEDIA_TYPE,
+    ServiceErrorCode.UPLOAD_TOO_LARGE,
+    ServiceErrorCode.UNSUPPORTED_MEDIA_TYPE,
     ErrorCode.UNKNOWN_FORMAT,
     ErrorCode.UNSUPPORTED_FORMAT,
     ErrorCode.MISSING_FILE,
-    ErrorCode.NOT_FOUND,
-    ErrorCode.UPLOAD_NOT_SENT,
-    ErrorCode.UPLOAD_MISMATCH,
-    ErrorCode.UPLOAD_EXPIRED,
-    ErrorCode.SOURCE_URL_DISABLED,
-    ErrorCode.ADDRESS_REFUSED,
+    ServiceErrorCode.NOT_FOUND,
+    ServiceErrorCode.UPLOAD_NOT_SENT,
+    ServiceErrorCode.UPLOAD_MISMATCH,
+    ServiceErrorCode.UPLOAD_EXPIRED,
+    ServiceErrorCode.SOURCE_URL_DISABLED,
+    ServiceErrorCode.ADDRESS_REFUSED,
     ErrorCode.EMPTY_FILE,
     ErrorCode.INVALID_PARAMETERS,
     ErrorCode.EMPTY_TEXT,
     ErrorCode.MISSING_GLYPHS,
     ErrorCode.INVALID_FONT,
-    ErrorCode.INVALID_METADATA,
-    ErrorCode.NO_WEBHOOK_SECRET,
-    ErrorCode.IDEMPOTENCY_KEY_IN_USE,
-    ErrorCode.IDEMPOTENCY_KEY_REUSED,
-    ErrorCode.TOO_MANY_JOBS,
-    ErrorCode.TOO_MANY_UPLOADS,
-    ErrorCode.REQUEST_TIMEOUT,
-    ErrorCode.QUOTA_EXCEEDED,
+    ServiceErrorCode.INVALID_METADATA,
+    ServiceErrorCode.NO_WEBHOOK_SECRET,
+    ServiceErrorCode.IDEMPOTENCY_KEY_IN_USE,
+    ServiceErrorCode.IDEMPOTENCY_KEY_REUSED,
+    ServiceErrorCode.TOO_MANY_JOBS,
+    ServiceErrorCode.TOO_MANY_UPLOADS,
+    ServiceErrorCode.REQUEST_TIMEOUT,
+    ServiceErrorCode.QUOTA_EXCEEDED,
     ErrorCode.MALFORMED_FILE,
     ErrorCode.TRUNCATED_FILE,
     ErrorCode.NO_FACES,
@@ -91,22 +92,22 @@ REFUSALS = problem_responses(
     ErrorCode.EXTERNAL_REFERENCE,
     ErrorCode.ENGINE_CRASHED,
     ErrorCode.INTERNAL_ERROR,
-    ErrorCode.SERVICE_UNAVAILABLE,
+    ServiceErrorCode.SERVICE_UNAVAILABLE,
 )
 LISTING = problem_responses(
-    *access.REFUSALS, ErrorCode.INVALID_REQUEST, ErrorCode.INVALID_METADATA, ErrorCode.SERVICE_UNAVAILABLE
+    *access.REFUSALS, ErrorCode.INVALID_REQUEST, ServiceErrorCode.INVALID_METADATA, ServiceErrorCode.SERVICE_UNAVAILABLE
 )
-UNKNOWN = problem_responses(*access.REFUSALS, ErrorCode.NOT_FOUND, ErrorCode.SERVICE_UNAVAILABLE)
+UNKNOWN = problem_responses(*access.REFUSALS, ServiceErrorCode.NOT_FOUND, ServiceErrorCode.SERVICE_UNAVAILABLE)
 NOT_THERE = problem_responses(
     *access.REFUSALS,
-    ErrorCode.NOT_FOUND,
-    ErrorCode.NOT_READY,
-    ErrorCode.JOB_FAILED,
-    ErrorCode.JOB_CANCELED,
-    ErrorCode.JOB_EXPIRED,
-    ErrorCode.RANGE_NOT_SATISFIABLE,
-    ErrorCode.PRECONDITION_FAILED,
-    ErrorCode.SERVICE_UNAVAILABLE,
+    ServiceErrorCode.NOT_FOUND,
+    ServiceErrorCode.NOT_READY,
+    ServiceErrorCode.JOB_FAILED,
+    ServiceErrorCode.JOB_CANCELED,
+    ServiceErrorCode.JOB_EXPIRED,
+    ServiceErrorCode.RANGE_NOT_SATISFIABLE,
+    ServiceErrorCode.PRECONDITION_FAILED,
+    ServiceErrorCode.SERVICE_UNAVAILABLE,
 )
 
 
@@ -325,7 +326,9 @@ def find_job(state: AppState, client: Client, job_id: str) -> Job:
     job = state.ledger.get(job_id, client.tenant) if job_id.isprintable() else None  # PostgreSQL takes no NUL
     if job is None:
         raise MeshmarkError(
-            ErrorCode.NOT_FOUND, f"There is no job {job_id[:64]!r}.", "Use the id or the Location that POST gave."
+            ServiceErrorCode.NOT_FOUND,
+            f"There is no job {job_id[:64]!r}.",
+            "Use the id or the Location that POST gave.",
         )
     return job
 
@@ -351,22 +354,22 @@ def _not_there(job: Job, kind: ArtifactKind) -> MeshmarkError:
     match job.state:
         case JobState.QUEUED | JobState.RUNNING:
             return MeshmarkError(
-                ErrorCode.NOT_READY, f"The {kind} does not exist yet.", "Ask again when the job's links name it."
+                ServiceErrorCode.NOT_READY, f"The {kind} does not exist yet.", "Ask again when the job's links name it."
             )
         case JobState.FAILED:
             return MeshmarkError(
-                ErrorCode.JOB_FAILED,
+                ServiceErrorCode.JOB_FAILED,
                 f"There is no {kind}, for the job failed: {job.error_message}",
                 job.error_remedy or "",
             )
         case JobState.CANCELED:
             return MeshmarkError(
-                ErrorCode.JOB_CANCELED, f"There is no {kind}, for the job was canceled.", "Send the asset again."
+                ServiceErrorCode.JOB_CANCELED, f"There is no {kind}, for the job was canceled.", "Send the asset again."
             )
         case JobState.EXPIRED:
-            return MeshmarkError(ErrorCode.JOB_EXPIRED, f"The {kind} was deleted.", "Send the asset again.")
+            return MeshmarkError(ServiceErrorCode.JOB_EXPIRED, f"The {kind} was deleted.", "Send the asset again.")
     return MeshmarkError(  # succeeded
-        ErrorCode.NOT_FOUND,
+        ServiceErrorCode.NOT_FOUND,
         f"The job was done without a {kind}.",
         "The job's links name what there is.",
     )

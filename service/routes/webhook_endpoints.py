@@ -7,6 +7,7 @@ from fastapi import APIRouter, Query, Request, Response, status
 from core.errors import ErrorCode
 from service import access
 from service.access import Admitted, GuardedRoute
+from service.errors import ServiceErrorCode
 from service.jobs.models import DeliveryState
 from service.outbound.resolve import check_address
 from service.problems import problem_responses
@@ -25,13 +26,13 @@ from service.webhooks import deliveries, endpoints
 
 router = APIRouter(prefix="/v1/webhook-endpoints", tags=["webhooks"], route_class=GuardedRoute)
 
-READING = (*access.REFUSALS, ErrorCode.SERVICE_UNAVAILABLE)
-OF_ONE = (*READING, ErrorCode.NOT_FOUND)
+READING = (*access.REFUSALS, ServiceErrorCode.SERVICE_UNAVAILABLE)
+OF_ONE = (*READING, ServiceErrorCode.NOT_FOUND)
 WITH_BODY = (
     ErrorCode.INVALID_REQUEST,
-    ErrorCode.UNSUPPORTED_MEDIA_TYPE,
-    ErrorCode.UPLOAD_TOO_LARGE,
-    ErrorCode.REQUEST_TIMEOUT,
+    ServiceErrorCode.UNSUPPORTED_MEDIA_TYPE,
+    ServiceErrorCode.UPLOAD_TOO_LARGE,
+    ServiceErrorCode.REQUEST_TIMEOUT,
 )
 CREATED: dict[int | str, dict[str, Any]] = {
     201: {
@@ -48,10 +49,10 @@ CREATED: dict[int | str, dict[str, Any]] = {
     | problem_responses(
         *READING,
         *WITH_BODY,
-        ErrorCode.ADDRESS_REFUSED,
-        ErrorCode.INVALID_SECRET,
-        ErrorCode.ENDPOINT_EXISTS,
-        ErrorCode.TOO_MANY_ENDPOINTS,
+        ServiceErrorCode.ADDRESS_REFUSED,
+        ServiceErrorCode.INVALID_SECRET,
+        ServiceErrorCode.ENDPOINT_EXISTS,
+        ServiceErrorCode.TOO_MANY_ENDPOINTS,
     ),
 )
 def create_webhook_endpoint(
@@ -79,7 +80,7 @@ def read_webhook_endpoint(state: State, client: Admitted, endpoint_id: str) -> W
     return WebhookEndpoint.of(endpoints.find_endpoint(state.ledger.sessions, client.tenant, endpoint_id))
 
 
-@router.patch("/{endpoint_id}", responses=problem_responses(*OF_ONE, *WITH_BODY, ErrorCode.ADDRESS_REFUSED))
+@router.patch("/{endpoint_id}", responses=problem_responses(*OF_ONE, *WITH_BODY, ServiceErrorCode.ADDRESS_REFUSED))
 def change_webhook_endpoint(state: State, client: Admitted, endpoint_id: str, body: EndpointChange) -> WebhookEndpoint:
     """Change a webhook endpoint. What waits for one that is disabled is given up, and can be redelivered later."""
     if body.url is not None:
@@ -95,7 +96,9 @@ def delete_webhook_endpoint(state: State, client: Admitted, endpoint_id: str) ->
     endpoints.delete_endpoint(state.ledger.sessions, client.tenant, endpoint_id)
 
 
-@router.post("/{endpoint_id}/rotate-secret", responses=problem_responses(*OF_ONE, *WITH_BODY, ErrorCode.INVALID_SECRET))
+@router.post(
+    "/{endpoint_id}/rotate-secret", responses=problem_responses(*OF_ONE, *WITH_BODY, ServiceErrorCode.INVALID_SECRET)
+)
 def rotate_webhook_secret(
     state: State, client: Admitted, endpoint_id: str, body: NewSecret | None = None
 ) -> WebhookEndpointWithSecret:
@@ -129,7 +132,7 @@ def list_webhook_deliveries(
 @router.post(
     "/{endpoint_id}/deliveries/{delivery_id}/redeliver",
     status_code=status.HTTP_202_ACCEPTED,
-    responses=problem_responses(*OF_ONE, ErrorCode.ENDPOINT_DISABLED),
+    responses=problem_responses(*OF_ONE, ServiceErrorCode.ENDPOINT_DISABLED),
 )
 def redeliver_webhook(state: State, client: Admitted, endpoint_id: str, delivery_id: str) -> Delivery:
     """Send a webhook once more, at once."""

@@ -15,6 +15,7 @@ from sqlalchemy import Select, exists, func, literal, select, tuple_, union_all,
 from sqlalchemy.orm import Session, sessionmaker
 
 from core.errors import ErrorCode, MeshmarkError
+from service.errors import ServiceErrorCode
 from service.jobs.clock import clock
 from service.jobs.erasure import erase_events
 from service.jobs.models import (
@@ -239,7 +240,7 @@ def redeliver(sessions: Sessions, tenant: str, endpoint_id: str, delivery_id: st
     endpoint = find_endpoint(sessions, tenant, endpoint_id)
     if endpoint.disabled_reason:
         raise MeshmarkError(
-            ErrorCode.ENDPOINT_DISABLED,
+            ServiceErrorCode.ENDPOINT_DISABLED,
             "The endpoint is disabled, so nothing is sent to it.",
             'Enable it first: PATCH it with {"disabled": false}.',
         )
@@ -249,7 +250,7 @@ def redeliver(sessions: Sessions, tenant: str, endpoint_id: str, delivery_id: st
         if delivery_id.isprintable() and _set(session, condition, **values):
             return session.get_one(WebhookDelivery, delivery_id)
     raise MeshmarkError(
-        ErrorCode.NOT_FOUND,
+        ServiceErrorCode.NOT_FOUND,
         f"The endpoint has no delivery {delivery_id[:64]!r}.",
         "List the endpoint's deliveries; they are kept for 30 days.",
     )

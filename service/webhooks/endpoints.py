@@ -12,6 +12,7 @@ from sqlalchemy import ColumnElement, delete, func, select, update
 from sqlalchemy.orm import Session, sessionmaker
 
 from core.errors import ErrorCode, MeshmarkError
+from service.errors import ServiceErrorCode
 from service.jobs.clock import now
 from service.jobs.models import DeliveryState, DisabledReason, Tenant, WebhookDelivery, WebhookEndpoint
 from service.outbound.policy import Policy
@@ -37,7 +38,7 @@ def check_job_webhook(sessions: Sessions, tenant: str, url: str, policy: Policy)
     with sessions() as session:
         if session.scalar(select(WebhookEndpoint.id).where(*signing)) is None:
             raise MeshmarkError(
-                ErrorCode.NO_WEBHOOK_SECRET,
+                ServiceErrorCode.NO_WEBHOOK_SECRET,
                 "There is no secret to sign this job's webhook with.",
                 'Make one first: POST {"url": null} to /v1/webhook-endpoints. It is for all jobs that name a webhook.',
             )
@@ -69,13 +70,13 @@ def create_endpoint(
         ).one()
         if without_url > 1:
             raise MeshmarkError(
-                ErrorCode.ENDPOINT_EXISTS,
+                ServiceErrorCode.ENDPOINT_EXISTS,
                 "There is an endpoint without a url already, and one is enough for all jobs that name a webhook.",
                 "Rotate its secret if it is not known any more, or give a url.",
             )
         if count > MOST:
             raise MeshmarkError(
-                ErrorCode.TOO_MANY_ENDPOINTS,
+                ServiceErrorCode.TOO_MANY_ENDPOINTS,
                 f"There are {MOST} webhook endpoints, the most a tenant may have.",
                 "Delete one that is not needed.",
             )
@@ -171,7 +172,7 @@ def _find(session: Session, tenant: str, endpoint_id: str, lock: bool = False) -
     found = session.scalar(wanted.with_for_update() if lock else wanted) if endpoint_id.isprintable() else None
     if found is None:  # PostgreSQL takes no NUL
         raise MeshmarkError(
-            ErrorCode.NOT_FOUND,
+            ServiceErrorCode.NOT_FOUND,
             f"There is no webhook endpoint {endpoint_id[:64]!r}.",
             "Use the id that POST gave, or list the endpoints.",
         )

@@ -8,7 +8,8 @@ import secrets as randomness
 from collections.abc import Sequence
 from datetime import datetime
 
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import MeshmarkError
+from service.errors import ServiceErrorCode
 
 PREFIX = "whsec_"
 SECRET_BYTES = 32
@@ -32,7 +33,7 @@ def parse_secret(text: str) -> bytes:
         key = b""
     if not SHORTEST <= len(key) <= LONGEST:
         raise MeshmarkError(
-            ErrorCode.INVALID_SECRET,
+            ServiceErrorCode.INVALID_SECRET,
             f"The secret is not `{PREFIX}` and the base64 of {SHORTEST} to {LONGEST} bytes.",
             "Leave it out to have one made, or write one in that form.",
         )

@@ -5,13 +5,14 @@ import pytest
 from httpx2 import Response
 
 from core.errors import ErrorCode
+from service.errors import ServiceErrorCode
 from service.jobs.ledger import Ledger
 from service.problems import STATUS
 from tests.service.conftest import Client
 
 
 def test_every_error_code_has_a_status() -> None:
-    assert set(STATUS) == set(ErrorCode)
+    assert set(STATUS) == {*ErrorCode, *ServiceErrorCode}
 
 
 def test_an_unknown_path_is_a_problem(client: Client) -> None:

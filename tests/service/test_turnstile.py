@@ -7,7 +7,8 @@ from contextlib import ExitStack
 
 import pytest
 
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import MeshmarkError
+from service.errors import ServiceErrorCode
 from service.turnstile import Turnstile
 from tests.worker.waiting import PATIENCE
 
@@ -136,7 +137,7 @@ def test_nobody_waits_for_a_service_that_stops() -> None:
 
     for error in asyncio.run(run()):
         assert isinstance(error, MeshmarkError)
-        assert error.code is ErrorCode.SERVICE_UNAVAILABLE
+        assert error.code is ServiceErrorCode.SERVICE_UNAVAILABLE
 
 
 def test_the_place_is_given_back_whatever_happens_in_it() -> None:

@@ -11,6 +11,7 @@ import pytest
 
 from core.budgets import DEFAULT_BUDGETS
 from core.errors import ErrorCode, MeshmarkError
+from service.errors import ServiceErrorCode
 from service.jobs.models import ArtifactKind
 from tests.worker.engines import asset
 from tests.worker.waiting import PATIENCE, gone, wait_until
@@ -79,12 +80,12 @@ def test_a_hang_in_native_code_ends_at_the_time_limit(template: Template, tmp_pa
 
 def test_eating_memory_ends_at_the_memory_limit(template: Template, tmp_path: Path) -> None:
     error = failure(template, order(tmp_path, "eat_memory"), Limits(seconds=PATIENCE, memory=400 * 2**20))
-    assert error.code == ErrorCode.MEMORY_LIMIT
+    assert error.code == ServiceErrorCode.MEMORY_LIMIT
     assert "400 MiB" in error.message
 
 
 def test_running_out_of_memory_inside_python_is_the_memory_limit_too(template: Template, tmp_path: Path) -> None:
-    assert failure(template, order(tmp_path, "run_out_of_memory")).code == ErrorCode.MEMORY_LIMIT
+    assert failure(template, order(tmp_path, "run_out_of_memory")).code == ServiceErrorCode.MEMORY_LIMIT
 
 
 def test_a_refusal_of_the_engine_arrives_word_for_word(template: Template, tmp_path: Path) -> None:

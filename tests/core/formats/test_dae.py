@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core.budgets import Budgets
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import Code, ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
 from core.formats.dae_scan import Scan
 from core.gltf.document import Document
@@ -44,7 +44,7 @@ def _convert(data: bytes) -> Document:
     return document
 
 
-def _failure(data: bytes) -> ErrorCode:
+def _failure(data: bytes) -> Code:
     with pytest.raises(MeshmarkError) as caught:
         document_of(admit(data))
     return caught.value.code

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from core.budgets import Budgets
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import Code, ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
 from core.formats.archive import Archive
 from core.formats.pack import pack_archive, pack_json
@@ -28,7 +28,7 @@ def _image(document: Document, number: int) -> bytes:
     return document.binary[view["byteOffset"] : view["byteOffset"] + view["byteLength"]]
 
 
-def _code(data: bytes) -> ErrorCode:
+def _code(data: bytes) -> Code:
     with pytest.raises(MeshmarkError) as caught:
         admit(data)
     return caught.value.code

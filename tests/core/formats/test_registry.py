@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from core.budgets import Budgets
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import Code, ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
 from core.formats.sniff import Format
 from core.gltf.accessors import read_accessor
@@ -40,7 +40,7 @@ def _convert(data: bytes) -> Document:
     return document_of(admit(data))
 
 
-def _failure(data: bytes, budgets: Budgets | None = None) -> ErrorCode:
+def _failure(data: bytes, budgets: Budgets | None = None) -> Code:
     with pytest.raises(MeshmarkError) as caught:
         document_of(admit(data), budgets or Budgets())
     return caught.value.code

@@ -1,7 +1,7 @@
 import pytest
 
 from core.budgets import Budgets
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import Code, ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
 from core.formats.xml import Tally, parse_xml
 from tests.core.formats.samples import zipped
@@ -22,7 +22,7 @@ def _parse(data: bytes, budgets: Budgets | None = None) -> list[str]:
     return seen
 
 
-def _code(data: bytes) -> ErrorCode:
+def _code(data: bytes) -> Code:
     with pytest.raises(MeshmarkError) as caught:
         _parse(data)
     return caught.value.code

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import Code, ErrorCode, MeshmarkError
 from core.gltf.accessors import dequantize, read_accessor
 from core.gltf.data_uri import decode_data_uri
 from core.gltf.document import COMPONENT_TYPES, ELEMENT_TYPES, Document
@@ -25,7 +25,7 @@ def _glb(*chunks: tuple[bytes, bytes], magic: bytes = b"glTF", version: int = 2)
     return struct.pack("<4sII", magic, version, 12 + len(body)) + body
 
 
-def _failure(data: bytes) -> ErrorCode:
+def _failure(data: bytes) -> Code:
     with pytest.raises(MeshmarkError) as caught:
         Document.from_glb(data)
     return caught.value.code

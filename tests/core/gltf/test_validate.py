@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from core.budgets import Budgets
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import Code, ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
 from core.gltf.document import Document
 from core.gltf.scene import flatten
@@ -20,7 +20,7 @@ from tests.core.gltf.builder import CUBE, CUBE_FACES, Builder, simple
 Change = Callable[[dict[str, Any]], object]
 
 
-def _code(document: Document, budgets: Budgets | None = None) -> ErrorCode:
+def _code(document: Document, budgets: Budgets | None = None) -> Code:
     with pytest.raises(MeshmarkError) as caught:
         check_glb(document.to_glb(), budgets or Budgets())
     return caught.value.code

@@ -4,7 +4,7 @@ from typing import Any
 import pytest
 
 from core.budgets import Budgets
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import Code, ErrorCode, MeshmarkError
 from core.gltf.document import Document
 from core.gltf.validate import check_glb
 from tests.core.gltf.builder import CUBE, CUBE_FACES, simple
@@ -13,7 +13,7 @@ from tests.core.gltf.compressed import MESHOPT, draco, meshopted
 DRACO = "KHR_draco_mesh_compression"
 
 
-def _code(document: Document, budgets: Budgets | None = None) -> ErrorCode:
+def _code(document: Document, budgets: Budgets | None = None) -> Code:
     with pytest.raises(MeshmarkError) as caught:
         check_glb(document.to_glb(), budgets or Budgets())
     return caught.value.code

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import MeshmarkError
+from service.errors import ServiceErrorCode
 from service.jobs.artifacts import ArtifactStore, StoreUnavailableError
 
 NOTHING = hashlib.sha256(b"nothing like it").hexdigest()
@@ -73,7 +74,7 @@ def test_the_same_content_is_kept_once_however_often_it_comes(store: ArtifactSto
 def test_content_over_the_limit_is_refused_and_leaves_nothing(store: ArtifactStore, tmp_path: Path) -> None:
     with pytest.raises(MeshmarkError) as caught, store.stage(io.BytesIO(b"12345"), limit=4, name="file"):
         pytest.fail("it was staged")
-    assert caught.value.code == ErrorCode.UPLOAD_TOO_LARGE
+    assert caught.value.code == ServiceErrorCode.UPLOAD_TOO_LARGE
     assert local_files(tmp_path) == []
 
 

@@ -6,7 +6,8 @@ from datetime import datetime, timedelta
 import pytest
 from sqlalchemy import select
 
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import Code, MeshmarkError
+from service.errors import ServiceErrorCode
 from service.jobs import idempotency
 from service.jobs.idempotency import Reservation, fingerprint, forget, holding, reserve, settle
 from service.jobs.ledger import Ledger, Submission
@@ -35,7 +36,7 @@ def record(ledger: Ledger, reservation: Reservation) -> str:
     return ledger.create("asset.glb", {}, {}, lambda _: True, submission).id
 
 
-def refusal(ledger: Ledger, key: str = "a", print_: str = ONE) -> ErrorCode:
+def refusal(ledger: Ledger, key: str = "a", print_: str = ONE) -> Code:
     with pytest.raises(MeshmarkError) as refused:
         reserve(ledger.sessions, "acme", key, print_)
     return refused.value.code
@@ -49,14 +50,14 @@ def test_a_key_leads_to_the_job_that_was_recorded_for_it(ledger: Ledger) -> None
 
 def test_while_its_request_is_answered_a_key_is_in_use(ledger: Ledger) -> None:
     reserved(ledger)
-    assert refusal(ledger) == ErrorCode.IDEMPOTENCY_KEY_IN_USE
+    assert refusal(ledger) == ServiceErrorCode.IDEMPOTENCY_KEY_IN_USE
 
 
 def test_a_key_serves_one_request_only(ledger: Ledger) -> None:
     reservation = reserved(ledger)
-    assert refusal(ledger, print_=OTHER) == ErrorCode.IDEMPOTENCY_KEY_REUSED
+    assert refusal(ledger, print_=OTHER) == ServiceErrorCode.IDEMPOTENCY_KEY_REUSED
     record(ledger, reservation)
-    assert refusal(ledger, print_=OTHER) == ErrorCode.IDEMPOTENCY_KEY_REUSED
+    assert refusal(ledger, print_=OTHER) == ServiceErrorCode.IDEMPOTENCY_KEY_REUSED
 
 
 def test_tenants_have_keys_of_their_own(ledger: Ledger) -> None:
@@ -86,12 +87,12 @@ def test_a_request_that_was_overtaken_records_nothing(ledger: Ledger, monkeypatc
     current = reserved(ledger)
     with pytest.raises(MeshmarkError) as refused, holding(ledger.sessions, slow):
         record(ledger, slow)
-    assert refused.value.code == ErrorCode.IDEMPOTENCY_KEY_IN_USE
-    assert refusal(ledger) == ErrorCode.IDEMPOTENCY_KEY_IN_USE, "the key is still the other request's"
+    assert refused.value.code == ServiceErrorCode.IDEMPOTENCY_KEY_IN_USE
+    assert refusal(ledger) == ServiceErrorCode.IDEMPOTENCY_KEY_IN_USE, "the key is still the other request's"
     job_id = record(ledger, current)
     with pytest.raises(MeshmarkError) as refused, holding(ledger.sessions, slow):
         record(ledger, slow)
-    assert refused.value.code == ErrorCode.IDEMPOTENCY_KEY_IN_USE
+    assert refused.value.code == ServiceErrorCode.IDEMPOTENCY_KEY_IN_USE
     assert ledger.waiting(-1) == [job_id]
     assert reserve(ledger.sessions, "acme", "a", ONE) == job_id
 
@@ -110,14 +111,14 @@ def test_a_request_that_takes_longer_than_a_reservation_holds_keeps_its_key(
     until = expiry(ledger)
     with holding(ledger.sessions, reservation):
         wait_until(lambda: expiry(ledger) > until + timedelta(seconds=0.2))
-        assert refusal(ledger) == ErrorCode.IDEMPOTENCY_KEY_IN_USE
+        assert refusal(ledger) == ServiceErrorCode.IDEMPOTENCY_KEY_IN_USE
         record(ledger, reservation)
 
 
 def test_of_many_requests_with_one_key_one_records_a_job(ledger: Ledger, database_url: str) -> None:
     ledgers = [ledger, Ledger(database_url)]  # as two processes have them
 
-    def send(number: int) -> str | ErrorCode:
+    def send(number: int) -> str | Code:
         mine = ledgers[number % 2]
         try:
             reservation = reserve(mine.sessions, "acme", f"key {number // 8}", ONE)
@@ -130,7 +131,7 @@ def test_of_many_requests_with_one_key_one_records_a_job(ledger: Ledger, databas
     ledgers[1].close()
     recorded = ledger.waiting(-1)
     assert len(recorded) == 5
-    assert set(answers) - {ErrorCode.IDEMPOTENCY_KEY_IN_USE} == set(recorded)
+    assert set(answers) - {ServiceErrorCode.IDEMPOTENCY_KEY_IN_USE} == set(recorded)
 
 
 def test_keys_are_forgotten_after_their_time_and_not_before(ledger: Ledger, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,7 +6,8 @@ from datetime import UTC, datetime
 import pytest
 from sqlalchemy.orm import Session
 
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import MeshmarkError
+from service.errors import ServiceErrorCode
 from service.jobs import limits
 from service.jobs.ledger import Ledger, Submission
 from service.jobs.limits import check_active, spend
@@ -47,7 +48,7 @@ def submit(ledger: Ledger, tenant: str, most: int) -> str | None:
     try:
         return ledger.create("asset.glb", {}, {}, lambda _: True, submission).id
     except MeshmarkError as error:
-        if error.code != ErrorCode.TOO_MANY_JOBS:
+        if error.code != ServiceErrorCode.TOO_MANY_JOBS:
             raise
         return None
 

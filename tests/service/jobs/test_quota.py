@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 from sqlalchemy import create_engine
 
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import MeshmarkError
 from service.config import Settings
+from service.errors import ServiceErrorCode
 from service.jobs import uploads
 from service.jobs.ledger import Content, Ledger, Submission
 from service.jobs.migrations import migrate
@@ -75,7 +76,7 @@ def test_nothing_is_recorded_beyond_the_quota_until_there_is_room(ledger: Ledger
     for _ in range(2):
         with pytest.raises(MeshmarkError, match="110 bytes would be stored for you, and 100 are the most") as refused:
             submit(ledger, 50, 100)
-        assert refused.value.code == ErrorCode.QUOTA_EXCEEDED
+        assert refused.value.code == ServiceErrorCode.QUOTA_EXCEEDED
         assert stored(ledger) == 60
     submit(ledger, 50, 100, tenant="beta")
     ledger.cancel(kept, "acme")

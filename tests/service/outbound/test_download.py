@@ -4,7 +4,8 @@ from socket import socket
 
 import pytest
 
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import MeshmarkError
+from service.errors import ServiceErrorCode
 from service.outbound.download import download
 from tests.service.outbound.certificates import certified, trusting
 from tests.service.outbound.servers import NAME, Script, client_of, read_request, replying, response, serving
@@ -38,7 +39,7 @@ def test_a_file_in_chunks_arrives_whole() -> None:
 
 def test_a_file_of_just_the_limit_is_accepted_and_one_byte_more_is_not() -> None:
     assert len(fetched(replying(response(b"a" * LIMIT)))) == LIMIT
-    assert failure(replying(response(b"a" * (LIMIT + 1)))).code == ErrorCode.DOWNLOAD_TOO_LARGE
+    assert failure(replying(response(b"a" * (LIMIT + 1)))).code == ServiceErrorCode.DOWNLOAD_TOO_LARGE
 
 
 def test_a_declared_length_over_the_limit_is_refused_before_the_file_is_read() -> None:
@@ -48,7 +49,7 @@ def test_a_declared_length_over_the_limit_is_refused_before_the_file_is_read() -
         connection.recv(1)  # ends when the client leaves; not a byte of the file is sent
 
     error = failure(announce)
-    assert error.code == ErrorCode.DOWNLOAD_TOO_LARGE
+    assert error.code == ServiceErrorCode.DOWNLOAD_TOO_LARGE
     assert "100,000" in error.message
 
 
@@ -63,7 +64,7 @@ def test_an_endless_file_is_left_at_the_limit() -> None:
             connection.sendall(b"1000\r\n" + bytes(4096) + b"\r\n")
             sent += 4096
 
-    assert failure(pour).code == ErrorCode.DOWNLOAD_TOO_LARGE
+    assert failure(pour).code == ServiceErrorCode.DOWNLOAD_TOO_LARGE
     assert sent < 2**25  # what fits into the buffers of the system, not what an engine could pour in a minute
 
 
@@ -84,7 +85,7 @@ def test_an_endless_file_is_left_at_the_limit() -> None:
 )
 def test_what_is_not_a_whole_file_is_not_accepted(answer: bytes, reason: str) -> None:
     error = failure(replying(answer))
-    assert error.code == ErrorCode.DOWNLOAD_FAILED
+    assert error.code == ServiceErrorCode.DOWNLOAD_FAILED
     assert reason in error.message
     assert error.remedy
 
@@ -96,4 +97,4 @@ def test_a_server_that_says_too_little_gives_no_more_than_it_said() -> None:
 def test_an_address_that_is_not_served_is_refused_as_such() -> None:
     with serving(replying(response())) as server, pytest.raises(MeshmarkError) as caught:
         download(client_of(server), "https://user:word@files.example/", io.BytesIO(), LIMIT)
-    assert caught.value.code == ErrorCode.ADDRESS_REFUSED
+    assert caught.value.code == ServiceErrorCode.ADDRESS_REFUSED

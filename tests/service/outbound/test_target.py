@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import MeshmarkError
+from service.errors import ServiceErrorCode
 from service.outbound.policy import Policy
 from service.outbound.target import Target, parse_target
 
@@ -15,7 +16,7 @@ ANY_PORT = Policy(schemes=frozenset({"http", "https"}), ports=frozenset(range(65
 def refused(url: str, policy: Policy | None = None) -> MeshmarkError:
     with pytest.raises(MeshmarkError) as caught:
         parse_target(url, policy or Policy())
-    assert caught.value.code == ErrorCode.ADDRESS_REFUSED
+    assert caught.value.code == ServiceErrorCode.ADDRESS_REFUSED
     return caught.value
 
 

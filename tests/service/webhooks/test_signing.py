@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from standardwebhooks.webhooks import Webhook, WebhookVerificationError
 
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import MeshmarkError
+from service.errors import ServiceErrorCode
 from service.webhooks.signing import new_secret, parse_secret, sign
 
 
@@ -82,7 +83,7 @@ def test_secrets_of_the_sizes_in_the_specification_are_accepted(size: int) -> No
 def test_another_secret_is_refused_and_not_repeated(secret: str) -> None:
     with pytest.raises(MeshmarkError) as caught:
         parse_secret(secret)
-    assert caught.value.code == ErrorCode.INVALID_SECRET
+    assert caught.value.code == ServiceErrorCode.INVALID_SECRET
     assert len(secret) < 10 or secret not in str(caught.value)
 
 
