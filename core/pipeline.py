@@ -151,6 +151,7 @@ def _letter(job: Job) -> None:
 
 def _place(job: Job) -> None:
     from core.analysis.analyse import HIDING
+    from core.analysis.facts import Carrier, SurfaceFacts
     from core.analysis.opacity import opacity
     from core.analysis.regions import regions
     from core.analysis.saliency import saliency
@@ -176,21 +177,15 @@ def _place(job: Job) -> None:
 
     def on(usable: NDArray[np.bool_], index: "SpatialIndex", opaque: float) -> "Placement":
         job.usable, job.opaque = asked.within(usable), opaque
-        job.context = build_context(
+        carrier = Carrier(
             ground.surface,
             index,
-            job.saliency,
-            texture,
-            skin,
-            job.lettering,
-            parameters,
-            job.rng,
             job.usable,
             ground.component,
-            asked,
             opacity(job.scene, ground.surface, job.usable) if opaque else None,
-            job.objective or OBJECTIVE,
         )
+        facts = SurfaceFacts(job.saliency, texture, skin, asked)
+        job.context = build_context(carrier, facts, job.lettering, parameters, job.rng, job.objective or OBJECTIVE)
         return place(job.context, job.rng, job.report_progress)
 
     try:
@@ -255,7 +250,7 @@ def _write(job: Job) -> None:
         _write_marks(job)
     job.warnings += unmarked(job.copies)
     marked = ground.surface.face_primitive[edit.source_face[np.unique(edit.mark, return_index=True)[1]]]
-    without = unmarked_parts(job.scene, ground.surface, job.saliency, job.context.index, marked)
+    without = unmarked_parts(job.scene, ground.surface, job.saliency, job.context.carrier.index, marked)
     job.warnings += [without] if without else []
     job.publish("model", job.model)
 
@@ -278,7 +273,9 @@ def _take_out(job: Job, undrawn: list[int]) -> None:
     job.marks = {}
     if kept:
         boxes, _ = boxes_of(kept, job.parameters)
-        outcomes = emboss_boxes(job.mesh, boxes, letter_islands(job.lettering), job.parameters, job.context.index)
+        outcomes = emboss_boxes(
+            job.mesh, boxes, letter_islands(job.lettering), job.parameters, job.context.carrier.index
+        )
         for box, outcome in zip(kept, outcomes, strict=True):
             if isinstance(outcome, Mark):
                 job.marks[box] = outcome
@@ -300,7 +297,7 @@ def _write_marks(job: Job) -> None:
     from core.report import boxes_of
 
     boxes, _ = boxes_of(job.marks, job.parameters)
-    worn = letter_colors(job.scene, job.ground.surface, job.context.index, boxes, job.parameters.color)
+    worn = letter_colors(job.scene, job.ground.surface, job.context.carrier.index, boxes, job.parameters.color)
     job.colors = [color.color if color else None for color in worn]
     glowing = {number for number, color in enumerate(worn) if color and color.glows}
     job.model = write(job.scene, job.ground.with_file_winding(job.mesh.edit()), job.colors, glowing)
@@ -374,7 +371,7 @@ def _evaluate(job: Job) -> None:
     # Measured on the file as it was written, rounding included.
     written, index = eye_index(job.written, job.scene.surface, through=job.opaque > 0)
     pair = Pair(
-        Subject(job.ground.surface, job.context.index, before, job.parameters.seed, job.saliency),
+        Subject(job.ground.surface, job.context.carrier.index, before, job.parameters.seed, job.saliency),
         Subject(written, index, after),
         *boxes_of(job.marks, job.parameters),
         job.parameters.text,

@@ -58,7 +58,6 @@ WIDE_FUNCTIONS = {
     "core/geometry/warp_kernels.py:first_hit",
     "core/lab/benchmark/sizing.py:sizing",
     "core/pipeline.py:watermark",
-    "core/placement/context.py:open_site",
     "core/report.py:build_report",
 }
 

@@ -111,7 +111,7 @@ def emboss_marks(
                 doubtful.clear()
                 doubting = True
                 continue
-            outcomes = emboss_boxes(mesh, placement.boxes[fresh], letters, context.parameters, context.index)
+            outcomes = emboss_boxes(mesh, placement.boxes[fresh], letters, context.parameters, context.carrier.index)
             for box, outcome in zip(fresh.tolist(), outcomes, strict=True):
                 if isinstance(outcome, Mark):
                     marks[box] = outcome

@@ -99,7 +99,7 @@ def fit(
     boxes = _candidates(context, (width, height, thickness), wanted, rng)
     left = {"candidates": len(boxes)}
     if context.parameters.solver is Solver.ADAM:
-        boxes, loss = adam(boxes, context.index, progress)
+        boxes, loss = adam(boxes, context.carrier.index, progress)
         return _survivors(context, boxes, loss, LOSS_THRESHOLD, left)
     overhanging = 0
 
@@ -115,7 +115,9 @@ def fit(
         overhanging += int((~supported).sum())
         return recentred, supported
 
-    boxes, loss = levenberg_marquardt(boxes, context.index, context.surfels, keep_after_coarse, recentre_on_support)
+    boxes, loss = levenberg_marquardt(
+        boxes, context.carrier.index, context.surfels, keep_after_coarse, recentre_on_support
+    )
     return _survivors(context, boxes, loss, loss_limit(boxes.size), left, overhanging)
 
 
@@ -126,7 +128,7 @@ def widen(context: PlacementContext, boxes: Boxes, most: Float) -> Placement:
         size = np.maximum(boxes.size * GROWTH**step, (0.0, 0.0, THINNEST))
         room = np.flatnonzero(size[:, 0] < most)
         start = Boxes.concat(start, Boxes(boxes.center[room], boxes.axes[room], size[room]))
-    grown, loss = correct(start, context.index, lambda fitted: _recentred_on_support(context, fitted))
+    grown, loss = correct(start, context.carrier.index, lambda fitted: _recentred_on_support(context, fitted))
     return _survivors(context, grown, loss, loss_limit(grown.size), {})[0]
 
 
@@ -138,17 +140,17 @@ def _relief(context: PlacementContext, boxes: Boxes) -> Float:
 def _recentred_on_support(context: PlacementContext, fitted: Boxes) -> tuple[Boxes, Bool]:
     """Overhanging boxes are recentred on their support before they are rejected; this takes only ray casts. The boxes,
     and which of them are fully supported (B,)."""
-    index, relief = context.index, _relief(context, fitted)
-    supported = fully_supported(footprint(fitted, index, context.normals, relief), fitted, context.component)
+    index, relief = context.carrier.index, _relief(context, fitted)
+    supported = fully_supported(footprint(fitted, index, context.normals, relief), fitted, context.carrier.component)
     center = fitted.center.copy()
     for step in RECENTRE_STEPS:
         over = np.flatnonzero(~supported)
         moved = Boxes(center[over], fitted.axes[over], fitted.size[over])
         met = footprint(moved, index, context.normals, relief[over], RECENTRE_GRID, RECENTRE_MARGIN)
-        moved = recentre(moved, met, context.component, step)
+        moved = recentre(moved, met, context.carrier.component, step)
         center[over] = moved.center
         supported[over] = fully_supported(
-            footprint(moved, index, context.normals, relief[over]), moved, context.component
+            footprint(moved, index, context.normals, relief[over]), moved, context.carrier.component
         )
     return Boxes(center, fitted.axes, fitted.size), supported
 
@@ -163,20 +165,22 @@ def _survivors(
 ) -> tuple[Placement, dict[str, int]]:
     """Fitted ``boxes`` (B,) with a ``loss`` (B,) below the ``limit`` (B,) that pass all filters, and the number
     ``left`` after each stage; ``overhanging`` ones were rejected during fitting."""
-    parameters, index = context.parameters, context.index
+    parameters, index = context.parameters, context.carrier.index
     kept = np.flatnonzero(loss < limit)
     boxes, loss = right_way_up(boxes[kept]), loss[kept]
     left["aligned"] = len(boxes) + overhanging
     kept = distinct(boxes, loss, COPY)
     boxes, loss = boxes[kept], loss[kept]
     left["distinct"] = len(boxes) + overhanging
-    if context.regions is not None:
-        kept = np.flatnonzero(~context.regions.touches(boxes, margin=float(_relief(context, boxes).max(initial=0))))
+    if context.facts.regions is not None:
+        kept = np.flatnonzero(
+            ~context.facts.regions.touches(boxes, margin=float(_relief(context, boxes).max(initial=0)))
+        )
         boxes, loss = boxes[kept], loss[kept]
     left["free"] = len(boxes) + overhanging
 
     met = footprint(boxes, index, context.normals, _relief(context, boxes))
-    kept = np.flatnonzero(fully_supported(met, boxes, context.component))
+    kept = np.flatnonzero(fully_supported(met, boxes, context.carrier.component))
     boxes, loss = boxes[kept], loss[kept]
     met = Footprint(met.height[kept], met.cosine[kept], met.local[kept], met.face[kept])
     left["covered"] = len(boxes)
@@ -187,10 +191,10 @@ def _survivors(
         boxes, loss = boxes[kept], loss[kept]
     left["whole"] = len(boxes)
 
-    if context.opacity is not None:
+    if context.carrier.opacity is not None:
         met = Footprint(met.height[kept], met.cosine[kept], met.local[kept], met.face[kept])
         points = above(boxes, met, 0.0).reshape(-1, 3)
-        kept = np.flatnonzero(context.opacity(points, met.face.ravel()).reshape(met.face.shape).all(axis=1))
+        kept = np.flatnonzero(context.carrier.opacity(points, met.face.ravel()).reshape(met.face.shape).all(axis=1))
         boxes, loss = boxes[kept], loss[kept]
     left["opaque"] = len(boxes)
 
@@ -250,8 +254,8 @@ def _most_supported(context: PlacementContext, boxes: Boxes) -> Boxes:
 
 def _support(context: PlacementContext, boxes: Boxes) -> Float:
     """(B,) supported share of each box, on a coarse grid."""
-    met = footprint(boxes, context.index, context.normals, _relief(context, boxes), COARSE_GRID, margin=0.0)
-    return support(met, boxes, context.component)
+    met = footprint(boxes, context.carrier.index, context.normals, _relief(context, boxes), COARSE_GRID, margin=0.0)
+    return support(met, boxes, context.carrier.component)
 
 
 def _in_sight(
@@ -266,7 +270,7 @@ def _in_sight(
     probe = np.argpartition(order, few - 1, axis=1)[:, :few]
     point, turn = np.nonzero(np.isfinite(np.take_along_axis(order, probe, axis=1)))
     start, toward = points[point] + SKIN * normals[point], directions[probe[point, turn]]
-    _, face = context.index.first_hit(start, toward, Eye.FAR)
+    _, face = context.carrier.index.first_hit(start, toward, Eye.FAR)
     return np.unique(point[face < 0])
 
 
@@ -275,25 +279,25 @@ def _valued(
 ) -> Placement:
     """The ``boxes`` with their coverage and cost; ``met`` is the surface under each."""
     parameters, bent, preferred = context.parameters, curvature_deviation(boxes, met.height), np.zeros(len(boxes))
-    if context.regions is not None:
-        preferred = context.regions.preference(above(boxes, met, 0.0), met.face)
-    _, salient = context.saliency.under(boxes)
+    if context.facts.regions is not None:
+        preferred = context.facts.regions.preference(above(boxes, met, 0.0), met.face)
+    _, salient = context.facts.saliency.under(boxes)
     details, busy, legible = np.zeros(len(boxes)), np.zeros(len(boxes)), np.ones(len(boxes))
-    if context.texture is not None:
-        _, details, busy = context.texture.under(boxes)
-        legible = contrast(context.texture.color_under(boxes), parameters.color)
+    if context.facts.texture is not None:
+        _, details, busy = context.facts.texture.under(boxes)
+        legible = contrast(context.facts.texture.color_under(boxes), parameters.color)
     terms = Terms(
         obstructed=obstructed(visible, facing(boxes, context.targets.directions), context.targets),
         salient=salient,
         roll=roll(boxes),
         curvature_deviation=bent,
         rough=rough - 1,
-        edge_proximity=edge_proximity(boxes, context.index, context.normals, relief),
-        articulation=np.zeros(len(boxes)) if context.skin is None else context.skin.under(boxes),
+        edge_proximity=edge_proximity(boxes, context.carrier.index, context.normals, relief),
+        articulation=np.zeros(len(boxes)) if context.facts.skin is None else context.facts.skin.under(boxes),
         detail=details,
         busy=busy,
         preferred=preferred,
-        distance=distance(boxes, relief, context.lettering.ink, float(context.surface.areas.sum())),
+        distance=distance(boxes, relief, context.lettering.ink, float(context.carrier.surface.areas.sum())),
     )
     return Placement(
         boxes=boxes,

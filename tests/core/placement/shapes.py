@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from core.arrays import Float
+from core.analysis.facts import Carrier
+from core.arrays import Bool, Float
 from core.artwork.outline import Lettering
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
@@ -15,6 +16,13 @@ IDENTITY = np.eye(3)
 
 def index_of(shape: Surface) -> SpatialIndex:
     return SpatialIndex(shape.positions, shape.faces)
+
+
+def carrier(shape: Surface, cuttable: Bool | None = None) -> Carrier:
+    """A shape of one component, all of whose faces may carry text where none are named."""
+    count = len(shape.faces)
+    usable = np.ones(count, dtype=bool) if cuttable is None else cuttable
+    return Carrier(shape, index_of(shape), usable, np.zeros(count, dtype=np.int64))
 
 
 def moved(shape: Surface, rotation: Float = IDENTITY, shift: Float | tuple[float, float, float] = (0, 0, 0)) -> Surface:

@@ -2,18 +2,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from core.analysis.facts import SurfaceFacts
 from core.analysis.saliency import saliency
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.surface import Surface
 from core.parameters import Parameters
 from core.placement.context import PlacementContext, build_context
-from tests.core.placement.shapes import cuboid, index_of, plane, text
+from tests.core.placement.shapes import carrier, cuboid, plane, text
 
 
 def opened(shape: Surface, usable: NDArray[np.bool_] | None = None) -> PlacementContext:
     parameters = Parameters(text="watermark").resolved()
     rng = np.random.default_rng(0)
-    return build_context(shape, index_of(shape), saliency(shape, 0), None, None, text(0.125), parameters, rng, usable)
+    return build_context(carrier(shape, usable), SurfaceFacts(saliency(shape, 0)), text(0.125), parameters, rng)
 
 
 def test_a_direction_is_faced_as_nearly_as_any_surface_looks_that_way() -> None:
@@ -29,7 +30,7 @@ def test_faces_that_are_not_usable_carry_no_box_but_stay_in_the_way() -> None:
     context = opened(shape, usable=front)
     assert len(context.ground.faces) == front.sum()
     assert not context.normals[~front].any()
-    assert context.index is not None
+    assert context.carrier.index is not None
     assert context.facing == pytest.approx(context.targets.directions[:, 2])
 
 

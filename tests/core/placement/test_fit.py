@@ -1,13 +1,14 @@
 import numpy as np
 import pytest
 
+from core.analysis.facts import SurfaceFacts
 from core.analysis.saliency import saliency
 from core.geometry.boxes import Boxes
 from core.geometry.surface import Surface
 from core.parameters import Parameters
 from core.placement.context import PlacementContext, build_context
 from core.placement.fit import fit, widen
-from tests.core.placement.shapes import box, cuboid, index_of, inside_out, join, moved, sphere, text
+from tests.core.placement.shapes import box, carrier, cuboid, inside_out, join, moved, sphere, text
 
 UP = np.array([[0.0, 1.0, 0.0]])
 
@@ -15,7 +16,7 @@ UP = np.array([[0.0, 1.0, 0.0]])
 def opened(shape: Surface) -> PlacementContext:
     parameters = Parameters(text="watermark").resolved()
     rng = np.random.default_rng(0)
-    return build_context(shape, index_of(shape), saliency(shape, 0), None, None, text(0.125), parameters, rng)
+    return build_context(carrier(shape), SurfaceFacts(saliency(shape, 0)), text(0.125), parameters, rng)
 
 
 def test_each_stage_leaves_no_more_boxes_than_the_one_before() -> None:

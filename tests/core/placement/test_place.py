@@ -4,6 +4,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from core.analysis.facts import SurfaceFacts
 from core.analysis.saliency import saliency
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
@@ -18,7 +19,7 @@ from core.placement.objective import Placement
 from core.placement.place import HEIGHTS, ladder, place, search_again
 from core.placement.selection import select
 from tests.core.formats.meshes import MESHES
-from tests.core.placement.shapes import cuboid, index_of, inside_out, join, moved, plane, sphere, surface, text
+from tests.core.placement.shapes import carrier, cuboid, inside_out, join, moved, plane, sphere, surface, text
 
 ASPECT = 0.125
 WIDTHS = ladder(ASPECT)
@@ -28,7 +29,7 @@ LEGIBLE_WIDTH = WIDTHS[len(HEIGHTS) - 1]
 def opened(shape: Surface, rng: np.random.Generator, aspect: float = ASPECT, **asked: object) -> PlacementContext:
     parameters = Parameters.model_validate({"text": "watermark"} | asked).resolved()
     salient = saliency(shape, parameters.seed)
-    return build_context(shape, index_of(shape), salient, None, None, text(aspect), parameters, rng)
+    return build_context(carrier(shape), SurfaceFacts(salient), text(aspect), parameters, rng)
 
 
 def placed(shape: Surface, aspect: float = ASPECT, seed: int = 0, **asked: object) -> Placement:

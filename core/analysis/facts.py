@@ -1,0 +1,48 @@
+"""The surface that carries the watermarks, and the facts about it that placement weighs."""
+
+from dataclasses import dataclass
+
+from core.analysis.opacity import Opacity
+from core.analysis.regions import Regions
+from core.analysis.saliency import Saliency
+from core.analysis.skinning import SkinDeformation
+from core.analysis.texture import TextureSaliency
+from core.arrays import Bool, Int
+from core.geometry.spatial import SpatialIndex
+from core.geometry.surface import Surface
+
+
+@dataclass(frozen=True, eq=False)
+class Carrier:
+    """A surface and its faces that boxes may stand on.
+
+    Attributes:
+        surface: the asset.
+        index: over ``surface``.
+        cuttable: (F,) the faces that boxes may stand on. The others still stand in the way.
+        component: (F,) number of the component that each face belongs to, -1 for none; text stands on one.
+        opacity: tells where the cuttable faces are opaque; None where they are everywhere.
+    """
+
+    surface: Surface
+    index: SpatialIndex
+    cuttable: Bool
+    component: Int
+    opacity: Opacity | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceFacts:
+    """Facts about a surface.
+
+    Attributes:
+        saliency: of its shape.
+        texture: of its texture; None where it has one colour.
+        skin: the joints it follows; None where it has no skin.
+        regions: that the request keeps out of or prefers; None where it names none.
+    """
+
+    saliency: Saliency
+    texture: TextureSaliency | None = None
+    skin: SkinDeformation | None = None
+    regions: Regions | None = None
