@@ -5,6 +5,8 @@ Nothing else reaches a user: the service and the command line print exactly thes
 
 from enum import StrEnum
 
+from core.notices import Notice
+
 
 class Code(StrEnum):
     """Stable codes; a code is never renamed or reused once released.
@@ -65,6 +67,10 @@ class MeshmarkError(Exception):
         self.code = code
         self.message = message
         self.remedy = remedy
+
+    def notice(self) -> Notice:
+        """The same where it fails nothing: a warning, or why a metric is missing."""
+        return Notice(self.code, self.message, self.remedy)
 
     def __str__(self) -> str:
         return f"{self.code}: {self.message} {self.remedy}"

@@ -2,6 +2,7 @@
 
 import json
 import time
+from dataclasses import asdict
 from typing import Annotated, Any
 
 import numpy as np
@@ -138,7 +139,7 @@ def evaluate(
         "engine": {"version": __version__, "device": shown[1].device},
         "units": {"model_size": MODEL_SIZE, "scale": surface.scale, "offset": surface.offset.tolist()},
         "watermarks": [mark.model_dump() for mark in watermarks],
-        "warnings": measured.warnings,
+        "warnings": [asdict(warning) for warning in measured.warnings],
         "metrics": measured.report(),
         "timings": {"evaluating": round(time.perf_counter() - start, 4)},
     }

@@ -18,6 +18,7 @@ from urllib.parse import urlsplit
 
 from core import __version__
 from core.errors import ErrorCode, MeshmarkError
+from core.notices import Notice
 
 Progress = Callable[[int, int], None]  # called with the bytes done and the bytes in all
 
@@ -121,7 +122,7 @@ def find(name: str, folder: Path | None = None) -> Path | None:
     )
 
 
-def unreadable(name: str, folder: Path | None = None) -> MeshmarkError | None:
+def unreadable(name: str, folder: Path | None = None) -> Notice | None:
     """Why a model that may be installed is not used, if that is because its file cannot be read.
 
     Args:
@@ -131,7 +132,7 @@ def unreadable(name: str, folder: Path | None = None) -> MeshmarkError | None:
     path = _path(_known(name), folder)
     if _state(MODELS[name], path) is not State.UNREADABLE:
         return None
-    return MeshmarkError(
+    return Notice(
         ErrorCode.MODEL_UNAVAILABLE,
         f"The model {name} was not used: {path} cannot be read by this process.",
         "Name a folder that it may read in MESHMARK_MODELS; a worker's jobs may read nothing of the data folder.",

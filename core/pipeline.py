@@ -12,7 +12,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,6 +30,7 @@ from core.gltf.scene import Scene, flatten
 from core.gltf.textures import undecoded_textures
 from core.gltf.validate import is_beside
 from core.gltf.write import write
+from core.notices import Notice, NoticeCode
 from core.parameters import Evaluate, Parameters
 from core.preload import preload as preload
 from core.rendering.pictures import PICTURE_SIZE, pictures
@@ -44,7 +45,6 @@ if TYPE_CHECKING:
     from core.geometry.spatial import SpatialIndex
     from core.placement.context import PlacementContext
     from core.placement.objective import Objective, Placement
-    from core.report import Warnings
 
 log = logging.getLogger(__name__)
 
@@ -66,7 +66,7 @@ class Job:
     objective: "Objective | None" = None
     timings: dict[str, float] = field(default_factory=dict)
     memory: dict[str, int] = field(default_factory=dict)
-    warnings: "Warnings" = field(default_factory=list)
+    warnings: list[Notice] = field(default_factory=list)
     # read
     format: Format = field(init=False)
     scene: Scene = field(init=False)
@@ -117,27 +117,25 @@ def _read(job: Job) -> None:
     admitted = admit(job.data, job.budgets)
     document, job.format = document_of(admitted, job.budgets), admitted.format
     job.scene = flatten(document)
-    job.warnings += [
-        {"code": lost.code.value, "message": lost.message, "remedy": lost.remedy} for lost in document.warnings
-    ]
+    job.warnings += document.warnings
     if unreferenced := unreferenced_bytes(document):
         job.warnings.append(
-            {
-                "code": "unreferenced_data",
-                "message": f"Nothing in this file refers to {unreferenced:,} bytes of it; they are not in the result, "
+            Notice(
+                NoticeCode.UNREFERENCED_DATA,
+                f"Nothing in this file refers to {unreferenced:,} bytes of it; they are not in the result, "
                 "where they could be a copy without watermarks.",
-                "remedy": "Nothing needs to be done; exporting the asset anew leaves such bytes out.",
-            }
+                "Nothing needs to be done; exporting the asset anew leaves such bytes out.",
+            )
         )
     beside = [image["uri"] for image in document.json.get("images", []) if is_beside(image)]
     if beside:
         job.warnings.append(
-            {
-                "code": ErrorCode.EXTERNAL_REFERENCE.value,
-                "message": f"The asset's textures lie in other files ({', '.join(beside[:3])}); they were not opened. "
+            Notice(
+                ErrorCode.EXTERNAL_REFERENCE,
+                f"The asset's textures lie in other files ({', '.join(beside[:3])}); they were not opened. "
                 "Where marks stand, and what pictures and figures show, is reckoned without them.",
-                "remedy": "Keep these files beside the result, or embed them before the upload.",
-            }
+                "Keep these files beside the result, or embed them before the upload.",
+            )
         )
 
     from core.analysis.analyse import analyse
@@ -170,10 +168,7 @@ def _place(job: Job) -> None:
         texture_saliency(job.scene, ground.surface, *samples),
         skin_deformation(job.scene, ground.surface, *samples),
     )
-    job.warnings += [
-        {"code": lost.code.value, "message": lost.message, "remedy": lost.remedy}
-        for lost in undecoded_textures(job.scene.document)
-    ]
+    job.warnings += undecoded_textures(job.scene.document)
 
     def on(usable: NDArray[np.bool_], index: "SpatialIndex", opaque: float) -> "Placement":
         job.usable, job.opaque = asked.within(usable), opaque
@@ -195,12 +190,11 @@ def _place(job: Job) -> None:
             raise
         job.placement = on(ground.cuttable, ground.glazed, 0.0)
         job.warnings.append(
-            {
-                "code": "see_through_surface",
-                "message": "Nothing opaque has room for the text; it stands on what is seen through, "
-                "where it may be hard to see.",
-                "remedy": "Make the materials opaque, or use a shorter text.",
-            }
+            Notice(
+                NoticeCode.SEE_THROUGH_SURFACE,
+                "Nothing opaque has room for the text; it stands on what is seen through, where it may be hard to see.",
+                "Make the materials opaque, or use a shorter text.",
+            )
         )
 
 
@@ -218,13 +212,13 @@ def _emboss(job: Job) -> None:
     if highest < legible_height(job.parameters.color) * (1 - 1e-6):
         sized = job.parameters.size is not None
         job.warnings.append(
-            {
-                "code": "small_text",
-                "message": f"No text on this asset reads well: the highest is {highest:.2g} high where the asset's "
+            Notice(
+                NoticeCode.SMALL_TEXT,
+                f"No text on this asset reads well: the highest is {highest:.2g} high where the asset's "
                 "largest side is 30, and is legible only from close up."
                 + ("" if sized else " Nothing higher has room."),
-                "remedy": "Ask for a larger `size`, or use a shorter text." if sized else "Use a shorter text.",
-            }
+                "Ask for a larger `size`, or use a shorter text." if sized else "Use a shorter text.",
+            )
         )
 
 
@@ -356,8 +350,7 @@ def _render(job: Job) -> None:
         )
     if isinstance(job.views, MeshmarkError):
         # The asset is marked; a machine that cannot render still delivers it, and says so.
-        lost = job.views
-        job.warnings.append({"code": lost.code.value, "message": lost.message, "remedy": lost.remedy})
+        job.warnings.append(job.views.notice())
 
 
 def _evaluate(job: Job) -> None:
@@ -377,7 +370,9 @@ def _evaluate(job: Job) -> None:
         job.parameters.text,
         job.parameters.seed,
     )
-    job.report = with_metrics(job.report, measure(pair, job.parameters.evaluate, job.report_progress))
+    measured = measure(pair, job.parameters.evaluate, job.report_progress)
+    job.warnings += measured.warnings
+    job.report = with_metrics(job.report, measured)
 
 
 # Name, the stage, and its share of the progress bar.
@@ -438,4 +433,5 @@ def watermark(
         job.timings[name] = round(time.perf_counter() - start, 4)
         job.memory[name] = _peak_memory()
         done += weight
+    job.report["warnings"] = [asdict(warning) for warning in job.warnings]
     return Result(job.model, job.report, job.preview)

@@ -2,6 +2,7 @@
 
 import hashlib
 from collections import Counter
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -18,12 +19,11 @@ from core.geometry.surface import MODEL_SIZE, Surface
 from core.metrics.measure import Measurement
 from core.metrics.topology import topology
 from core.metrics.wps_area import wps_area
+from core.notices import Notice, NoticeCode
 from core.parameters import Evaluate, Parameters
 from core.placement.objective import Placement
 
 SCHEMA = "meshmark.report/1"
-
-Warnings = list[dict[str, str]]
 
 
 def build_report(
@@ -41,7 +41,7 @@ def build_report(
     refusals: Counter[str],
     timings: dict[str, float],
     memory: dict[str, int],
-    warnings: Warnings,
+    warnings: list[Notice],
 ) -> dict[str, Any]:
     """The report as a JSON-ready mapping, its metrics still missing.
 
@@ -59,7 +59,7 @@ def build_report(
         refusals: how many boxes embossing refused, by reason.
         timings: seconds by stage; kept by reference, so that stages that end later still appear.
         memory: the most resident bytes the process had held up to the end of each stage; by reference likewise.
-        warnings: what did not go as asked; kept by reference likewise.
+        warnings: what did not go as asked so far.
     """
     boxes, relief = boxes_of(marks, parameters)
     score = wps_area(surface, boxes)
@@ -104,21 +104,20 @@ def build_report(
             "refused": dict(sorted(refusals.items())),
         },
         "metrics": _unmeasured().report() if parameters.evaluate is not Evaluate.NONE else None,
-        "warnings": warnings,
+        "warnings": [asdict(warning) for warning in warnings],
         "timings": timings,
         "memory": memory,
     }
 
 
 def with_metrics(report: dict[str, Any], measured: Measurement) -> dict[str, Any]:
-    """The report with its metrics, what they warn of, and the saliency under each mark."""
+    """The report with its metrics, and the saliency under each mark."""
     saliency = measured.box_saliency
     watermarks = [
         mark | {"saliency": None if saliency is None else float(saliency[number])}
         for number, mark in enumerate(report["watermarks"])
     ]
-    warnings = [*report["warnings"], *measured.warnings]
-    return report | {"watermarks": watermarks, "warnings": warnings, "metrics": measured.report()}
+    return report | {"watermarks": watermarks, "metrics": measured.report()}
 
 
 def boxes_of(marks: dict[int, Mark], parameters: Parameters) -> tuple[Boxes, NDArray[np.float64]]:
@@ -152,10 +151,10 @@ def asset_facts(surface: Surface) -> dict[str, Any]:
 def _unmeasured() -> Measurement:
     """What stands in the report until the measurement has ended."""
     measurement = Measurement()
-    reason = {
-        "code": "not_measured",
-        "message": "The process ended before it had measured the result.",
-        "remedy": "The model is not affected. Ask for evaluate: geometry if it happens again.",
-    }
+    reason = Notice(
+        NoticeCode.NOT_MEASURED,
+        "The process ended before it had measured the result.",
+        "The model is not affected. Ask for evaluate: geometry if it happens again.",
+    )
     measurement.missing |= dict.fromkeys(measurement.values, reason)
     return measurement

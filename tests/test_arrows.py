@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = ("core", "service", "worker")
 
 # Of each folder, and each file beside the folders of core, all that it imports of core: no more and no less. What every
-# part may use (arrays, errors, and the version) is not listed.
+# part may use (arrays, errors, notices, and the version) is not listed.
 BELOW = {
     "budgets": "",
     "refusals": "",
@@ -41,7 +41,7 @@ BELOW = {
     "cli": "lab pipeline evaluate models parameters",
     "__init__": "process",
 }
-EVERYWHERE = {"arrays", "errors", "__version__"}
+EVERYWHERE = {"arrays", "errors", "notices", "__version__"}
 
 # Of core, the service and the worker use these; the worker alone the reading of uploads.
 OF_SERVICE = {"errors", "validation", "parameters", "budgets", "artwork", "__version__"}

@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
@@ -246,7 +246,7 @@ def _explained(report: bytes, error: MeshmarkError) -> bytes:
     """The report with what ended the measurement as the reason of every metric that is missing."""
     content = json.loads(report)
     if content["metrics"] is not None:
-        reason = {"code": error.code.value, "message": error.message, "remedy": error.remedy}
+        reason = asdict(error.notice())
         content["metrics"]["missing"] = dict.fromkeys(content["metrics"]["missing"], reason)
     return json.dumps(content).encode()
 

@@ -15,6 +15,7 @@ from core.gltf.copies import Copy, find_copies, leave_out, scene_of
 from core.gltf.document import Document
 from core.gltf.hierarchy import hidden_nodes, scene_nodes
 from core.gltf.write import write
+from core.notices import Notice, NoticeCode
 from core.parameters import Parameters, UnmarkedCopies
 
 
@@ -117,7 +118,7 @@ def _embossed(document: Document, copy: Copy, marks: AssetMarks) -> tuple[Docume
     return Document.from_glb(write(scene, ground.with_file_winding(mesh.edit()), colors, glowing)), len(stand)
 
 
-def unmarked(copies: Sequence[MarkedCopy]) -> list[dict[str, str]]:
+def unmarked(copies: Sequence[MarkedCopy]) -> list[Notice]:
     """The warnings about copies that carry no marks: those left out, and those kept as they are."""
     beside = "What the file holds beside what its default scene shows is"
     warnings = []
@@ -136,12 +137,12 @@ def unmarked(copies: Sequence[MarkedCopy]) -> list[dict[str, str]]:
         names = [_named(item.copy) for item in copies if item.outcome == outcome]
         if names:
             warnings.append(
-                {
-                    "code": "unmarked_copies",
-                    "message": f"{beside} {what}: {', '.join(names[:5])}"
+                Notice(
+                    NoticeCode.UNMARKED_COPIES,
+                    f"{beside} {what}: {', '.join(names[:5])}"
                     + (f" and {len(names) - 5} more." if len(names) > 5 else "."),
-                    "remedy": remedy,
-                }
+                    remedy,
+                )
             )
     return warnings
 

@@ -8,6 +8,7 @@ from core.geometry.directions import view_directions
 from core.geometry.spatial import Eye, SpatialIndex
 from core.geometry.surface import Surface
 from core.gltf.scene import Scene
+from core.notices import Notice, NoticeCode
 
 LOOKED_AT = 4  # every so manieth of the surface's samples is looked at
 CLEAR = 0.01  # where rays start off the surface, size-30 units
@@ -19,7 +20,7 @@ SOME, FEW, CROWD = 0.01, 0.25, 2
 
 def unmarked_parts(
     scene: Scene, surface: Surface, samples: Saliency, index: SpatialIndex, marked: Int
-) -> dict[str, str] | None:
+) -> Notice | None:
     """A warning where the marks crowd on a few parts of many, such as a stage or the ground, and much of what is seen
     of the asset carries none: somebody who takes it apart has that clean.
 
@@ -52,12 +53,12 @@ def unmarked_parts(
     largest = sorted(left, key=lambda name: -left[name])
     named = ", ".join(f"{name} ({left[name]:.0%})" for name in largest[:NAMED])
     more = len(largest) - NAMED
-    return {
-        "code": "unmarked_parts",
-        "message": f"{total:.0%} of what is seen of this asset belongs to parts that carry no watermark: {named}"
+    return Notice(
+        NoticeCode.UNMARKED_PARTS,
+        f"{total:.0%} of what is seen of this asset belongs to parts that carry no watermark: {named}"
         + (f" and {more} more." if more > 0 else "."),
-        "remedy": "Name what matters most under `prefer`, ask for a larger `count`, or mark these parts by themselves.",
-    }
+        "Name what matters most under `prefer`, ask for a larger `count`, or mark these parts by themselves.",
+    )
 
 
 def _names(scene: Scene) -> list[str]:

@@ -16,6 +16,7 @@ from core.geometry.winding import Outward, outward
 from core.gltf.colors import linear
 from core.gltf.document import Document
 from core.gltf.images import mime_type
+from core.notices import Notice
 from core.refusals import no_faces, non_finite
 
 # Beyond this ratio of coordinate to size, float32 leaves less than four digits of shape after the decimal point.
@@ -195,7 +196,7 @@ def _shared_vertices(columns: list[Int]) -> tuple[Int, Int]:
 class _Writer:
     """Gathers nodes, meshes, accessors and bytes into a document."""
 
-    def __init__(self, warnings: list[MeshmarkError]) -> None:
+    def __init__(self, warnings: list[Notice]) -> None:
         self.warnings = list(warnings)
         self.binary = bytearray()
         self.extensions: set[str] = set()

@@ -5,8 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from core.arrays import Float
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import ErrorCode
 from core.formats.polygons import PolygonMesh
+from core.notices import Notice
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,14 +41,14 @@ class Assembly:
     names: list[str]
     instances: list[Instance]
     frame: Float = field(default_factory=lambda: np.eye(4))
-    warnings: list[MeshmarkError] = field(default_factory=list)
+    warnings: list[Notice] = field(default_factory=list)
 
 
-def single(mesh: PolygonMesh, warnings: list[MeshmarkError]) -> Assembly:
+def single(mesh: PolygonMesh, warnings: list[Notice]) -> Assembly:
     """The assembly of a format that knows one mesh and no names."""
     return Assembly([mesh], ["model"], [Instance("model", 0)], warnings=warnings)
 
 
-def dropped(sentence: str, remedy: str = "Send the asset as a GLB to keep it.") -> MeshmarkError:
+def dropped(sentence: str, remedy: str = "Send the asset as a GLB to keep it.") -> Notice:
     """The warning for a part of the file that the result does not have."""
-    return MeshmarkError(ErrorCode.UNSUPPORTED_FEATURE, sentence, remedy)
+    return Notice(ErrorCode.UNSUPPORTED_FEATURE, sentence, remedy)

@@ -8,7 +8,7 @@ import numpy as np
 
 from core.arrays import Float
 from core.budgets import Budgets
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import ErrorCode
 from core.formats.assembly import Assembly, Instance, dropped
 from core.formats.dae_prepare import prepare
 from core.formats.dae_scan import Scan
@@ -18,6 +18,7 @@ from core.formats.textures import check_pixels, usable_image
 from core.geometry.grouping import weld
 from core.geometry.products import product
 from core.gltf.colors import linear
+from core.notices import Notice
 from core.refusals import malformed, no_faces
 
 Load = Callable[[str], bytes | None]
@@ -62,7 +63,7 @@ def read_dae(source: Source, scan: Scan, budgets: Budgets) -> Assembly:
     # Imported here because it takes half a second, which no other format shall cost.
     from trimesh.exchange.dae import load_collada
 
-    warnings: list[MeshmarkError] = []
+    warnings: list[Notice] = []
     images = _Images(source.load, warnings)
     prepared = prepare(source.data, warnings)
     try:
@@ -102,7 +103,7 @@ class _Images:
     Images are never re-encoded, and trimesh keeps them decoded only.
     """
 
-    def __init__(self, load: Load, warnings: list[MeshmarkError]) -> None:
+    def __init__(self, load: Load, warnings: list[Notice]) -> None:
         self._load = load
         self._warnings = warnings
         self._loaded: dict[str, bytes | None] = {}
@@ -116,7 +117,7 @@ class _Images:
             if content is None and ":/" in path:
                 self._loaded[path] = None
                 self._warnings.append(
-                    MeshmarkError(
+                    Notice(
                         ErrorCode.EXTERNAL_REFERENCE,
                         f"The texture {path[:60]!r} lies outside the uploaded file; it was not opened.",
                         "Send the DAE in a ZIP archive with its textures.",

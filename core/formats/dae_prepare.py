@@ -5,15 +5,15 @@ from xml.etree import ElementTree
 import numpy as np
 
 from core.arrays import Float
-from core.errors import MeshmarkError
 from core.formats.assembly import dropped
 from core.formats.dae_scan import CONTROLLER_DEPTH
+from core.notices import Notice
 
 _NOT_LOADED = ("library_controllers", "library_animations", "library_animation_clips", "library_physics_scenes")
 _LUMINANCE = np.array([0.212671, 0.715160, 0.072169])  # of COLLADA 1.5, "Determining Transparency"
 
 
-def prepare(data: bytes, warnings: list[MeshmarkError]) -> bytes:
+def prepare(data: bytes, warnings: list[Notice]) -> bytes:
     """The same scene without what the loader cannot read, or would refuse a whole file for.
 
     A skin becomes its geometry in bind pose: its bind shape matrix applied, at the root of the scene, since it stands

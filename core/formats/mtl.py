@@ -4,13 +4,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from core.errors import MeshmarkError
 from core.formats.assembly import dropped
 from core.formats.names import decode, texts
 from core.formats.polygons import Material
 from core.formats.text import joined_lines
 from core.formats.textures import usable_image
 from core.gltf.colors import linear
+from core.notices import Notice
 
 Load = Callable[[bytes], bytes | None]
 
@@ -45,7 +45,7 @@ _NOT_CARRIED = {
 }
 
 
-def read_mtl(data: bytes, load: Load) -> tuple[dict[bytes, Material], list[MeshmarkError]]:
+def read_mtl(data: bytes, load: Load) -> tuple[dict[bytes, Material], list[Notice]]:
     """The materials of an MTL by the bytes of their name, and what of them a glTF cannot hold.
 
     Kd is taken as sRGB and, as in modelling programs, replaced by the texture where there is one; d is the alpha; Ke,
@@ -66,7 +66,7 @@ def read_mtl(data: bytes, load: Load) -> tuple[dict[bytes, Material], list[Meshm
             current = tables.setdefault(value.strip(), {})
         elif keyword and not keyword.startswith("#"):
             current[keyword] = value if keyword in (*_CARRIED, *_NOT_CARRIED) else value.partition(b"#")[0]
-    warnings: list[MeshmarkError] = []
+    warnings: list[Notice] = []
     images, text = _Images(load, warnings), texts(tables)
     return {name: _material(text[name], table, images, warnings) for name, table in tables.items()}, warnings
 
@@ -74,7 +74,7 @@ def read_mtl(data: bytes, load: Load) -> tuple[dict[bytes, Material], list[Meshm
 class _Images:
     """Loads each texture once and says once what cannot be carried."""
 
-    def __init__(self, load: Load, warnings: list[MeshmarkError]) -> None:
+    def __init__(self, load: Load, warnings: list[Notice]) -> None:
         self.load = load
         self.warnings = warnings
         self.known: dict[bytes, bytes | None] = {}
@@ -86,7 +86,7 @@ class _Images:
         return self.known.get(path)
 
 
-def _material(name: str, table: Table, images: _Images, warnings: list[MeshmarkError]) -> Material:
+def _material(name: str, table: Table, images: _Images, warnings: list[Notice]) -> Material:
     texture = images(table, "map_kd")
     opacity = images(table, "map_d")
     masked = opacity is not None and opacity == texture

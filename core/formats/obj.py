@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from core.arrays import Float, Int
 from core.budgets import Budgets, within
-from core.errors import MeshmarkError
 from core.formats.assembly import Assembly, dropped, single
 from core.formats.names import decode, texts
 from core.formats.polygons import Attribute, Material, PolygonMesh, check_sizes, color_fractions
@@ -22,6 +21,7 @@ from core.formats.text import (
     token_starts,
     tokens_per_line,
 )
+from core.notices import Notice
 from core.refusals import malformed, no_faces
 
 
@@ -72,7 +72,7 @@ def read_mesh(data: bytes, budgets: Budgets, library: Mapping[bytes, Material] |
         attributes["TEXCOORD_0"] = Attribute(np.column_stack([u, 1 - v]), corner[:, 1])
     if is_normal.any():
         attributes["NORMAL"] = Attribute(_readable(lines.select(is_normal, 2), least=3, width=3), corner[:, 2])
-    warnings: list[MeshmarkError] = []
+    warnings: list[Notice] = []
     colors = _colors(values, counts) if np.any(counts >= 6) else _polypaint(lines, len(positions), warnings)
     if colors is not None:
         index = np.where(np.isnan(colors[:, 0]), -1, np.arange(len(colors)))
@@ -140,7 +140,7 @@ def _colors(values: Float, counts: Int) -> Float:
     return rgba
 
 
-def _polypaint(lines: Lines, vertices: int, warnings: list[MeshmarkError]) -> Float | None:
+def _polypaint(lines: Lines, vertices: int, warnings: list[Notice]) -> Float | None:
     """(V, 4) the colours that ZBrush writes in comments, MMRRGGBB for each vertex, of which MM is a mask; or none."""
     is_paint = lines.keyword(b"#MRGB")
     if not is_paint.any():
@@ -198,7 +198,7 @@ def _groups(lines: Lines, is_face: NDArray[np.bool_], budgets: Budgets) -> tuple
 
 
 def _materials(
-    names: list[bytes], library: Mapping[bytes, Material] | None, warnings: list[MeshmarkError]
+    names: list[bytes], library: Mapping[bytes, Material] | None, warnings: list[Notice]
 ) -> tuple[Material, ...]:
     """The materials of these names: by their bytes, else by their text, as where only one of the files is UTF-8."""
     text = texts(names)

@@ -4,7 +4,6 @@ from dataclasses import replace
 from functools import partial
 
 from core.budgets import Budgets
-from core.errors import MeshmarkError
 from core.formats.archive import Archive, outside
 from core.formats.assembly import Assembly, dropped
 from core.formats.mtl import read_mtl
@@ -13,6 +12,7 @@ from core.formats.obj import material_libraries, read_alone, read_mesh
 from core.formats.polygons import Material
 from core.formats.source import Source
 from core.formats.textures import IMAGE_ENDINGS, check_pixels, usable_image
+from core.notices import Notice
 
 
 def read_obj(source: Source, _parsed: None, budgets: Budgets) -> Assembly:
@@ -32,7 +32,7 @@ def read_obj_zip(data: bytes, archive: Archive, name: str, budgets: Budgets) -> 
     Raises:
         MeshmarkError: as :func:`core.formats.obj.read_mesh`; ``external_reference`` for textures on the network.
     """
-    warnings: list[MeshmarkError] = []
+    warnings: list[Notice] = []
     materials: dict[bytes, Material] = {}
     libraries = _libraries(archive, name, data, warnings)
     for library in libraries:
@@ -60,7 +60,7 @@ def read_obj_zip(data: bytes, archive: Archive, name: str, budgets: Budgets) -> 
     return replace(assembly, bodies=[mesh], warnings=warnings + assembly.warnings)
 
 
-def _libraries(archive: Archive, name: str, data: bytes, warnings: list[MeshmarkError]) -> list[str]:
+def _libraries(archive: Archive, name: str, data: bytes, warnings: list[Notice]) -> list[str]:
     """The names of the MTL files to read; a later one does not override an earlier one."""
     found = []
     for path in material_libraries(data):

@@ -21,6 +21,7 @@ from core.formats.source import Source
 from core.formats.text import parse_numbers
 from core.formats.textures import IMAGE_ENDINGS, check_pixels, usable_image
 from core.geometry.grouping import group_rows, weld
+from core.notices import Notice
 from core.refusals import malformed, no_faces, truncated
 
 FACE_LISTS = ("vertex_indices", "vertex_index")
@@ -224,16 +225,14 @@ def read_mesh(data: bytes, header: Header, budgets: Budgets, load: Load = lambda
     positions = _matrix(vertex, "xyz")
     mesh = PolygonMesh(positions, corners, sizes, np.zeros(len(sizes), np.int64))
     mesh.attributes.update(_attributes(header, vertex, face, lists, mesh))
-    warnings: list[MeshmarkError] = []
+    warnings: list[Notice] = []
     if header.textures:
         mesh = _textured(mesh, header, face, load, warnings)
         check_pixels(mesh.materials, budgets)
     return single(mesh, warnings)
 
 
-def _textured(
-    mesh: PolygonMesh, header: Header, face: Columns, load: Load, warnings: list[MeshmarkError]
-) -> PolygonMesh:
+def _textured(mesh: PolygonMesh, header: Header, face: Columns, load: Load, warnings: list[Notice]) -> PolygonMesh:
     """The mesh with its textures, of which the faces have a number where there are several."""
     if "TEXCOORD_0" not in mesh.attributes:
         name = decode(header.textures[0])[:60]

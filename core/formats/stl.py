@@ -7,12 +7,13 @@ from numpy.typing import NDArray
 
 from core.arrays import Float
 from core.budgets import Budgets, within
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import ErrorCode
 from core.formats.assembly import Assembly, dropped, single
 from core.formats.polygons import Attribute, PolygonMesh
 from core.formats.source import Source
 from core.formats.text import Lines, parse_numbers, tokens_per_line
 from core.geometry.grouping import weld
+from core.notices import Notice
 from core.refusals import malformed, no_faces, non_finite, truncated
 
 HEADER_BYTES = 84
@@ -76,7 +77,7 @@ def read_stl(source: Source, _parsed: None, _budgets: Budgets) -> Assembly:
         MeshmarkError: ``malformed_file`` or ``non_finite_positions``.
     """
     data = source.data
-    warnings: list[MeshmarkError] = []
+    warnings: list[Notice] = []
     colors = None
     if is_ascii(data):
         corners = _ascii_corners(data)
@@ -108,15 +109,15 @@ def read_stl(source: Source, _parsed: None, _budgets: Budgets) -> Assembly:
     return single(mesh, warnings)
 
 
-def _wrong_count(present: int) -> MeshmarkError:
-    return MeshmarkError(
+def _wrong_count(present: int) -> Notice:
+    return Notice(
         ErrorCode.MALFORMED_FILE,
         f"The header of the STL claims 0 triangles, but the bytes of exactly {present:,} follow; these were read.",
         "Export it again if some are missing.",
     )
 
 
-def _colors(header: bytes, words: NDArray[np.uint16], warnings: list[MeshmarkError]) -> Float | None:
+def _colors(header: bytes, words: NDArray[np.uint16], warnings: list[Notice]) -> Float | None:
     """(F, 4) colours of the facets, NaN for those that have none; ``None`` where the file has none.
 
     Five bits a channel, https://en.wikipedia.org/wiki/STL_(file_format)#Color: Magics has a colour of the whole part

@@ -3,15 +3,15 @@
 from collections.abc import Iterable
 
 from core.budgets import Budgets, within
-from core.errors import MeshmarkError
 from core.formats.assembly import dropped
 from core.formats.polygons import Material
 from core.gltf.images import image_size, mime_type
+from core.notices import Notice
 
 IMAGE_ENDINGS = (".png", ".jpg", ".jpeg", ".webp")
 
 
-def usable_image(path: str, image: bytes | None, warnings: list[MeshmarkError]) -> bytes | None:
+def usable_image(path: str, image: bytes | None, warnings: list[Notice]) -> bytes | None:
     """An encoded image if a glTF can hold it; otherwise a warning and ``None``."""
     if image is None:
         warnings.append(

@@ -8,7 +8,6 @@ import numpy as np
 
 from core.arrays import Float, Int
 from core.budgets import Budgets, within
-from core.errors import MeshmarkError
 from core.formats.archive import Archive
 from core.formats.assembly import Assembly, Instance, dropped
 from core.formats.polygons import Attribute, Material, PolygonMesh
@@ -19,6 +18,7 @@ from core.formats.threemf_slicer import OBJECT_TYPES, Tools, read_tools
 from core.formats.xml import Tally, check_xml, count_elements, parse_xml
 from core.geometry.products import product
 from core.gltf.colors import linear
+from core.notices import Notice
 from core.refusals import malformed, no_faces
 
 Key = tuple[str, str]  # a model part and the id of an object in it
@@ -184,7 +184,7 @@ def _built(
     return found
 
 
-def _mesh(thing: Object, package: _Package, part: str, warnings: list[MeshmarkError]) -> PolygonMesh:
+def _mesh(thing: Object, package: _Package, part: str, warnings: list[Notice]) -> PolygonMesh:
     corners = np.frombuffer(thing.triangles, np.int64)
     positions = np.frombuffer(thing.vertices, np.float64).reshape(-1, 3)
     count = len(corners) // 3
@@ -224,7 +224,7 @@ def _without(mesh: PolygonMesh, ranges: list[tuple[int, int, str]]) -> PolygonMe
     )
 
 
-def _image(package: _Package, path: str, warnings: list[MeshmarkError]) -> bytes | None:
+def _image(package: _Package, path: str, warnings: list[Notice]) -> bytes | None:
     found = package.archive.find(path.lstrip("/"), "") if path else None
     return usable_image(path, None if found is None else package.archive.read(found), warnings)
 

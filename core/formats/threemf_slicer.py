@@ -8,6 +8,7 @@ from core.errors import MeshmarkError
 from core.formats.archive import Archive
 from core.formats.assembly import dropped
 from core.formats.xml import Tally, parse_xml
+from core.notices import Notice
 
 # Object types of the core specification that are printed beside the model or not at all.
 OBJECT_TYPES = {"support": "supports", "solidsupport": "supports", "other": "auxiliary objects"}
@@ -37,7 +38,7 @@ class Tools:
     parts: dict[tuple[str, str], str] = field(default_factory=dict)
 
 
-def read_tools(archive: Archive, budgets: Budgets, tally: Tally, warnings: list[MeshmarkError]) -> Tools:
+def read_tools(archive: Archive, budgets: Budgets, tally: Tally, warnings: list[Notice]) -> Tools:
     """The tools in a package; settings that cannot be read are warned of, since tools may then pass for parts.
 
     Args:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from core.errors import ErrorCode, MeshmarkError
 from core.gltf.compression import DRACO, decode_draco, decode_meshopt, meshopt_of
 from core.gltf.data_uri import decode_data_uri, is_data_uri
+from core.notices import Notice
 
 COMPONENT_TYPES: dict[int, np.dtype[Any]] = {
     5120: np.dtype("<i1"),
@@ -60,7 +61,7 @@ class Document:
 
     json: dict[str, Any]
     binary: bytes
-    warnings: list[MeshmarkError] = field(default_factory=list)
+    warnings: list[Notice] = field(default_factory=list)
     chunks: tuple[tuple[bytes, bytes], ...] = ()
     undecoded: set[int] = field(default_factory=set, init=False, repr=False, compare=False)
     _views: dict[int, bytes] = field(default_factory=dict, init=False, repr=False, compare=False)

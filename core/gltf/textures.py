@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import ErrorCode
 from core.gltf.document import Document, typed
 from core.gltf.ktx2 import MAGIC, decode_ktx2
 from core.gltf.validate import is_beside
+from core.notices import Notice
 
 MAX_PIXELS = 2**26  # what is larger is not decoded
 
@@ -66,7 +67,7 @@ def read_texture(document: Document, index: int, limit: int) -> Texture | None:
     )
 
 
-def undecoded_textures(document: Document) -> list[MeshmarkError]:
+def undecoded_textures(document: Document) -> list[Notice]:
     """A warning where textures of a document could not be shown so far; those in other files have one of their own."""
     textures, images = typed(document.json, "textures", list), typed(document.json, "images", list)
     lost = []
@@ -81,7 +82,7 @@ def undecoded_textures(document: Document) -> list[MeshmarkError]:
         return []
     listed = ", ".join(lost[:LISTED]) + (f" and {len(lost) - LISTED:,} more" if len(lost) > LISTED else "")
     return [
-        MeshmarkError(
+        Notice(
             ErrorCode.TEXTURE_NOT_DECODED,
             f"The images of {listed} could not be decoded. They are carried as they are, but where marks stand, and "
             "what pictures and figures show, is reckoned as if surfaces with them were of their plain base colour and "

@@ -3,7 +3,7 @@
 import logging
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cache, cached_property
 from typing import Any
 
@@ -31,6 +31,7 @@ from core.metrics.smse import smse
 from core.metrics.ss import ss
 from core.metrics.wps import wps
 from core.metrics.wps_area import wps_area
+from core.notices import Notice, NoticeCode
 from core.parameters import Evaluate
 
 log = logging.getLogger(__name__)
@@ -130,18 +131,18 @@ class Measurement:
 
     Attributes:
         values: by metric.
-        missing: by metric: ``code``, ``message`` and ``remedy``.
+        missing: why there is no value, by metric.
         seconds: by group of metrics.
         semantics: what extracted the features of ``ss``; empty where it was not measured.
-        warnings: what was measured otherwise than it could have been: ``code``, ``message`` and ``remedy``.
+        warnings: what was measured otherwise than it could have been.
         box_saliency: (B,) mean saliency under each mark; None where it was not measured.
     """
 
     values: Values = field(default_factory=lambda: {name: None for kind in HIGHER_IS_BETTER.values() for name in kind})
-    missing: dict[str, dict[str, str]] = field(default_factory=dict)
+    missing: dict[str, Notice] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
     semantics: str = ""
-    warnings: list[dict[str, str]] = field(default_factory=list)
+    warnings: list[Notice] = field(default_factory=list)
     box_saliency: Float | None = None
 
     def report(self) -> dict[str, Any]:
@@ -150,7 +151,7 @@ class Measurement:
             "higher_is_better": {name: better for names in HIGHER_IS_BETTER.values() for name, better in names.items()},
             "units": UNITS,
             "semantics": self.semantics or None,
-            "missing": self.missing,
+            "missing": {name: asdict(reason) for name, reason in self.missing.items()},
             "seconds": self.seconds,
         }
 
@@ -174,7 +175,7 @@ def measure(pair: Pair, level: Evaluate, progress: Callable[[float], None] = lam
         try:
             found.values |= group.measure(pair, found)
         except MeshmarkError as error:
-            found.missing |= dict.fromkeys(group.metrics, _said(error))
+            found.missing |= dict.fromkeys(group.metrics, error.notice())
         except Exception as error:  # the asset is marked: what keeps it from being measured must not take it back
             log.exception("the metrics of %s could not be measured", group.name)
             found.missing |= dict.fromkeys(group.metrics, _failed(error))
@@ -183,24 +184,18 @@ def measure(pair: Pair, level: Evaluate, progress: Callable[[float], None] = lam
     return found
 
 
-def _said(error: MeshmarkError) -> dict[str, str]:
-    return {"code": error.code.value, "message": error.message, "remedy": error.remedy}
+def _not_requested(level: Evaluate) -> Notice:
+    return Notice(
+        NoticeCode.NOT_REQUESTED, f"The request asked for evaluate: {level.value}.", "Ask for evaluate: full."
+    )
 
 
-def _not_requested(level: Evaluate) -> dict[str, str]:
-    return {
-        "code": "not_requested",
-        "message": f"The request asked for evaluate: {level.value}.",
-        "remedy": "Ask for evaluate: full.",
-    }
-
-
-def _failed(error: Exception) -> dict[str, str]:
-    return {
-        "code": ErrorCode.EVALUATION_FAILED.value,
-        "message": f"The measurement ended with an error ({type(error).__name__}).",
-        "remedy": "The model is not affected. Report it to the operator; the log holds the details.",
-    }
+def _failed(error: Exception) -> Notice:
+    return Notice(
+        ErrorCode.EVALUATION_FAILED,
+        f"The measurement ended with an error ({type(error).__name__}).",
+        "The model is not affected. Report it to the operator; the log holds the details.",
+    )
 
 
 def _placement(pair: Pair, _: Measurement) -> Values:
@@ -264,7 +259,7 @@ def _semantics(pair: Pair, found: Measurement) -> Values:
     score = ss(before, after, features)
     found.semantics = features.name
     if isinstance(features, LayoutDescriptor) and (unused := models.unreadable(models.RESNET50.name)):
-        found.warnings.append(_said(unused))
+        found.warnings.append(unused)
     return {"ss": score}
 
 

@@ -378,6 +378,7 @@ def test_a_file_that_cannot_be_read_counts_as_missing_and_it_is_said_why(
     assert unreadable(NAME, folder) is None
     script = (
         "import os, sys, tempfile\n"
+        "from dataclasses import astuple\n"
         "from pathlib import Path\n"
         "from core import models\n"
         "from worker import sandbox\n"
@@ -388,14 +389,14 @@ def test_a_file_that_cannot_be_read_counts_as_missing_and_it_is_said_why(
         "sandbox.enter(Path(tempfile.mkdtemp()), [Path(private)])\n"
         "assert models.find(name, Path(folder)) is None\n"
         "print([entry.state for entry in models.listing(Path(folder)) if entry.model is model][0])\n"
-        "print(models.unreadable(name, Path(folder)))\n"
+        "print(*astuple(models.unreadable(name, Path(folder))))\n"
     )
     private = folder if shut == "folder" else path
     arguments = [NAME, str(folder), str(private), str(len(CONTENT)), hashlib.sha256(CONTENT).hexdigest()]
     done = subprocess.run([sys.executable, "-c", script, *arguments], capture_output=True, text=True, check=True)
     state, said = done.stdout.splitlines()
     assert state == "unreadable"
-    assert said.startswith(f"model_unavailable: The model {NAME} was not used: {path} cannot be read")
+    assert said.startswith(f"model_unavailable The model {NAME} was not used: {path} cannot be read")
     assert "MESHMARK_MODELS" in said
 
 

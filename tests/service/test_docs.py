@@ -15,9 +15,11 @@ from prometheus_client import REGISTRY
 from core.budgets import DEFAULT_BUDGETS
 from core.cli import parser
 from core.embossing.refusal import EXPLAINED
+from core.errors import ErrorCode
 from core.lab.attacks.attack import ATTACKS
 from core.lab.benchmark.options import METHODS
 from core.metrics.measure import HIGHER_IS_BETTER, UNITS
+from core.notices import NoticeCode
 from core.parameters import PRESETS, Parameters, parse_parameters
 from core.pipeline import STAGES
 from service.__main__ import parser as service_parser
@@ -98,6 +100,14 @@ def test_the_table_of_refused_places_is_that_of_the_engine() -> None:
     assert rows("report", "Reasons for refused places") == [
         [f"`{reason}`", meaning] for reason, (meaning, _) in EXPLAINED.items()
     ]
+
+
+def test_the_tables_of_warnings_have_every_code_that_a_report_may_warn_of() -> None:
+    assert names("report", "Warnings") == [*NoticeCode]
+    source = "".join(path.read_text() for path in (ROOT / "core").rglob("*.py"))
+    failures = {ErrorCode[name] for name in re.findall(r"\bNotice\(\s*ErrorCode\.(\w+)", source)}
+    assert failures
+    assert {*names("report", "Warnings with the code of an error")} == failures | {ErrorCode.RENDERING_UNAVAILABLE}
 
 
 def test_the_table_of_budgets_is_that_of_the_engine() -> None:

@@ -156,7 +156,7 @@ class AssetBench:
         )
         found = measure(pair, Evaluate.GEOMETRY if only_read else options.level)
         values: dict[str, float | None] = dict(found.values)
-        missing = {name: reason["code"] for name, reason in found.missing.items()}
+        missing = {name: str(reason.code) for name, reason in found.missing.items()}
         if len(boxes) == 0:
             values |= {"ray": 0.0, "ray_box": 0.0, "coverage": 0.0, "crop_survival": 0.0}
             missing = {name: code for name, code in missing.items() if values[name] is None}

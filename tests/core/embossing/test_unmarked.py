@@ -9,10 +9,11 @@ from core.analysis.saliency import saliency
 from core.embossing.unmarked import unmarked_parts
 from core.gltf.document import Document
 from core.gltf.scene import flatten
+from core.notices import Notice
 from tests.core.rendering.glb import CORNERS, CUBE_FACES, GlbWriter, plain
 
 
-def _said(writer: GlbWriter, *marked: int) -> dict[str, str] | None:
+def _said(writer: GlbWriter, *marked: int) -> Notice | None:
     scene = flatten(Document.from_glb(writer.bytes()))
     ground = analyse(scene)
     samples = saliency(ground.surface, 0)
@@ -33,9 +34,9 @@ STAGE = (1.0, {"name": "stage"})
 def test_products_without_a_mark_are_named_where_only_their_stage_has_some() -> None:
     said = _said(_scene(STAGE, (0.8, {"name": "robot"}), (0.7, {}), (0.7, {}), (0.1, {"name": "screw"})), 0, 0)
     assert said is not None
-    assert said["code"] == "unmarked_parts"
-    assert said["message"].index("'robot' (") < said["message"].index("nodes[2] (")
-    assert "stage" not in said["message"]
+    assert said.code == "unmarked_parts"
+    assert said.message.index("'robot' (") < said.message.index("nodes[2] (")
+    assert "stage" not in said.message
 
 
 def test_marks_on_several_parts_or_one_on_each_are_as_many_as_one_can_ask_for() -> None:
@@ -67,5 +68,5 @@ def test_of_one_node_the_materials_are_named() -> None:
     writer.json["scenes"] = [{"nodes": [0]}]
     said = _said(writer, 2, 2)
     assert said is not None
-    assert all(f"'cloth {number}' (" in said["message"] for number in (0, 1, 3))
-    assert "cloth 2" not in said["message"]
+    assert all(f"'cloth {number}' (" in said.message for number in (0, 1, 3))
+    assert "cloth 2" not in said.message

@@ -11,7 +11,6 @@ from core.geometry.boxes import Boxes
 from core.geometry.surface import Surface
 from core.metrics.measure import HIGHER_IS_BETTER, UNITS, Measurement, Pair, Subject, measure
 from core.parameters import Evaluate
-from core.report import with_metrics
 from tests.core.metrics.test_ray import on_all_sides
 from tests.core.placement.shapes import cuboid, index_of, join, moved
 
@@ -72,7 +71,7 @@ def test_damage_shows_in_the_asset_utility() -> None:
 def test_whatever_is_missing_has_its_reason() -> None:
     found = geometry(BLOCK, on_all_sides())
     assert set(found.missing) == {name for name, value in found.values.items() if value is None}
-    assert {name: reason["code"] for name, reason in found.missing.items()} == {
+    assert {name: reason.code for name, reason in found.missing.items()} == {
         "lce": "invalid_request",  # a block without letters has no tops
         **dict.fromkeys(("ocr", "ocr_ge_0.8", "ocr_exact", "ss"), "not_requested"),
     }
@@ -80,7 +79,7 @@ def test_whatever_is_missing_has_its_reason() -> None:
 
 def test_without_pictures_everything_else_is_measured() -> None:
     found = measure(pair(BLOCK, on_all_sides()), Evaluate.FULL)
-    assert {found.missing[name]["code"] for name in ("ocr", "ss")} == {"rendering_unavailable"}
+    assert {found.missing[name].code for name in ("ocr", "ss")} == {"rendering_unavailable"}
     assert found.values["ray"] == 1
 
 
@@ -88,11 +87,11 @@ def test_without_places_what_needs_none_is_measured() -> None:
     nowhere = on_all_sides()[np.array([], dtype=np.int64)]
     found = geometry(BLOCK, nowhere)
     assert found.values["ipe"] == 0
-    assert {found.missing[name]["code"] for name in ("wps", "ray", "coverage", "lce", "se")} == {"invalid_request"}
+    assert {found.missing[name].code for name in ("wps", "ray", "coverage", "lce", "se")} == {"invalid_request"}
 
 
 def test_without_a_text_nothing_can_be_read() -> None:
-    assert measure(pair(BLOCK, on_all_sides(), ""), Evaluate.FULL).missing["ocr"]["code"] == "invalid_request"
+    assert measure(pair(BLOCK, on_all_sides(), ""), Evaluate.FULL).missing["ocr"].code == "invalid_request"
 
 
 def test_nothing_is_measured_where_nothing_was_asked_for() -> None:
@@ -111,6 +110,6 @@ def test_weights_that_cannot_be_read_are_done_without_and_the_report_warns(
     found = measure(Pair(seen, seen, boxes, np.full(len(boxes), 0.2), ""), Evaluate.FULL)
     assert found.values["ss"] == pytest.approx(1)
     assert found.semantics == "hog-color-layout"
-    (warning,) = with_metrics({"watermarks": [], "warnings": []}, found)["warnings"]
-    assert warning["code"] == "model_unavailable"
-    assert "cannot be read" in warning["message"]
+    (warning,) = found.warnings
+    assert warning.code == "model_unavailable"
+    assert "cannot be read" in warning.message

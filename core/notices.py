@@ -1,0 +1,33 @@
+"""What did not go as asked although nothing failed: a stable code, a sentence about this input, and a remedy."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Annotated
+
+from pydantic import Field
+
+
+class NoticeCode(StrEnum):
+    """The codes of notices that are no failure anywhere; a code is never renamed or reused once released."""
+
+    # Warnings of a report.
+    UNREFERENCED_DATA = "unreferenced_data"
+    UNMARKED_COPIES = "unmarked_copies"
+    UNMARKED_PARTS = "unmarked_parts"
+    SEE_THROUGH_SURFACE = "see_through_surface"
+    SMALL_TEXT = "small_text"
+    # Why a report has no value of a metric.
+    NOT_REQUESTED = "not_requested"
+    NOT_MEASURED = "not_measured"
+
+
+@dataclass(frozen=True)
+class Notice:
+    """A warning, or the reason why a metric is missing."""
+
+    code: Annotated[
+        NoticeCode | str,
+        Field(description="A stable code to program against: of a notice, or of the error that this is elsewhere."),
+    ]
+    message: Annotated[str, Field(description="What is so with this file or this request.")]
+    remedy: Annotated[str, Field(description="What to do about it.")]
