@@ -106,7 +106,7 @@ def test_a_preview_that_cannot_be_rendered_is_said_whatever_else_there_was_to_wa
     def unavailable(_: object) -> bytes:
         raise MeshmarkError(ErrorCode.RENDERING_UNAVAILABLE, "No EGL here.", "Install it.")
 
-    monkeypatch.setattr("core.pipeline.contact_sheet", unavailable)
+    monkeypatch.setattr("core.measuring.contact_sheet", unavailable)
     asset, model = tmp_path / "in.glb", tmp_path / "out.glb"
     document = simple(CUBE, CUBE_FACES)
     document.json["images"] = [{"uri": "beside.png"}]  # warned of as well, and before

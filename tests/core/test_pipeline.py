@@ -69,8 +69,8 @@ def test_the_report_has_every_section_of_its_schema(spot: Result) -> None:
     assert {"asset", "model", "parameters", "seed", "engine", "units", "watermarks", "metrics", "timings"} <= set(
         spot.report
     )
-    assert list(spot.report["timings"]) == [name for name, _, _ in STAGES]
-    assert list(spot.report["memory"]) == [name for name, _, _ in STAGES]
+    assert list(spot.report["timings"]) == list(STAGES)
+    assert list(spot.report["memory"]) == list(STAGES)
     assert list(spot.report["memory"].values()) == sorted(spot.report["memory"].values())
     assert spot.report["memory"]["reading"] > 2**20
     assert spot.report["parameters"]["count"] == 3
@@ -94,7 +94,7 @@ def test_progress_only_grows_and_names_the_stages_in_order() -> None:
     assert shares == sorted(shares)
     assert shares[0] >= 0
     assert shares[-1] <= 1
-    assert list(dict.fromkeys(stage for stage, _ in seen)) == [name for name, _, _ in STAGES]
+    assert list(dict.fromkeys(stage for stage, _ in seen)) == list(STAGES)
 
 
 def test_the_model_is_published_before_it_is_measured() -> None:
@@ -296,7 +296,7 @@ def test_without_a_renderer_the_asset_is_delivered_and_the_report_says_why_there
     def unavailable(_: object) -> bytes:
         raise MeshmarkError(ErrorCode.RENDERING_UNAVAILABLE, "No EGL here.", "Install it.")
 
-    monkeypatch.setattr("core.pipeline.contact_sheet", unavailable)
+    monkeypatch.setattr("core.measuring.contact_sheet", unavailable)
     result = watermark(SPOT.read_bytes(), FEW.model_copy(update={"evaluate": Evaluate.FULL}))
     assert result.preview is None
     reason = {"code": "rendering_unavailable", "message": "No EGL here.", "remedy": "Install it."}

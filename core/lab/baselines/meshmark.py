@@ -8,8 +8,9 @@ from core.gltf.scene import flatten
 from core.lab.baselines.strategy import Marked, Prepared
 from core.lab.plain import plain
 from core.parameters import Evaluate, Parameters
-from core.pipeline import watermark
+from core.pipeline import run_stages
 from core.placement.objective import OBJECTIVE, Objective
+from core.stages import Request
 
 
 def meshmark(
@@ -22,8 +23,8 @@ def meshmark(
     Raises:
         MeshmarkError: as the pipeline does.
     """
-    unmeasured = parameters.model_copy(update={"evaluate": Evaluate.NONE})
-    result = watermark(prepared.data, unmeasured, font=prepared.font, preview=False, objective=objective)
+    unmeasured = parameters.model_copy(update={"evaluate": Evaluate.NONE}).resolved()
+    result = run_stages(prepared.data, Request(unmeasured, prepared.font, preview=False, objective=objective))
     surface = prepared.surface
     marks = result.report["watermarks"]
     boxes = Boxes(

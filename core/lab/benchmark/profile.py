@@ -22,7 +22,7 @@ from core.parameters import Evaluate, Parameters
 from core.pipeline import STAGES, Progress, watermark
 
 SCHEMA = "meshmark.profile/1"
-EVERY_STAGE = [name for name, _, _ in STAGES]
+EVERY_STAGE = list(STAGES)
 TO_THE_MODEL = EVERY_STAGE[: EVERY_STAGE.index("writing") + 1]  # the job without metrics
 TOTAL, FLOOR = "without metrics", "floor"
 CLEAR_REFS = Path("/proc/self/clear_refs")

@@ -14,9 +14,10 @@ from core.embossing.refusal import EXPLAINED, Refusal
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.boxes import Boxes
 from core.parameters import Evaluate, Parameters
-from core.pipeline import watermark
+from core.pipeline import run_stages, watermark
 from core.placement import place
 from core.placement.objective import OBJECTIVE, Objective, Placement
+from core.stages import Request
 
 
 class Cutter:
@@ -49,8 +50,9 @@ def cube_marks(
     searched for again."""
     cutter = Cutter(monkeypatch, refused, pooled)
     cube = trimesh.creation.box(extents=(2, 2, 2)).export(file_type="glb")
-    asked = Parameters(text="watermark", count=16, evaluate=Evaluate.NONE)
-    found = watermark(cube, asked, preview=False, objective=objective).report["watermarks"]
+    asked = Parameters(text="watermark", count=16, evaluate=Evaluate.NONE).resolved()
+    request = Request(asked, preview=False, objective=objective)
+    found = run_stages(cube, request).report["watermarks"]
     return {tuple(np.round(mark["normal"]).astype(int).tolist()) for mark in found}, cutter.searches
 
 

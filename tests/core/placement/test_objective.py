@@ -214,7 +214,8 @@ def test_two_marks_on_opposite_sides_survive_nearly_every_crop_and_two_on_one_si
 
 
 @pytest.mark.parametrize(
-    "name", ["obstructed", "salient", "roll", "curvature_deviation", "rough", "edge_proximity", "detail", "busy", "distance"]
+    "name",
+    ["obstructed", "salient", "roll", "curvature_deviation", "rough", "edge_proximity", "detail", "busy", "distance"],
 )
 def test_everything_unwelcome_costs(name: str) -> None:
     assert cost(terms(**{name: 0.5})) > cost(terms())

@@ -1,0 +1,244 @@
+"""The stages that mark an asset: from its bytes to the watermarked GLB.
+
+Those that need torch and the geometry libraries import them when they start: these take more than a second and a
+quarter of a gigabyte to load, which a file that cannot be read shall not cost. A process that runs the engine again and
+again calls :func:`core.preload.preload` first.
+"""
+
+from collections import Counter
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from core.arrays import Bool
+from core.artwork.outline import Lettering, lettering
+from core.embossing.mesh import WorkingMesh
+from core.errors import ErrorCode, MeshmarkError
+from core.formats.admission import admit, document_of
+from core.gltf.document import Document
+from core.gltf.prune import unreferenced_bytes
+from core.gltf.scene import flatten
+from core.gltf.textures import undecoded_textures
+from core.gltf.validate import is_beside
+from core.gltf.write import write
+from core.notices import Notice, NoticeCode
+from core.stages import Asset, Candidates, Embossed, Output, Run
+
+if TYPE_CHECKING:
+    from core.analysis.facts import SurfaceFacts
+    from core.geometry.spatial import SpatialIndex
+    from core.placement.context import PlacementContext
+
+
+def read(data: bytes, run: Run) -> Asset:
+    """Recognise a file, read it, and see which of its faces a viewer draws, from which side.
+
+    Raises:
+        MeshmarkError: as :func:`core.formats.admission.admit`, :func:`core.formats.admission.document_of` and
+            :func:`core.gltf.scene.flatten`.
+    """
+    admitted = admit(data, run.request.budgets)
+    document = document_of(admitted, run.request.budgets)
+    scene = flatten(document)
+    run.notices += document.warnings
+    if unreferenced := unreferenced_bytes(document):
+        run.notices.append(
+            Notice(
+                NoticeCode.UNREFERENCED_DATA,
+                f"Nothing in this file refers to {unreferenced:,} bytes of it; they are not in the result, "
+                "where they could be a copy without watermarks.",
+                "Nothing needs to be done; exporting the asset anew leaves such bytes out.",
+            )
+        )
+    beside = [image["uri"] for image in document.json.get("images", []) if is_beside(image)]
+    if beside:
+        run.notices.append(
+            Notice(
+                ErrorCode.EXTERNAL_REFERENCE,
+                f"The asset's textures lie in other files ({', '.join(beside[:3])}); they were not opened. "
+                "Where marks stand, and what pictures and figures show, is reckoned without them.",
+                "Keep these files beside the result, or embed them before the upload.",
+            )
+        )
+
+    from core.analysis.analyse import analyse
+
+    return Asset(data, admitted.format, scene, analyse(scene))
+
+
+def letter(run: Run) -> Lettering:
+    """Shape the text and turn it into outlines."""
+    return lettering(run.request.parameters.text, run.request.font)
+
+
+def place(asset: Asset, text: Lettering, run: Run) -> Candidates:
+    """Find the boxes that may carry the text: on opaque faces, or on see-through ones where these have no room.
+
+    Raises:
+        MeshmarkError: ``no_placement`` and as :func:`core.analysis.regions.regions`.
+    """
+    from core.analysis.analyse import HIDING
+    from core.analysis.facts import SurfaceFacts
+    from core.analysis.regions import regions
+    from core.analysis.saliency import saliency
+    from core.analysis.skinning import skin_deformation
+    from core.analysis.texture import texture_saliency
+
+    scene, analysis, parameters = asset.scene, asset.analysis, run.request.parameters
+    asked = regions(scene, analysis.surface, parameters)
+    salient = saliency(analysis.surface, parameters.seed)
+    samples = analysis.surface, salient.points, salient.face
+    facts = SurfaceFacts(salient, texture_saliency(scene, *samples), skin_deformation(scene, *samples), asked)
+    run.notices += undecoded_textures(scene.document)
+    rng = np.random.default_rng(parameters.seed)
+
+    def on(faces: Bool, index: "SpatialIndex", opaque: float) -> Candidates:
+        return _place_on(asset, facts, text, (asked.within(faces), index, opaque), rng, run)
+
+    try:
+        return on(analysis.opaque, analysis.index, HIDING)
+    except MeshmarkError as error:
+        if error.code is not ErrorCode.NO_PLACEMENT or (analysis.cuttable == analysis.opaque).all():
+            raise
+    found = on(analysis.cuttable, analysis.glazed, 0.0)
+    run.notices.append(
+        Notice(
+            NoticeCode.SEE_THROUGH_SURFACE,
+            "Nothing opaque has room for the text; it stands on what is seen through, where it may be hard to see.",
+            "Make the materials opaque, or use a shorter text.",
+        )
+    )
+    return found
+
+
+def _place_on(
+    asset: Asset,
+    facts: "SurfaceFacts",
+    text: Lettering,
+    ground: tuple[Bool, "SpatialIndex", float],
+    rng: np.random.Generator,
+    run: Run,
+) -> Candidates:
+    """The boxes on some faces; ``ground`` is these (F,), the index that eyes see them by, and how opaque they are."""
+    from core.analysis.facts import Carrier
+    from core.analysis.opacity import opacity
+    from core.placement.context import build_context
+    from core.placement.objective import OBJECTIVE
+    from core.placement.place import place as place_boxes
+
+    (faces, index, opaque), surface = ground, asset.analysis.surface
+    looks = opacity(asset.scene, surface, faces) if opaque else None
+    carrier = Carrier(surface, index, faces, asset.analysis.component, looks)
+    request = run.request
+    context = build_context(carrier, facts, text, request.parameters, rng, request.objective or OBJECTIVE)
+    return Candidates(context, place_boxes(context, rng, run.progress), opaque, rng)
+
+
+def emboss(asset: Asset, candidates: Candidates, run: Run) -> Embossed:
+    """Cut the best choice of boxes into the surface.
+
+    Raises:
+        MeshmarkError: ``no_placement`` where every cut was refused.
+    """
+    from core.embossing.islands import letter_islands
+    from core.embossing.marks import emboss_marks
+    from core.placement.legibility import legible_height
+
+    context, parameters = candidates.context, run.request.parameters
+    mesh, letters = _whole(asset, context), letter_islands(context.lettering)
+    done = emboss_marks(mesh, context, candidates.placement, letters, candidates.rng, run.progress)
+    highest = max(mark.box.size[0, 1] for mark in done.marks.values())
+    if highest < legible_height(parameters.color) * (1 - 1e-6):
+        sized = parameters.size is not None
+        run.notices.append(
+            Notice(
+                NoticeCode.SMALL_TEXT,
+                f"No text on this asset reads well: the highest is {highest:.2g} high where the asset's "
+                "largest side is 30, and is legible only from close up."
+                + ("" if sized else " Nothing higher has room."),
+                "Ask for a larger `size`, or use a shorter text." if sized else "Use a shorter text.",
+            )
+        )
+    return Embossed(mesh, letters, done.placement, done.marks, done.refusals)
+
+
+def _whole(asset: Asset, context: "PlacementContext") -> WorkingMesh:
+    """The surface before any mark."""
+    analysis = asset.analysis
+    return WorkingMesh(analysis.surface, context.carrier.cuttable, analysis.coincident, analysis.resolution)
+
+
+def write_model(asset: Asset, candidates: Candidates, embossed: Embossed, run: Run) -> Output:
+    """The model, checked and published: marks that no viewer would draw are taken out, and it is written again.
+
+    Raises:
+        MeshmarkError: ``no_placement`` where no mark is left.
+    """
+    from core.embossing.copies import unmarked
+    from core.embossing.drawn import drawn_marks
+    from core.embossing.unmarked import unmarked_parts
+
+    analysis, context = asset.analysis, candidates.context
+    output = _written(asset, context, embossed)
+    while True:
+        edit, count = output.embossed.mesh.edit(), len(output.embossed.marks)
+        drawn = drawn_marks(edit, count, analysis.surface, analysis.resolution, output.scene, candidates.opaque)
+        if drawn.all():
+            break
+        unseen = {box for box, seen in zip(output.embossed.marks, drawn.tolist(), strict=True) if not seen}
+        output = _written(asset, context, _without(unseen, asset, context, output.embossed))
+    run.notices += unmarked(output.copies)
+    marked = analysis.surface.face_primitive[edit.source_face[np.unique(edit.mark, return_index=True)[1]]]
+    left = unmarked_parts(asset.scene, analysis.surface, context.facts.saliency, context.carrier.index, marked)
+    run.notices += [left] if left else []
+    run.publish("model", output.model)
+    return output
+
+
+def _without(unseen: set[int], asset: Asset, context: "PlacementContext", embossed: Embossed) -> Embossed:
+    """The marks embossed anew, without those in the boxes ``unseen``.
+
+    Raises:
+        MeshmarkError: ``no_placement`` where none is left.
+    """
+    from core.embossing.emboss import Mark
+    from core.embossing.marks import emboss_boxes
+    from core.embossing.refusal import Refusal
+    from core.report import boxes_of
+
+    refusals = embossed.refusals + Counter({Refusal.UNDRAWN.value: len(unseen)})
+    mesh, marks = _whole(asset, context), dict[int, Mark]()
+    if kept := {box: mark for box, mark in embossed.marks.items() if box not in unseen}:
+        boxes, _ = boxes_of(kept, context.parameters)
+        outcomes = emboss_boxes(mesh, boxes, embossed.letters, context.parameters, context.carrier.index)
+        for box, outcome in zip(kept, outcomes, strict=True):
+            if isinstance(outcome, Mark):
+                marks[box] = outcome
+            else:
+                refusals[outcome.value] += 1
+    if not marks:
+        raise MeshmarkError(
+            ErrorCode.NO_PLACEMENT,
+            f"All {refusals.total()} marks that fit on this asset would be culled, clear or covered by its own "
+            "materials: no viewer would draw them.",
+            "Check which sides of the asset its materials show, and their alpha.",
+        )
+    return replace(embossed, mesh=mesh, marks=marks, refusals=refusals)
+
+
+def _written(asset: Asset, context: "PlacementContext", embossed: Embossed) -> Output:
+    """The model with these marks, and with those of its other scenes and levels of detail."""
+    from core.analysis.contrast import letter_colors
+    from core.embossing.copies import AssetMarks, mark_copies
+    from core.report import boxes_of
+
+    surface, parameters = asset.analysis.surface, context.parameters
+    boxes, _ = boxes_of(embossed.marks, parameters)
+    worn = letter_colors(asset.scene, surface, context.carrier.index, boxes, parameters.color)
+    colors = [color.color if color else None for color in worn]
+    glowing = {number for number, color in enumerate(worn) if color and color.glows}
+    model = write(asset.scene, asset.analysis.with_file_winding(embossed.mesh.edit()), colors, glowing)
+    marks = AssetMarks(surface, boxes, embossed.letters, colors, glowing, parameters)
+    model, copies = mark_copies(model, marks)
+    return Output(embossed, colors, model, copies, flatten(Document.from_glb(model)))

@@ -1,0 +1,104 @@
+"""The stages behind the watermarked GLB: its report, its pictures, its metrics."""
+
+import json
+import logging
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.errors import ErrorCode, MeshmarkError
+from core.parameters import Evaluate
+from core.rendering.pictures import PICTURE_SIZE, pictures
+from core.rendering.preview import contact_sheet
+from core.rendering.renderer import Renderer
+from core.stages import Asset, Candidates, Output, Pictures, Run
+
+log = logging.getLogger(__name__)
+
+
+def report(asset: Asset, output: Output, run: Run) -> dict[str, Any]:
+    """The report without its metrics, published at once: whatever happens from here on, the job has one."""
+    from core.report import build_report
+
+    parameters, embossed = run.request.parameters, output.embossed
+    measured = parameters.evaluate is not Evaluate.NONE
+    result = build_report(
+        data=asset.data,
+        file_format=asset.format,
+        parameters=parameters,
+        surface=asset.scene.surface,
+        model=output.model,
+        written=output.scene.surface.in_frame_of(asset.scene.surface) if measured else None,
+        placement=embossed.placement,
+        marks=embossed.marks,
+        colors=output.colors,
+        copies=output.copies,
+        refusals=embossed.refusals,
+        timings=run.timings,
+        memory=run.memory,
+        warnings=run.notices,
+    )
+    run.publish("report", json.dumps(result, allow_nan=False).encode())
+    return result
+
+
+def render(asset: Asset, output: Output, run: Run) -> Pictures:
+    """The preview, published, and the pictures for the metrics, from one OpenGL context.
+
+    A machine that cannot render still delivers the asset, and says so.
+    """
+    request = run.request
+    measured = request.parameters.evaluate is Evaluate.FULL
+    if not measured and not request.preview:
+        return Pictures()
+    preview: bytes | None = None
+    views: tuple[NDArray[np.uint8], NDArray[np.uint8]] | MeshmarkError | None = None
+    try:
+        with Renderer(PICTURE_SIZE) as renderer:
+            if measured:
+                before = pictures(asset.scene.document.to_glb(), renderer)
+                views = before, pictures(output.model, renderer, frame=renderer.frame)
+            else:
+                renderer.load(output.model)
+            if request.preview:
+                preview = contact_sheet(renderer)
+                run.publish("preview", preview)
+    except MeshmarkError as error:
+        views = error
+    except Exception as error:  # drivers fail in ways of their own
+        log.exception("the pictures of this asset could not be drawn")
+        views = MeshmarkError(
+            ErrorCode.RENDERING_UNAVAILABLE,
+            f"The pictures of this asset could not be drawn ({type(error).__name__}).",
+            "The model is not affected. Report it to the operator; the log holds the details.",
+        )
+    if isinstance(views, MeshmarkError):
+        run.notices.append(views.notice())
+    return Pictures(preview, views)
+
+
+def evaluate(
+    asset: Asset, candidates: Candidates, output: Output, seen: Pictures, result: dict[str, Any], run: Run
+) -> dict[str, Any]:
+    """The report ``result`` with its metrics, measured on the file as it was written, rounding included."""
+    parameters = run.request.parameters
+    if parameters.evaluate is Evaluate.NONE:
+        return result
+    from core.analysis.analyse import eye_index
+    from core.metrics.measure import Pair, Subject, measure
+    from core.report import boxes_of, with_metrics
+
+    before, after = seen.views if isinstance(seen.views, tuple) else (seen.views, seen.views)
+    context = candidates.context
+    written, index = eye_index(output.scene, asset.scene.surface, through=candidates.opaque > 0)
+    pair = Pair(
+        Subject(asset.analysis.surface, context.carrier.index, before, parameters.seed, context.facts.saliency),
+        Subject(written, index, after),
+        *boxes_of(output.embossed.marks, parameters),
+        parameters.text,
+        parameters.seed,
+    )
+    measured = measure(pair, parameters.evaluate, run.progress)
+    run.notices += measured.warnings
+    return with_metrics(result, measured)

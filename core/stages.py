@@ -1,0 +1,153 @@
+"""The frozen records that the stages of a run take and give."""
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.budgets import DEFAULT_BUDGETS, Budgets
+from core.embossing.mesh import WorkingMesh
+from core.errors import MeshmarkError
+from core.formats.sniff import Format
+from core.gltf.scene import Scene
+from core.notices import Notice
+from core.parameters import Parameters
+
+if TYPE_CHECKING:
+    from core.analysis.analyse import SurfaceAnalysis
+    from core.embossing.copies import MarkedCopy
+    from core.embossing.emboss import Mark
+    from core.embossing.islands import LetterIslands
+    from core.placement.context import PlacementContext
+    from core.placement.objective import Objective, Placement
+
+Publish = Callable[[str, bytes], None]
+
+
+@dataclass(frozen=True)
+class Request:
+    """The wishes for one run.
+
+    Attributes:
+        parameters: resolved.
+        font: a TrueType or OpenType file; None for the bundled one.
+        budgets: the most that the asset may declare before it is read.
+        preview: whether to render a contact sheet.
+        objective: the weights of placement, for ablations; None for those of the product.
+    """
+
+    parameters: Parameters
+    font: bytes | None = None
+    budgets: Budgets = DEFAULT_BUDGETS
+    preview: bool = True
+    objective: "Objective | None" = None
+
+
+@dataclass
+class Run:
+    """A run under way: the one thing that its stages change.
+
+    Attributes:
+        request: the wishes.
+        progress: called with the share of the present stage that is done, 0 to 1.
+        publish: called with "model", "report" and "preview" and their bytes as soon as each exists.
+        notices: losses and doubts so far.
+        timings: seconds by stage.
+        memory: the most resident bytes the process had held up to the end of each stage.
+    """
+
+    request: Request
+    progress: Callable[[float], None]
+    publish: Publish
+    notices: list[Notice] = field(default_factory=list)
+    timings: dict[str, float] = field(default_factory=dict)
+    memory: dict[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Asset:
+    """An asset that was read.
+
+    Attributes:
+        data: the file.
+        format: of the file.
+        scene: its nodes in one surface.
+        analysis: the surface as it is seen from outside.
+    """
+
+    data: bytes
+    format: Format
+    scene: Scene
+    analysis: "SurfaceAnalysis"
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """The boxes that may carry the text.
+
+    Attributes:
+        context: of the search.
+        placement: the boxes, with a good choice among them.
+        opaque: least opaque share of a face that carries letters.
+        rng: of placement, for further searches.
+    """
+
+    context: "PlacementContext"
+    placement: "Placement"
+    opaque: float
+    rng: np.random.Generator
+
+
+@dataclass(frozen=True, eq=False)
+class Embossed:
+    """The marks in the surface.
+
+    Attributes:
+        mesh: the surface with the marks.
+        letters: of the text, in text widths.
+        placement: the boxes there were to choose from.
+        marks: by the number of the box in ``placement``.
+        refusals: refused boxes by reason.
+    """
+
+    mesh: WorkingMesh
+    letters: "LetterIslands"
+    placement: "Placement"
+    marks: "dict[int, Mark]"
+    refusals: Counter[str]
+
+
+@dataclass(frozen=True, eq=False)
+class Output:
+    """The watermarked GLB.
+
+    Attributes:
+        embossed: the marks that it shows.
+        colors: "#rrggbb" of the letters of each mark; None where they have their ground's material.
+        model: the GLB.
+        copies: the other scenes, levels of detail and unused meshes of the file.
+        scene: read back from ``model``.
+    """
+
+    embossed: Embossed
+    colors: list[str | None]
+    model: bytes
+    copies: "list[MarkedCopy]"
+    scene: Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Pictures:
+    """Renderings.
+
+    Attributes:
+        preview: a PNG contact sheet, or None.
+        views: of the original and of the result from the paper's 24 views, (24, N, N, 3) each; the reason where there
+            are none; None where none are needed.
+    """
+
+    preview: bytes | None = None
+    views: tuple[NDArray[np.uint8], NDArray[np.uint8]] | MeshmarkError | None = None
