@@ -340,6 +340,7 @@ def _profile(options: argparse.Namespace) -> None:
 
 
 def _sizing(options: argparse.Namespace) -> None:
+    from core.lab.benchmark.queueing import Effort
     from core.lab.benchmark.sizing import markdown, parse_mix, sizing
 
     try:
@@ -348,9 +349,9 @@ def _sizing(options: argparse.Namespace) -> None:
         raise MeshmarkError(
             ErrorCode.INVALID_PARAMETERS, f"{options.profile} is no JSON.", "Give what `meshmark profile` wrote."
         ) from None
-    mix, wait = parse_mix(options.mix), options.p95_wait
-    rest = {name: getattr(options, name) for name in ("busy", "overhead", "seed")}
-    found = sizing(profile, options.arrivals, mix=mix, wait=wait, **rest)
+    mix, wait, effort = parse_mix(options.mix), options.p95_wait, Effort(seed=options.seed)
+    rest = {name: getattr(options, name) for name in ("busy", "overhead")}
+    found = sizing(profile, options.arrivals, mix=mix, wait=wait, effort=effort, **rest)
     print(markdown(found, wait, options.busy), end="")
 
 

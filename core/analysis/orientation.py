@@ -68,7 +68,8 @@ def orient(
     deciding = area * np.where(decided[part] > 0, fixed, True)
     against = np.bincount(part, weights=deciding * turned, minlength=count)
     turned ^= (against > np.where(decided > 0, decided, total) / 2)[part]
-    turned ^= (_inside_out(surface, ids, turned, part, total, decided > 0, clear, index, glazed))[part]
+    open_parts = _Parts(ids, part, turned, np.where(decided > 0, 0.0, total))
+    turned ^= _inside_out(surface, open_parts, clear, index, glazed)[part]
     turned &= ~fixed
     none = np.zeros(len(surface.faces), dtype=bool)
     result = Orientation(none, np.full(len(surface.faces), -1), none.copy())
@@ -87,21 +88,29 @@ def _closed(surface: Surface, ids: Int, turned: Bool, part: Int, one: Int, two: 
     return np.asarray((whole & (volume > 0))[part])
 
 
-def _inside_out(
-    surface: Surface,
-    ids: Int,
-    turned: Bool,
-    part: Int,
-    total: Float,
-    decided: Bool,
-    clear: Bool,
-    index: SpatialIndex,
-    glazed: SpatialIndex,
-) -> Bool:
-    """(P,) which parts that are not ``decided`` are seen by their backs, from the outside, clearly more than by their
-    fronts."""
-    asked = np.argsort(-np.where(decided, 0.0, total), kind="stable")[:PARTS]
-    asked = asked[(total > 0)[asked] & ~decided[asked]]
+@dataclass(frozen=True, eq=False)
+class _Parts:
+    """The parts of a surface, within which faces agree.
+
+    Attributes:
+        ids: (N,) the faces that belong to parts.
+        part: (N,) the part of each.
+        turned: (N,) which of them are turned so far.
+        undecided: (P,) the area of each part whose winding is not the file's to say; 0 for others.
+    """
+
+    ids: Int
+    part: Int
+    turned: Bool
+    undecided: Float
+
+
+def _inside_out(surface: Surface, parts: _Parts, clear: Bool, index: SpatialIndex, glazed: SpatialIndex) -> Bool:
+    """(P,) undecided parts that are seen by their backs, from the outside, clearly more than by their fronts."""
+    ids, part, turned = parts.ids, parts.part, parts.turned
+    total = np.asarray(np.bincount(part, weights=surface.areas[ids], minlength=len(parts.undecided)), dtype=np.float64)
+    asked = np.argsort(-parts.undecided, kind="stable")[:PARTS]
+    asked = asked[parts.undecided[asked] > 0]
     by_part = np.argsort(part, kind="stable")
     cumulative = np.cumsum(surface.areas[ids[by_part]])
     ends = np.cumsum(total)

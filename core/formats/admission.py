@@ -12,7 +12,7 @@ from core.formats.registry import FORMATS
 from core.formats.sniff import Format, model_in, models_beside, sniff
 from core.formats.source import Source
 from core.gltf.document import Document
-from core.gltf.validate import carried_unread
+from core.notices import Notice
 from core.refusals import malformed
 
 # In an archive these are taken by their name, since texts start in many ways.
@@ -75,7 +75,7 @@ def document_of(admitted: Admitted, budgets: Budgets = DEFAULT_BUDGETS) -> Docum
     """
     spec, source, parsed = FORMATS[admitted.format.inner], admitted.source, admitted.parsed
     if spec.read is None:
-        document: Document = replace(parsed, warnings=[*parsed.warnings, *carried_unread(parsed)])
+        document: Document = replace(parsed, warnings=[*parsed.warnings, *_carried_unread(parsed)])
     else:
         document = assemble(spec.read(source, parsed, budgets))
     if source.archive is None or not (others := models_beside(source.archive, admitted.format)):
@@ -98,3 +98,19 @@ def _unpacked(archive: Archive, file_format: Format, budgets: Budgets) -> Source
             what = f"a file of the kind {found}" if content else "empty"
             raise malformed(f"{name[:60]!r} in the ZIP archive is not what its name says: it is {what}.")
     return Source(content, archive, name)
+
+
+def _carried_unread(document: Document) -> list[Notice]:
+    """A warning for each part of a sound document that is carried through although nothing here can read it; of images
+    :func:`core.gltf.textures.undecoded_textures` speaks."""
+    warnings = []
+    if document.chunks:
+        listed = ", ".join(repr(kind.decode("latin-1").rstrip("\0 ")) for kind, _ in document.chunks[:3])
+        warnings.append(
+            Notice(
+                ErrorCode.UNSUPPORTED_FEATURE,
+                f"The GLB has further chunks ({listed}), which are carried as they are; nobody looked what is in them.",
+                "Take them out before the upload if they hold what nobody shall have unmarked.",
+            )
+        )
+    return warnings

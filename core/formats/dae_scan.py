@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 from core.budgets import Budgets, within
 from core.errors import ErrorCode, MeshmarkError
-from core.formats.xml import parse_xml
+from core.formats.xml import Handlers, parse_xml
 from core.refusals import malformed, non_finite
 
 READ = ("triangles", "polylist", "polygons")
@@ -65,7 +65,7 @@ class Scan:
         self._stride = 1
         self._indices = 0  # since the last <p> ended
         self._text = ""  # of the up axis, or the last of the piece before this one
-        parse_xml(data, "The DAE", budgets, self._start, self._end, self._read_text)
+        parse_xml(data, "The DAE", budgets, Handlers(self._start, self._end, self._read_text))
         try:
             self.drawn, triangles = self._count(self._open[0], {})
         except RecursionError:

@@ -15,7 +15,7 @@ from core.formats.source import Source
 from core.formats.textures import check_pixels, usable_image
 from core.formats.threemf_model import IDENTITY, Group, Model, Object
 from core.formats.threemf_slicer import OBJECT_TYPES, Tools, read_tools
-from core.formats.xml import Tally, check_xml, count_elements, parse_xml
+from core.formats.xml import Handlers, Tally, check_xml, count_elements, parse_xml
 from core.geometry.products import product
 from core.gltf.colors import linear
 from core.notices import Notice
@@ -115,7 +115,7 @@ class _Package:
 
         if (relationships := self.archive.find("_rels/.rels", "")) is not None:
             text = self.archive.read(relationships)
-            parse_xml(text, "The list of parts of the 3MF", self.budgets, relationship, tally=self.tally)
+            parse_xml(text, "The list of parts of the 3MF", self.budgets, Handlers(relationship), tally=self.tally)
         for target in (*targets, _USUAL_PART):
             if (found := self.archive.find(target.lstrip("/"), "")) is not None:
                 return found

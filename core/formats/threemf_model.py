@@ -11,7 +11,7 @@ import numpy as np
 
 from core.arrays import Float
 from core.budgets import Budgets, within
-from core.formats.xml import Tally, parse_xml
+from core.formats.xml import Handlers, Tally, parse_xml
 from core.refusals import malformed
 
 METRES = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "inch": 0.0254, "foot": 0.3048, "meter": 1.0}
@@ -123,7 +123,7 @@ class Model:
                 handle(attributes)
 
         try:
-            parse_xml(data, what, budgets, start, tally=tally, rows=ROWS)
+            parse_xml(data, what, budgets, Handlers(start), tally=tally, rows=ROWS)
         except KeyError as error:
             raise malformed(f"An element of {what} lacks its attribute {error}.") from None
         except (ValueError, OverflowError) as error:

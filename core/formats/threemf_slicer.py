@@ -7,7 +7,7 @@ from core.budgets import Budgets
 from core.errors import MeshmarkError
 from core.formats.archive import Archive
 from core.formats.assembly import dropped
-from core.formats.xml import Tally, parse_xml
+from core.formats.xml import Handlers, Tally, parse_xml
 from core.notices import Notice
 
 # Object types of the core specification that are printed beside the model or not at all.
@@ -66,7 +66,7 @@ class _Reader:
         self._range: tuple[int, int] | None = None  # of the volume being read
 
     def read(self, data: bytes, budgets: Budgets, tally: Tally) -> None:
-        parse_xml(data, "The list of volumes", budgets, self._start, self._end, tally=tally)
+        parse_xml(data, "The list of volumes", budgets, Handlers(self._start, self._end), tally=tally)
 
     def _start(self, name: str, attributes: dict[str, str]) -> None:
         if name == "object":

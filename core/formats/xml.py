@@ -15,9 +15,19 @@ _PIECE = 2**18  # bytes parsed at a time: no more than these and one tag are in 
 _TEXT_PIECE = 2**16  # characters; expat by itself gives each line and each escaped letter in a call of its own
 
 
+@dataclass(frozen=True)
+class Handlers:
+    """Called while a document is parsed: for the name and attributes of each element where it starts, for its name
+    where it ends, and for the text inside, in one piece or several."""
+
+    start: Start
+    end: Callable[[str], None] | None = None
+    text: Callable[[str], None] | None = None
+
+
 @dataclass
 class Tally:
-    """What the XML parts of one file have had so far."""
+    """Counts over the XML parts of one file so far."""
 
     elements: int = 0
     attributes: int = 0
@@ -58,14 +68,12 @@ def parse_xml(
     data: bytes,
     what: str,
     budgets: Budgets,
-    start: Start,
-    end: Callable[[str], None] | None = None,
-    text: Callable[[str], None] | None = None,
+    handlers: Handlers,
     *,
     tally: Tally | None = None,
     rows: Collection[str] = (),
 ) -> None:
-    """Call ``start`` with the name and attributes of each element, ``end`` with its name, ``text`` with what is inside.
+    """Call ``handlers`` for the elements and texts of a document, in its order.
 
     Names are without their namespace; attributes keep their prefix only where they have a namespace
     ("uri name"). Nothing outside of ``data`` is ever opened.
@@ -74,11 +82,9 @@ def parse_xml(
         data: the document.
         what: the document in errors, such as "The 3MF model".
         budgets: bounds the nesting, elements, attributes, and the length of a tag.
-        start: may raise.
-        end: may raise.
-        text: gets a text in one piece or several; may raise.
+        handlers: may raise.
         tally: of the other documents of the same file, whose elements count too.
-        rows: names of elements that ``start`` counts itself.
+        rows: names of elements that the handlers count themselves.
 
     Raises:
         MeshmarkError: ``malformed_file`` for what is not well-formed or not in UTF-8, ``unsupported_feature`` for
@@ -114,23 +120,23 @@ def parse_xml(
                 within(counted.elements, budgets.xml_elements, "XML elements")
             if counted.attributes > budgets.xml_attributes:
                 within(counted.attributes, budgets.xml_attributes, "attributes of XML elements")
-        start(name, attributes)
+        handlers.start(name, attributes)
 
     def close_element(name: str) -> None:
         nonlocal depth
         depth -= 1
-        if end is not None:
-            end(name.rpartition(" ")[2])
+        if handlers.end is not None:
+            handlers.end(name.rpartition(" ")[2])
 
     parser.XmlDeclHandler = declare
     parser.StartDoctypeDeclHandler = refuse
     parser.EntityDeclHandler = refuse
     parser.StartElementHandler = open_element
     parser.EndElementHandler = close_element
-    if text is not None:
+    if handlers.text is not None:
         parser.buffer_text = True
         parser.buffer_size = _TEXT_PIECE
-        parser.CharacterDataHandler = text
+        parser.CharacterDataHandler = handlers.text
     read = 0  # up to the tag, comment or instruction that has not ended yet
     try:
         for at in range(0, len(data), _PIECE):

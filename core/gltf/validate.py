@@ -14,7 +14,6 @@ from core.gltf.document import COMPONENT_TYPES, ELEMENT_TYPES, Document, malform
 from core.gltf.hierarchy import scene_nodes
 from core.gltf.images import image_size
 from core.gltf.validate_compression import check_draco, check_fallback, check_meshopt
-from core.notices import Notice
 from core.refusals import no_faces, truncated
 
 MAX_JSON_DEPTH = 64
@@ -258,22 +257,6 @@ def _check_images(document: Document, budgets: Budgets) -> None:
         width, height = image_size(document.image(number) or memoryview(b"")) or (0, 0)
         pixels += width * height
         within(pixels, budgets.image_pixels, f"texture pixels up to {where}, which has {width:,} x {height:,},")
-
-
-def carried_unread(document: Document) -> list[Notice]:
-    """A warning for each part of a sound document that is carried through although nothing here can read it; of images
-    :func:`core.gltf.textures.undecoded_textures` speaks."""
-    warnings = []
-    if document.chunks:
-        listed = ", ".join(repr(kind.decode("latin-1").rstrip("\0 ")) for kind, _ in document.chunks[:3])
-        warnings.append(
-            Notice(
-                ErrorCode.UNSUPPORTED_FEATURE,
-                f"The GLB has further chunks ({listed}), which are carried as they are; nobody looked what is in them.",
-                "Take them out before the upload if they hold what nobody shall have unmarked.",
-            )
-        )
-    return warnings
 
 
 def is_beside(image: Json) -> bool:

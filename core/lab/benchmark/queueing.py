@@ -25,19 +25,19 @@ class Effort:
     runs: int = 100
     arrivals: int = 10_000
     warm_up: int = 5000
+    seed: int = 0  # of every random draw
 
 
-def waits(rate: float, draw: Draw, workers: int, seed: int, effort: Effort) -> tuple[Floats, Floats]:
+def waits(rate: float, draw: Draw, workers: int, effort: Effort) -> tuple[Floats, Floats]:
     """What jobs meet: the seconds each waits until a worker starts it, and its service time, (runs, arrivals) each.
 
     Args:
         rate: arrivals a second.
         draw: service times.
         workers: how many serve.
-        seed: of every random draw.
         effort: how much is simulated.
     """
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(effort.seed)
     shape = (effort.runs, effort.warm_up + effort.arrivals)
     arrivals = np.cumsum(random.exponential(1 / rate, shape), axis=1)
     work = draw(random, shape)
@@ -52,9 +52,7 @@ def waits(rate: float, draw: Draw, workers: int, seed: int, effort: Effort) -> t
     return waited[:, effort.warm_up :], work[:, effort.warm_up :]
 
 
-def fewest_workers(
-    rate: float, draw: Draw, mean: float, wait: float, seed: int, effort: Effort, busy: float = 1.0
-) -> int:
+def fewest_workers(rate: float, draw: Draw, mean: float, wait: float, effort: Effort, busy: float = 1.0) -> int:
     """The fewest workers with which 95% of the jobs wait no longer than so many seconds.
 
     Args:
@@ -62,13 +60,12 @@ def fewest_workers(
         draw: service times.
         mean: of the service times [s].
         wait: seconds.
-        seed: of every random draw.
         effort: how much is simulated.
         busy: the largest share of the workers that may be busy on average.
     """
 
     def enough(workers: int) -> bool:
-        return float(np.quantile(waits(rate, draw, workers, seed, effort)[0], 0.95)) <= wait
+        return float(np.quantile(waits(rate, draw, workers, effort)[0], 0.95)) <= wait
 
     load = rate * mean
     least = max(math.floor(load) + 1, math.ceil(load / busy))  # with no more than the load, the queue has no end

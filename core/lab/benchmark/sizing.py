@@ -53,7 +53,6 @@ def sizing(
     wait: float = 30.0,
     busy: float = 0.9,
     overhead: float = 0.0,
-    seed: int = 0,
     effort: Effort | None = None,
 ) -> list[Sizing]:
     """The workers that arrivals an hour take, one job at a time each, on machines like the profile's.
@@ -65,8 +64,7 @@ def sizing(
         wait: seconds that 95% of the jobs may wait until they start.
         busy: the largest share of the workers that may be busy on average: what is left is for uneven hours.
         overhead: seconds a job takes beside the engine: its process starts, files come and go.
-        seed: of every random draw.
-        effort: how much is simulated.
+        effort: of the simulation.
 
     Raises:
         MeshmarkError: ``invalid_parameters`` for what is no profile, no mix of it, or no amount.
@@ -84,7 +82,7 @@ def sizing(
         return random.choice(seconds, shape, p=chance)
 
     mean = float(seconds @ chance)
-    return [_sized(each, draw, mean, wait, busy, seed, effort) for each in arrivals]
+    return [_sized(each, draw, mean, wait, busy, effort) for each in arrivals]
 
 
 def parse_mix(text: str) -> tuple[Share, ...]:
@@ -143,10 +141,10 @@ def _service_times(profile: dict[str, Any], mix: Sequence[Share]) -> tuple[NDArr
     return seconds, chance / chance.sum()
 
 
-def _sized(arrivals: float, draw: Draw, mean: float, wait: float, busy: float, seed: int, effort: Effort) -> Sizing:
+def _sized(arrivals: float, draw: Draw, mean: float, wait: float, busy: float, effort: Effort) -> Sizing:
     rate = arrivals / HOUR
-    workers = fewest_workers(rate, draw, mean, wait, seed, effort, busy)
-    waited, work = waits(rate, draw, workers, seed, effort)
+    workers = fewest_workers(rate, draw, mean, wait, effort, busy)
+    waited, work = waits(rate, draw, workers, effort)
     shares = (0.5, 0.95, 0.99)
     first, second, third = (float(np.quantile(waited, share)) for share in shares)
     result = tuple(float(np.quantile(waited + work, share)) for share in shares)

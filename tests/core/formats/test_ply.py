@@ -9,7 +9,8 @@ from core.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
 from core.formats.assembly import Assembly
-from core.formats.ply import check_ply, parse_header, read_ply
+from core.formats.ply import check_ply, read_ply
+from core.formats.ply_header import parse_header
 from core.formats.polygons import PolygonMesh
 from core.formats.source import Source
 from core.gltf.document import Document

@@ -3,7 +3,7 @@ import pytest
 from core.budgets import Budgets
 from core.errors import Code, ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
-from core.formats.xml import Tally, parse_xml
+from core.formats.xml import Handlers, Tally, parse_xml
 from tests.core.formats.samples import zipped
 from tests.cost import cost
 
@@ -18,7 +18,7 @@ LONG = b"<model><!--" + b"x" * 3 * 2**20 + b"--></model>"
 
 def _parse(data: bytes, budgets: Budgets | None = None) -> list[str]:
     seen: list[str] = []
-    parse_xml(data, "The model", budgets or Budgets(), lambda name, _attributes: seen.append(name))
+    parse_xml(data, "The model", budgets or Budgets(), Handlers(lambda name, _attributes: seen.append(name)))
     return seen
 
 
@@ -74,16 +74,16 @@ def test_the_documents_of_one_file_share_a_budget_that_its_rows_do_not_count_in(
     tally, budgets, seen = Tally(), Budgets(xml_elements=3), list[str]()
     part = b"<m>" + b"<vertex/>" * 10 + b"</m>"
     for _ in range(3):
-        parse_xml(part, "m", budgets, lambda name, _: seen.append(name), tally=tally, rows=("vertex",))
+        parse_xml(part, "m", budgets, Handlers(lambda name, _: seen.append(name)), tally=tally, rows=("vertex",))
     assert len(seen) == 33
     with pytest.raises(MeshmarkError, match="4 XML elements"):
-        parse_xml(b"<m/>", "The model", budgets, lambda *_: None, tally=tally)
+        parse_xml(b"<m/>", "The model", budgets, Handlers(lambda *_: None), tally=tally)
 
 
 def test_blank_lines_and_escaped_letters_do_not_cost_a_call_each() -> None:
     pieces: list[str] = []
     text = b"\n" * 10**6 + b"&lt;" * 10**6
-    parse_xml(b"<m>" + text + b"</m>", "m", Budgets(), lambda *_: None, text=pieces.append)
+    parse_xml(b"<m>" + text + b"</m>", "m", Budgets(), Handlers(lambda *_: None, text=pieces.append))
     assert "".join(pieces) == "\n" * 10**6 + "<" * 10**6
     assert len(pieces) < 100
 
