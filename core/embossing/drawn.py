@@ -4,6 +4,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from core.arrays import Bool, Float
+from core.geometry.products import cross
 from core.geometry.surface import Surface
 from core.gltf.edit import Kind, SurfaceEdit
 from core.gltf.scene import Scene
@@ -29,7 +30,7 @@ def drawn_marks(
         opaque: the share of a face that must be opaque.
     """
     found, seen = written.surface.in_frame_of(surface), written.viewed
-    center = found.positions[found.faces].mean(axis=1)
+    x, y, z = (np.ascontiguousarray(axis) for axis in found.positions[found.faces].mean(axis=1).T)
     caps = np.flatnonzero(edit.kind == Kind.CAP)
     drawn = np.zeros(count, dtype=bool)
     for mark in range(count):
@@ -40,13 +41,16 @@ def drawn_marks(
         slack = ROUNDED * float(resolution[surface.faces[edit.source_face[mine]]].max())
         low, high = corners.min(axis=(0, 1)) - slack, corners.max(axis=(0, 1)) + slack
         # What is not drawn may lie in the same place: a hidden node that shows the same mesh.
-        near = np.flatnonzero(((center >= low) & (center <= high)).all(axis=1) & seen.drawn)
+        near = np.flatnonzero(seen.drawn & (x >= low[0]) & (x <= high[0]))
+        for axis, number in ((y, 1), (z, 2)):
+            near = near[(axis[near] >= low[number]) & (axis[near] <= high[number])]
         if not len(near):
             continue
-        distance, which = cKDTree(center[near]).query(corners.mean(axis=1), distance_upper_bound=slack)
+        centers = np.column_stack([x[near], y[near], z[near]])
+        distance, which = cKDTree(centers).query(corners.mean(axis=1), distance_upper_bound=slack)
         there = np.isfinite(distance)
         face = near[np.where(there, which, 0)]
-        outwards = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        outwards = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         front = np.einsum("ni,ni->n", found.normals[face], outwards) > 0
         good = there & (front | ~seen.one_sided[face]) & (seen.opacity[face] >= opaque)
         area = np.linalg.norm(outwards, axis=1)

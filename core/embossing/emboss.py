@@ -19,7 +19,7 @@ from core.embossing.pieces import Pieces
 from core.embossing.refusal import Refusal
 from core.geometry.boxes import Boxes
 from core.geometry.edges import boundary_edges, directed_edges
-from core.geometry.products import product
+from core.geometry.products import cross, product
 from core.geometry.spatial import Eye, SpatialIndex
 from core.geometry.triangles import barycentric
 from core.gltf.edit import Kind
@@ -237,7 +237,7 @@ def _surgery(mesh: WorkingMesh, box: Boxes, patch: Patch, pieces: Pieces, draft:
 
     # Smooth normals of the patch's own vertices, interpolated to the letters' vertices.
     corners = patch.points[patch.triangles]
-    face_normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    face_normal = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     vertex_normal = np.zeros((known, 3))
     for corner in range(3):
         np.add.at(vertex_normal, patch.triangles[:, corner], face_normal)

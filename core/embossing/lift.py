@@ -3,7 +3,7 @@
 import numpy as np
 
 from core.arrays import Bool, Float, Int
-from core.geometry.products import product
+from core.geometry.products import cross, product
 from core.geometry.spatial import Eye, SpatialIndex
 
 FIT_ROUNDS = 2  # two are enough: the variance of the distance is then near 1e-14
@@ -44,7 +44,7 @@ def turned(tops: Float, triangles: Int, normal: Float) -> Bool:
 def _facing(tops: Float, triangles: Int, normal: Float) -> Float:
     """(L,) twice the areas seen along ``normal``."""
     a, b, c = (tops[triangles[:, k]] for k in range(3))
-    return np.asarray(product(np.cross(b - a, c - a), normal[:, None])[:, 0])
+    return np.asarray(product(cross(b - a, c - a), normal[:, None])[:, 0])
 
 
 def obstructed(feet: Float, tops: Float, relief: float, index: SpatialIndex) -> bool:

@@ -9,7 +9,7 @@ from core.arrays import Float, Int
 from core.embossing.mesh import WorkingMesh
 from core.geometry.boxes import Boxes
 from core.geometry.edges import connected, directed_edges, edge_table
-from core.geometry.products import product
+from core.geometry.products import cross, product
 from core.geometry.triangles import doubled_area
 
 MIN_FACING = 0.15  # cosine between the box normal and a face's normal
@@ -128,7 +128,7 @@ def patches(mesh: WorkingMesh, box: Boxes, hidden: Int | None = None) -> list[Pa
     triangles = flat.reshape(-1, 3)
     points = product(mesh.points[vertices] - center, axes.T) / width
     corners = points[triangles]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normal, axis=1)
     low, high = corners.min(axis=1), corners.max(axis=1)
     chosen = (normal[:, 2] > MIN_FACING * length) & mesh.editable(ids)

@@ -10,7 +10,7 @@ from core.arrays import Bool, Float, Int
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.assembly import Assembly
 from core.formats.polygons import Attribute, Material, PolygonMesh
-from core.geometry.products import product
+from core.geometry.products import cross, product
 from core.geometry.triangulation import triangulate
 from core.geometry.winding import Outward, outward
 from core.gltf.colors import linear
@@ -167,7 +167,7 @@ def _against_normals(body: PolygonMesh, triangles: Int, found: Outward) -> Bool:
     a, b, c = (body.positions[body.corners[triangles[:, corner]]] for corner in range(3))
     mean = np.where((index >= 0)[..., None], normals.values[index], 0.0).sum(axis=1)
     group = 2 * (found.part + 1) + found.turned
-    side = np.bincount(group, np.einsum("ni,ni->n", np.cross(b - a, c - a), mean))
+    side = np.bincount(group, np.einsum("ni,ni->n", cross(b - a, c - a), mean))
     return np.asarray(side[group] < 0)
 
 

@@ -57,6 +57,8 @@ class EdgeTable:
 
     def among(self, faces: Bool) -> "EdgeTable":
         """The edges of those of the faces (F,) alone; sides, vertices and faces keep their numbers."""
+        if faces.all():
+            return self
         kept = faces[self.sides // 3]
         uses = np.add.reduceat(kept, self.first, dtype=np.int64) if len(self.first) else self.uses
         left = uses > 0

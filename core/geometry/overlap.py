@@ -8,7 +8,7 @@ import numpy as np
 
 from core.arrays import Bool, Float
 from core.geometry.boxes import Boxes
-from core.geometry.products import product
+from core.geometry.products import cross, product
 
 # Bodies this close, size-30 units, meet. The cross product of parallel edges is rounding noise; its projections lie
 # far below this, so it separates nothing.
@@ -22,8 +22,8 @@ def triangles_meet(triangles: Float, low: Float, high: Float) -> Bool:
     half = (high - low) / 2
     corners = triangles[near] - (low + high) / 2
     edges = np.roll(corners, -1, axis=1) - corners
-    normal = np.cross(edges[:, 0], edges[:, 1])
-    axes = np.concatenate([normal[:, None], np.cross(np.eye(3)[:, None], edges[:, None]).reshape(-1, 9, 3)], axis=1)
+    normal = cross(edges[:, 0], edges[:, 1])
+    axes = np.concatenate([normal[:, None], cross(np.eye(3)[:, None], edges[:, None]).reshape(-1, 9, 3)], axis=1)
     along = np.einsum("tcx,tax->tac", corners, axes)
     reach = product(np.abs(axes), half[:, None])[..., 0] + TOUCH
     meet[near] = ((along.min(axis=2) <= reach) & (along.max(axis=2) >= -reach)).all(axis=1)
@@ -33,7 +33,7 @@ def triangles_meet(triangles: Float, low: Float, high: Float) -> Bool:
 def boxes_meet(boxes: Boxes, upright: Float) -> Bool:
     """(B, K) which oriented boxes have a point in common with each upright one (K, 2, 3: lowest, highest corner)."""
     middle, half = upright.mean(axis=1), (upright[:, 1] - upright[:, 0]) / 2
-    crosses = np.cross(np.eye(3)[:, None], boxes.axes[:, None]).reshape(-1, 9, 3)
+    crosses = cross(np.eye(3)[:, None], boxes.axes[:, None]).reshape(-1, 9, 3)
     world = np.broadcast_to(np.eye(3), boxes.axes.shape)
     axes = np.concatenate([world, boxes.axes, crosses], axis=1)
     apart = np.abs(np.einsum("bax,bkx->bka", axes, boxes.center[:, None] - middle))

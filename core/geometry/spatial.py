@@ -2,7 +2,7 @@
 
 from copy import copy
 from enum import IntEnum
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Self
 
 import igl
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from trimesh.remesh import subdivide_to_size
 
 from core.arrays import Float, Int
+from core.geometry.products import cross
 
 LONG = 1 / 15  # edge over extent
 PIECES = 50_000  # made of long triangles, unless there are more faces
@@ -38,6 +39,63 @@ class Hides(IntEnum):
     """It is seen through."""
 
 
+class _Hierarchies:
+    """The hierarchies over ``positions[faces]``, each built when first asked, and shared by all indices over them.
+
+    Args:
+        positions: (V, 3) float64, contiguous.
+        faces: (F, 3) int64, contiguous.
+    """
+
+    def __init__(self, positions: Float, faces: Int) -> None:
+        self.positions, self.faces = positions, faces
+
+    @cached_property
+    def parts(self) -> tuple[Float, Int, Int]:
+        """Positions and faces with long triangles cut up, and the row of ``faces`` that each came from.
+
+        The boxes around long triangles overlap all that lies beside them: where there are some among many small ones,
+        closest points are found two to three times as fast without them.
+        """
+        a, b, c = (self.positions.take(self.faces[:, corner], axis=0) for corner in range(3))
+        edges = np.maximum(np.maximum(_length(a - c), _length(b - a)), _length(c - b))
+        low, high = (reduce(bound, (a, b, c)) for bound in (np.minimum, np.maximum))
+        most = LONG * float((high.max(axis=0, initial=-np.inf) - low.min(axis=0, initial=np.inf)).max())
+        while ((edges[edges > most] / max(most, np.finfo(float).tiny)) ** 2).sum() > max(PIECES, len(edges)):
+            most *= 2
+        whole, long = np.flatnonzero(edges <= most), np.flatnonzero(edges > most)
+        if not len(long):
+            return self.positions, self.faces, whole
+        rounds = int(np.ceil(np.log2(edges.max() / most))) + 2  # the last makes sure that nothing is left to do
+        points, faces, source = subdivide_to_size(  # type: ignore[no-untyped-call]
+            self.positions, self.faces[long], most, rounds, return_index=True
+        )
+        return (
+            np.concatenate([self.positions, points]),
+            np.concatenate([self.faces[whole], np.asarray(faces, dtype=np.int64) + len(self.positions)]),
+            np.concatenate([whole, long[source]]),
+        )
+
+    @cached_property
+    def tree(self) -> igl.AABB:
+        tree = igl.AABB()
+        positions, faces, _ = self.parts
+        tree.init(positions, faces)
+        return tree
+
+    @cached_property
+    def scene(self) -> rtcore_scene.EmbreeScene:
+        scene = rtcore_scene.EmbreeScene()
+        # With shared vertices: half the time and memory of a soup of triangles.
+        TriangleMesh(scene, self.positions.astype(np.float32), self.faces.astype(np.int32))
+        return scene
+
+    @cached_property
+    def extent(self) -> float:
+        used = self.positions[self.faces.ravel()]
+        return float((used.max(axis=0) - used.min(axis=0)).max()) or 1.0
+
+
 class SpatialIndex:
     """A bounding-volume hierarchy over ``positions[faces]``.
 
@@ -61,6 +119,7 @@ class SpatialIndex:
         self._ids = ids if ids is not None and len(ids) < len(faces) else None
         self.faces = np.ascontiguousarray(faces if self._ids is None else faces[self._ids], dtype=np.int64)
         self._hides = self._mask(hides)
+        self._built = _Hierarchies(self.positions, self.faces)
 
     def hiding(self, hides: NDArray[np.uint8] | None) -> Self:
         """The same index for faces that hide something else; what is built once is shared."""
@@ -72,56 +131,12 @@ class SpatialIndex:
         mine = hides if hides is None or self._ids is None else hides[self._ids]
         return mine if mine is not None and mine.any() else None
 
-    @cached_property
-    def _parts(self) -> tuple[Float, Int, Int]:
-        """Positions and faces with long triangles cut up, and the row of ``faces`` that each came from.
-
-        The boxes around long triangles overlap all that lies beside them: where there are some among many small ones,
-        closest points are found two to three times as fast without them.
-        """
-        corners = self.positions[self.faces]
-        edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1, initial=0.0)
-        most = LONG * float(np.ptp(corners.reshape(-1, 3), axis=0).max(initial=0.0))
-        while ((edges[edges > most] / max(most, np.finfo(float).tiny)) ** 2).sum() > max(PIECES, len(edges)):
-            most *= 2
-        whole, long = np.flatnonzero(edges <= most), np.flatnonzero(edges > most)
-        if not len(long):
-            return self.positions, self.faces, whole
-        rounds = int(np.ceil(np.log2(edges.max() / most))) + 2  # the last makes sure that nothing is left to do
-        points, faces, source = subdivide_to_size(  # type: ignore[no-untyped-call]
-            self.positions, self.faces[long], most, rounds, return_index=True
-        )
-        return (
-            np.concatenate([self.positions, points]),
-            np.concatenate([self.faces[whole], np.asarray(faces, dtype=np.int64) + len(self.positions)]),
-            np.concatenate([whole, long[source]]),
-        )
-
-    @cached_property
-    def _tree(self) -> igl.AABB:
-        tree = igl.AABB()
-        positions, faces, _ = self._parts
-        tree.init(positions, faces)
-        return tree
-
-    @cached_property
-    def _scene(self) -> rtcore_scene.EmbreeScene:
-        scene = rtcore_scene.EmbreeScene()
-        # With shared vertices: half the time and memory of a soup of triangles.
-        TriangleMesh(scene, self.positions.astype(np.float32), self.faces.astype(np.int32))
-        return scene
-
-    @cached_property
-    def _extent(self) -> float:
-        used = self.positions[self.faces.ravel()]
-        return float((used.max(axis=0) - used.min(axis=0)).max()) or 1.0
-
     def closest(self, points: Float) -> tuple[Float, Int, Float]:
         """Nearest surface point of each of (N, 3) ``points``: distance (N,), face (N,), point (N, 3)."""
         if len(points) == 0:
             return np.empty(0), np.empty(0, dtype=np.int64), np.empty((0, 3))
-        positions, faces, row = self._parts
-        squared, face, nearest = self._tree.squared_distance(
+        positions, faces, row = self._built.parts
+        squared, face, nearest = self._built.tree.squared_distance(
             positions, faces, np.ascontiguousarray(points, dtype=np.float64)
         )
         return np.sqrt(squared), self._row(row[face]), nearest
@@ -150,19 +165,19 @@ class SpatialIndex:
         for _ in range(PASSES):
             which = which[hides[face[which]] != Hides.ALWAYS]
             a, b, c = (self.positions[self.faces[face[which], corner]] for corner in range(3))
-            back = np.einsum("ni,ni->n", np.cross(b - a, c - a), directions[which]) * eye > 0
+            back = np.einsum("ni,ni->n", cross(b - a, c - a), directions[which]) * eye > 0
             which = which[back | (hides[face[which]] == Hides.NEVER)]
             if not len(which):
                 return
             length = np.maximum(np.linalg.norm(directions[which], axis=1), np.finfo(float).tiny)
-            start = distance[which] + PASSED * self._extent / length
+            start = distance[which] + PASSED * self._built.extent / length
             beyond, face[which] = self._cast(origins[which] + start[:, None] * directions[which], directions[which])
             distance[which] = start + beyond
             which = which[face[which] >= 0]
 
     def _cast(self, origins: Float, directions: Float) -> tuple[Float, Int]:
         """First hit of each ray, its face as a row of ``self.faces``."""
-        result = self._scene.run(
+        result = self._built.scene.run(
             np.ascontiguousarray(origins, dtype=np.float32),
             np.ascontiguousarray(directions, dtype=np.float32),
             output=True,
@@ -174,9 +189,15 @@ class SpatialIndex:
         """(N, 3) unit normals of the faces ``face`` (N,), as answers name them; zero for collapsed ones."""
         mine = face if self._ids is None else np.searchsorted(self._ids, face)
         a, b, c = (self.positions[self.faces[mine, corner]] for corner in range(3))
-        normal = np.cross(b - a, c - a)
+        normal = cross(b - a, c - a)
         length = np.linalg.norm(normal, axis=1, keepdims=True)
         return np.asarray(np.divide(normal, length, out=np.zeros_like(normal), where=length > 0))
 
     def _row(self, face: Int) -> Int:
         return face if self._ids is None else self._ids[face]
+
+
+def _length(vectors: Float) -> Float:
+    """(N,) lengths of (N, 3) vectors."""
+    x, y, z = vectors.T
+    return np.asarray(np.sqrt(x * x + y * y + z * z))

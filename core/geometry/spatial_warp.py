@@ -69,7 +69,7 @@ class WarpIndex(SpatialIndex):
         inwards = self._sent(self._inwards(points), wp.vec3d)
         given = [mesh.id, tree.id, corners, inwards, SLACK]
         wp.launch(warp_kernels.closest, len(points), given, [nearest, faces], device=self.device)
-        found = nearest.numpy() * self._extent + self._middle
+        found = nearest.numpy() * self._built.extent + self._middle
         return np.linalg.norm(found - points, axis=1), self._row(faces.numpy().astype(np.int64)), found
 
     def first_hit(self, origins: Float, directions: Float, eye: Eye | None = None) -> tuple[Float, Int]:
@@ -85,7 +85,7 @@ class WarpIndex(SpatialIndex):
         given = [tree.id, corners, *rays, SLACK, self._sent_hides(), 0 if eye is None else int(eye)]
         wp.launch(warp_kernels.first_hit, len(origins), given, [distance, faces], device=self.device)
         face = faces.numpy().astype(np.int64)
-        return distance.numpy() * (self._extent / length), np.where(face >= 0, self._row(face), -1)
+        return distance.numpy() * (self._built.extent / length), np.where(face >= 0, self._row(face), -1)
 
     def _sent_hides(self) -> Any:
         hides = np.zeros(len(self.faces), dtype=np.uint8) if self._hides is None else self._hides
@@ -93,7 +93,7 @@ class WarpIndex(SpatialIndex):
 
     def _inwards(self, points: Float) -> Float:
         """Into the frame in which the mesh lies about the origin with unit extent."""
-        return np.asarray((points - self._middle) / self._extent)
+        return np.asarray((points - self._middle) / self._built.extent)
 
     def _sent(self, values: NDArray[Any], kind: Any) -> Any:
         return wp.array(np.ascontiguousarray(values), dtype=kind, device=self.device)

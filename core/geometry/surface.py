@@ -7,6 +7,7 @@ import numpy as np
 
 from core.arrays import Float, Int
 from core.geometry.edges import EdgeTable, edge_table
+from core.geometry.products import cross
 
 MODEL_SIZE = 30.0
 
@@ -42,8 +43,8 @@ class Surface:
 
     @cached_property
     def _cross(self) -> Float:
-        a, b, c = (self.positions[self.faces[:, corner]] for corner in range(3))
-        return np.cross(b - a, c - a)
+        a, b, c = (self.positions.take(self.faces[:, corner], axis=0) for corner in range(3))
+        return cross(b - a, c - a)
 
     @cached_property
     def areas(self) -> Float:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from core.arrays import Float
+from core.geometry.products import cross
 
 
 def unit(vectors: Float) -> Float:
@@ -13,7 +14,7 @@ def unit(vectors: Float) -> Float:
 
 def flat_normals(corners: Float) -> Float:
     """(F, 3) unit normals of (F, 3, 3) triangles; zero for degenerate ones."""
-    return unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    return unit(cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
 
 
 def barycentric(points: Float, triangles: Float) -> Float:
@@ -21,11 +22,11 @@ def barycentric(points: Float, triangles: Float) -> Float:
     up to rounding, clamped into the triangle."""
     origin = triangles[:, 0]
     first, second = triangles[:, 1] - origin, triangles[:, 2] - origin
-    normal = np.cross(first, second)
+    normal = cross(first, second)
     area = np.maximum(np.sum(normal * normal, axis=1), np.finfo(float).tiny)[:, None]
     relative = points - origin[:, None]
-    v = np.einsum("fkj,fj->fk", np.cross(relative, second[:, None]), normal) / area
-    w = np.einsum("fkj,fj->fk", np.cross(first[:, None], relative), normal) / area
+    v = np.einsum("fkj,fj->fk", cross(relative, second[:, None]), normal) / area
+    w = np.einsum("fkj,fj->fk", cross(first[:, None], relative), normal) / area
     result = np.clip(np.stack([1 - v - w, v, w], axis=-1), 0.0, 1.0)
     result[result < 1e-9] = 0.0
     return np.asarray(result / result.sum(axis=-1, keepdims=True))

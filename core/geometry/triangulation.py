@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from core.arrays import Float, Int
+from core.geometry.products import cross
 
 _BLOCK = 2**20  # corners worked on at a time: bounds the memory of a five-million-quad file
 
@@ -57,8 +58,8 @@ def _cut(points: Float, fans: Int) -> Int:
     """(R, n - 2, 3) triangles of R polygons (R, n, 3), given their fans."""
     size = points.shape[1]
     ahead = np.roll(points, -1, axis=1) - points
-    turn = np.cross(np.roll(ahead, 1, axis=1), ahead)
-    normal = np.cross(points - points[:, :1], np.roll(points, -1, axis=1) - points[:, :1]).sum(axis=1)
+    turn = cross(np.roll(ahead, 1, axis=1), ahead)
+    normal = cross(points - points[:, :1], np.roll(points, -1, axis=1) - points[:, :1]).sum(axis=1)
     reflex = np.einsum("rnk,rk->rn", turn, normal) < 0
     concave = np.flatnonzero(reflex.any(axis=1))
     if len(concave) == 0:

@@ -7,6 +7,7 @@ import numpy as np
 from core.arrays import Bool, Float, Int
 from core.geometry.edges import EdgeTable, connected, edge_table
 from core.geometry.grouping import weld
+from core.geometry.products import cross
 
 FLAT = 1e-9  # volume over area^1.5 (a sphere: 0.09) under which a closed part has no inside
 # What is asked about parts that lie in others: the largest so many may hold some, and so many pairs are tested in all.
@@ -101,8 +102,8 @@ class _Shells:
         a, b, c = (positions[corners[:, number]] for number in range(3))
         origin = a[np.unique(self.part, return_index=True)[1]][self.part]
         side = np.where(against, -1.0, 1.0)
-        volume = np.bincount(self.part, side * np.einsum("ni,ni->n", a - origin, np.cross(b - origin, c - origin))) / 6
-        area = np.bincount(self.part, np.linalg.norm(np.cross(b - a, c - a), axis=1)) / 2
+        volume = np.bincount(self.part, side * np.einsum("ni,ni->n", a - origin, cross(b - origin, c - origin))) / 6
+        area = np.bincount(self.part, np.linalg.norm(cross(b - a, c - a), axis=1)) / 2
         self._volume = np.where(np.abs(volume) > FLAT * area**1.5, volume, 0.0)
         self.closed &= (self._volume != 0) | self._as_in_file  # of two faces back to back there is nothing to turn
 

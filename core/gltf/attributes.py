@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Bool, Float, Int
+from core.geometry.products import cross
 from core.geometry.triangles import unit
 from core.gltf.accessors import dequantize, read_accessor
 from core.gltf.document import Document
@@ -93,5 +94,5 @@ def orthogonal_tangents(tangents: Float, normals: Float) -> Float:
     projected = tangents - normals * np.einsum("ni,ni->n", tangents, normals)[:, None]
     axis = np.eye(3)[np.abs(normals).argmin(axis=1)]
     lost = np.linalg.norm(projected, axis=1) < 1e-6
-    projected[lost] = np.cross(normals, axis)[lost]
+    projected[lost] = cross(normals, axis)[lost]
     return unit(projected)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from core.arrays import Bool, Float, Int
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.grouping import float_words, group_rows
-from core.geometry.products import product
+from core.geometry.products import cross, product
 from core.geometry.surface import MODEL_SIZE, Surface
 from core.gltf.accessors import dequantize, read_accessor
 from core.gltf.document import Document, malformed, typed
@@ -267,7 +267,7 @@ def _triangles(document: Document, primitive: dict[str, Any], vertex_count: int)
 def determinants(matrices: Float) -> Float:
     """(M,) of the linear parts of matrices (M, 3, 4)."""
     x, y, z = (matrices[:, :, axis] for axis in range(3))
-    return np.asarray(np.einsum("vi,vi->v", np.cross(x, y), z))
+    return np.asarray(np.einsum("vi,vi->v", cross(x, y), z))
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a matrix this large is not invertible in any useful sense

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from core.arrays import Bool, Float, Int
+from core.geometry.products import cross
 from core.gltf.attributes import Points
 from core.gltf.base_color import base_color
 from core.gltf.document import Document
@@ -90,7 +91,7 @@ def has_area(corners: Float) -> Bool:
     """(F,) which of the triangles ``corners`` (F, 3, 3) are more than points and lines."""
     a, b, c = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 1], corners[:, 0] - corners[:, 2]
     longest = np.maximum(np.maximum((a * a).sum(axis=1), (b * b).sum(axis=1)), (c * c).sum(axis=1))
-    return np.asarray(np.linalg.norm(np.cross(a, b), axis=1) > NEEDLE * longest)
+    return np.asarray(np.linalg.norm(cross(a, b), axis=1) > NEEDLE * longest)
 
 
 class Look:

@@ -6,6 +6,7 @@ from scipy.spatial import cKDTree
 
 from core.arrays import Float, Int
 from core.geometry.boxes import Boxes
+from core.geometry.products import cross
 from core.geometry.sampling import thin
 
 UP = np.array([0.0, 1.0, 0.0])
@@ -39,7 +40,7 @@ def upright(normal: Float) -> Float:
     reference = np.where(polar[:, None], np.sign(normal[:, 1:2]) * np.array([0.0, 0.0, -1.0]), UP)
     up = reference - np.einsum("bi,bi->b", reference, normal)[:, None] * normal
     up /= np.linalg.norm(up, axis=1, keepdims=True)
-    return np.stack([np.cross(up, normal), up, normal], axis=1)
+    return np.stack([cross(up, normal), up, normal], axis=1)
 
 
 def along_strips(boxes: Boxes, points: Float, normals: Float, narrow: float) -> Boxes:
@@ -66,7 +67,7 @@ def along_strips(boxes: Boxes, points: Float, normals: Float, narrow: float) -> 
     along = np.where(strip[:, None], way, (1.0, 0.0))
     along *= np.where(along[:, :1] < 0, -1.0, 1.0)
     right, normal = np.einsum("bk,bkj->bj", along, boxes.axes[:, :2]), boxes.axes[:, 2]
-    return Boxes(boxes.center, np.stack([right, np.cross(normal, right), normal], axis=1), boxes.size)
+    return Boxes(boxes.center, np.stack([right, cross(normal, right), normal], axis=1), boxes.size)
 
 
 def _spread(xx: Float, xy: Float, yy: Float) -> tuple[Float, Float, Float]:

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from core.arrays import Bool, Float, Int
 from core.geometry.boxes import Boxes, unit_grid
-from core.geometry.products import product
+from core.geometry.products import cross, product
 from core.geometry.spatial import Eye, SpatialIndex
 from core.placement.finetune import LOSS_THRESHOLD
 
@@ -221,7 +221,7 @@ def overlapping(boxes: Boxes, one: int, spacing: float = 0.0) -> Bool:
     offset = boxes.center - boxes.center[one]
     near = np.flatnonzero(np.linalg.norm(offset, axis=1) <= radius + radius[one])
     mine, others = boxes.axes[one], boxes.axes[near]
-    crossed = np.cross(mine[None, :, None, :], others[:, None, :, :]).reshape(-1, 9, 3)
+    crossed = cross(mine[None, :, None, :], others[:, None, :, :]).reshape(-1, 9, 3)
     axes = np.concatenate([np.broadcast_to(mine, others.shape), others, crossed], axis=1)
     reach = product(np.abs(product(axes, mine.T)), half[one][:, None])[..., 0]
     reach += product(np.abs(product(axes, others.transpose(0, 2, 1))), half[near][:, :, None])[..., 0]

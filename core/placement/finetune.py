@@ -16,6 +16,7 @@ from torch import Tensor
 from core import process
 from core.arrays import Bool, Float
 from core.geometry.boxes import Boxes, unit_grid
+from core.geometry.products import cross
 from core.geometry.sampling import thin
 from core.geometry.spatial import SpatialIndex
 
@@ -232,7 +233,7 @@ def _even(center: Float, axes: Float, squared: Float) -> tuple[Float, Float, Flo
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     right -= np.einsum("bi,bi->b", right, normal)[:, None] * normal
     right /= np.linalg.norm(right, axis=1, keepdims=True)
-    level = np.stack([right, np.cross(normal, right), normal], axis=1)
+    level = np.stack([right, cross(normal, right), normal], axis=1)
     return np.round(center, DIGITS), level, np.round(squared, DIGITS)
 
 

@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from core.geometry.products import product, solved
+from core.geometry.products import cross, product, solved
 
 
 @pytest.mark.parametrize(
@@ -29,3 +31,10 @@ def test_what_was_multiplied_is_solved_again() -> None:
 
 def test_a_singular_matrix_has_no_solution() -> None:
     assert not np.isfinite(solved(np.zeros((3, 3)), np.ones(3))).any()
+
+
+@given(st.integers(0, 2**31))
+def test_cross_products_are_those_of_numpy_bit_for_bit(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    one, other = rng.normal(size=(5, 1, 3)) * 10 ** rng.uniform(-9, 9), rng.normal(size=(4, 3))
+    np.testing.assert_array_equal(cross(one, other), np.cross(one, other))
