@@ -1,7 +1,7 @@
 """One watermark into the working mesh: patch, stand, cut, draft, lift, check."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from manifold3d import CrossSection
@@ -19,6 +19,7 @@ from core.embossing.pieces import Pieces
 from core.embossing.refusal import Refusal
 from core.geometry.boxes import Boxes
 from core.geometry.edges import boundary_edges, directed_edges
+from core.geometry.grouping import among
 from core.geometry.products import cross, product
 from core.geometry.spatial import Eye, SpatialIndex
 from core.geometry.triangles import barycentric
@@ -75,9 +76,11 @@ def emboss(mesh: WorkingMesh, box: Boxes, letters: LetterIslands, relief: float,
         if relief < 0 and any(mesh.covered(patch.faces).any() for patch, _ in used):
             return Refusal.SECOND_LAYER
         for name, cut in CUTS:
-            outcome = _cut_and_lift(mesh, moved, used, cut, letters.draft, relief, index)
-            if outcome is Refusal.TOO_FINE:  # edges of smaller tops are shorter
-                outcome = _cut_and_lift(mesh, moved, used, cut, None, relief, index)
+            cuts = _cut_patches(mesh, moved, used, cut, letters.draft)
+            outcome = cuts if isinstance(cuts, Refusal) else _lift_letters(mesh, moved, cuts, relief, index)
+            if outcome is Refusal.TOO_FINE and not isinstance(cuts, Refusal):  # edges of smaller tops are shorter
+                upright = [replace(each, shift=np.zeros_like(each.shift)) for each in cuts]
+                outcome = _lift_letters(mesh, moved, upright, relief, index)
             if not isinstance(outcome, Refusal):
                 return Mark(moved, name, outcome)
             if outcome in (Refusal.SECOND_LAYER, Refusal.THIN_WALL, Refusal.FOLDED):
@@ -128,35 +131,37 @@ class _PatchCut:
     shift: Float  # (T, 3) along the surface, where the draft moves them
 
 
-def _cut_and_lift(
-    mesh: WorkingMesh,
-    box: Boxes,
-    used: list[tuple[Patch, CrossSection]],
-    cut: Cut,
-    draft: Draft | None,
-    relief: float,
-    index: SpatialIndex,
-) -> int | Refusal:
-    surgeries: list[_PatchCut] = []
+def _cut_patches(
+    mesh: WorkingMesh, box: Boxes, used: list[tuple[Patch, CrossSection]], cut: Cut, draft: Draft
+) -> list[_PatchCut] | Refusal:
+    """Each patch cut along the outlines of its letters; the mesh stays as it is."""
+    cuts: list[_PatchCut] = []
     first = len(mesh.points)
     for patch, text in used:
         pieces = cut(patch, text)
         if pieces is None:
             return Refusal.CUT_FAILED
-        surgery = _surgery(mesh, box, patch, pieces, draft, first)
-        added = np.concatenate([surgery.rest, surgery.letters])
-        if not is_closed(surgery.removed_corners, surgery.boundary, added):
+        found = _patch_cut(mesh, box, patch, pieces, draft, first)
+        added = np.concatenate([found.rest, found.letters])
+        if not is_closed(found.removed_corners, found.boundary, added):
             return Refusal.NOT_CLOSED
-        first += len(surgery.points)
-        surgeries.append(surgery)
+        first += len(found.points)
+        cuts.append(found)
+    return cuts
 
+
+def _lift_letters(
+    mesh: WorkingMesh, box: Boxes, cuts: list[_PatchCut], relief: float, index: SpatialIndex
+) -> int | Refusal:
+    """Lifts the letters of all cuts off the surface and puts the result into the mesh; the triangles added, less those
+    removed."""
     known = len(mesh.points)
-    new = np.concatenate([s.points for s in surgeries])
-    feet = np.concatenate([s.feet for s in surgeries])
-    letters = np.concatenate([s.letters for s in surgeries])
-    letter_source = np.concatenate([s.letter_source for s in surgeries])
-    normals = np.concatenate([s.normals for s in surgeries])
-    shift = np.concatenate([s.shift for s in surgeries])
+    new = np.concatenate([s.points for s in cuts])
+    feet = np.concatenate([s.feet for s in cuts])
+    letters = np.concatenate([s.letters for s in cuts])
+    letter_source = np.concatenate([s.letter_source for s in cuts])
+    normals = np.concatenate([s.normals for s in cuts])
+    shift = np.concatenate([s.shift for s in cuts])
     normal = box.axes[0, 2]
 
     # Tops are numbered after everything on the surface, in the order of `feet`. Nothing here is as long as the mesh.
@@ -175,12 +180,12 @@ def _cut_and_lift(
         [np.column_stack([outline, top[:, 1]]), np.column_stack([outline[:, 0], top[:, 1], top[:, 0]])]
     )
     wall_source = np.tile(_source_of_edges(letters, letter_source, outline), 2)
-    rest = np.concatenate([s.rest for s in surgeries])
-    rest_source = np.concatenate([s.rest_source for s in surgeries])
+    rest = np.concatenate([s.rest for s in cuts])
+    rest_source = np.concatenate([s.rest_source for s in cuts])
     corners = np.concatenate([rest, caps + first_top, walls])
-    removed = np.concatenate([s.removed for s in surgeries])
-    removed_corners = np.concatenate([s.removed_corners for s in surgeries])
-    boundary = np.concatenate([s.boundary for s in surgeries])
+    removed = np.concatenate([s.removed for s in cuts])
+    removed_corners = np.concatenate([s.removed_corners for s in cuts])
+    boundary = np.concatenate([s.boundary for s in cuts])
     if not is_closed(removed_corners, boundary, corners):
         return Refusal.NOT_CLOSED
     added_points = np.concatenate([new, tops])
@@ -228,7 +233,7 @@ def _draft_and_lift(
     return below, tops
 
 
-def _surgery(mesh: WorkingMesh, box: Boxes, patch: Patch, pieces: Pieces, draft: Draft | None, first: int) -> _PatchCut:
+def _patch_cut(mesh: WorkingMesh, box: Boxes, patch: Patch, pieces: Pieces, draft: Draft, first: int) -> _PatchCut:
     """The cut of one patch in the mesh's own numbers; new vertices are numbered from ``first``."""
     known = len(patch.points)
     new = box.center[0] + box.size[0, 0] * product(pieces.points[known:], box.axes[0])
@@ -248,7 +253,7 @@ def _surgery(mesh: WorkingMesh, box: Boxes, patch: Patch, pieces: Pieces, draft:
     normals = np.einsum("tk,tkj->tj", weight, vertex_normal[patch.triangles[face]])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
     normals[normals[:, 2] < MIN_AGREEMENT] = (0.0, 0.0, 1.0)
-    across = draft.of(pieces.points[local, :2], flat.reshape(-1, 3)) if draft else np.zeros((len(local), 2))
+    across = draft.of(pieces.points[local, :2], flat.reshape(-1, 3))
     # In the tangent plane, and seen along the box normal exactly the draft.
     along = -np.sum(across * normals[:, :2], axis=1, keepdims=True) / normals[:, 2:]
 
@@ -288,6 +293,7 @@ def _positions(mesh: WorkingMesh, new: Float, vertices: Int) -> Float:
 def _too_fine(points: Float, corners: Int, removed_corners: Int, resolution: float) -> bool:
     """Whether a new edge of triangles with ``points`` (M, 3, 3) is so short that its ends may round to one point in
     the file."""
-    is_new = ~np.isin(directed_edges(corners), removed_corners).all(axis=1)
+    was_there = among(directed_edges(corners).ravel(), removed_corners.ravel()).reshape(-1, 2)
+    is_new = ~was_there.all(axis=1)
     length = np.linalg.norm(points - np.roll(points, -1, axis=1), axis=2).ravel()
     return bool(np.any(length[is_new] < FINEST * resolution))

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from core.analysis.coincident import CoincidentFaces, single_layer
 from core.arrays import Bool, Float, Int
+from core.geometry.grouping import among
 from core.geometry.surface import Surface
 from core.geometry.triangles import barycentric
 from core.gltf.edit import Kind, SurfaceEdit
@@ -180,7 +181,7 @@ class WorkingMesh:
         original = removed[removed < self.original_faces]
         self._alive[original] = False
         duplicated, duplicate = self._sheets.duplicates.T
-        self._alive[duplicate[np.isin(duplicated, original)]] = False
+        self._alive[duplicate[among(duplicated, original)]] = False
         self._new_alive[removed[removed >= self.original_faces] - self.original_faces] = False
         self._new_corners = np.concatenate([self._new_corners, corners])
         self._new_source = np.concatenate([self._new_source, source])

@@ -9,6 +9,7 @@ from core.arrays import Float, Int
 from core.embossing.mesh import WorkingMesh
 from core.geometry.boxes import Boxes
 from core.geometry.edges import connected, directed_edges, edge_table
+from core.geometry.grouping import among
 from core.geometry.products import cross, product
 from core.geometry.triangles import doubled_area
 
@@ -51,7 +52,7 @@ class Patch:
         size = len(self.points)
         forward = self.boundary[:, 0] * size + self.boundary[:, 1]
         backward = self.boundary[:, 1] * size + self.boundary[:, 0]
-        slits = self.points[self.boundary[np.isin(forward, backward)], :2]
+        slits = self.points[self.boundary[among(forward, backward)], :2]
         if len(slits):
             along = slits[:, 1] - slits[:, 0]
             along *= clearance / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), np.finfo(float).tiny)
@@ -134,7 +135,7 @@ def patches(mesh: WorkingMesh, box: Boxes, hidden: Int | None = None) -> list[Pa
     chosen = (normal[:, 2] > MIN_FACING * length) & mesh.editable(ids)
     chosen &= np.all((high >= -reach / width) & (low <= reach / width), axis=1)
     if hidden is not None:
-        chosen &= ~np.isin(ids, hidden)
+        chosen &= ~among(ids, hidden)
     if np.count_nonzero(chosen) > MAX_FACES:
         return None
 

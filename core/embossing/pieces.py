@@ -7,6 +7,7 @@ import numpy as np
 from core.arrays import Float, Int
 from core.embossing.patch import Patch
 from core.geometry.edges import directed_edges
+from core.geometry.grouping import among
 from core.geometry.products import product
 
 ON_SEGMENT = 1e-9  # in text widths: the two halves of a cut are simplified apart by rounding errors only
@@ -42,7 +43,7 @@ def mend_t_vertices(triangles: Int, faces: Int, points: Float, opposite: Int) ->
     # Boundary edges whose opposite is neither among these triangles nor in ``opposite``.
     size = len(points)
     backward = np.concatenate([edges[:, 1] * size + edges[:, 0], opposite[:, 1] * size + opposite[:, 0]])
-    loose = np.flatnonzero(~np.isin(edges[:, 0] * size + edges[:, 1], backward)).tolist()
+    loose = np.flatnonzero(~among(edges[:, 0] * size + edges[:, 1], backward)).tolist()
     if not loose or not len(candidates):
         return triangles, faces
     breaks: dict[int, list[list[int]]] = {}

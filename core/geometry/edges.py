@@ -12,6 +12,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from core.arrays import Bool, Int
+from core.geometry.grouping import among
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,4 +109,4 @@ def boundary_edges(triangles: Int) -> Int:
     edges = directed_edges(triangles)
     size = int(edges.max()) + 1 if len(edges) else 1
     forward, backward = edges[:, 0] * size + edges[:, 1], edges[:, 1] * size + edges[:, 0]
-    return edges[~np.isin(forward, backward)]
+    return edges[~among(forward, backward)]

@@ -30,3 +30,15 @@ def weld(values: NDArray[np.float64]) -> NDArray[np.int64]:
     # half the words to sort where nothing is lost, as in every binary STL
     label = group_rows(float_words(single if np.array_equal(single, values) else values))
     return np.asarray(np.unique(label, return_index=True)[1][label])
+
+
+def among(values: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(N,) which ``values`` (N,) are among ``others``: ``np.isin``, in a fifth of the time."""
+    if not len(others):
+        return np.zeros(len(values), dtype=bool)
+    others = np.sort(others)
+    order = np.argsort(values)
+    place = np.minimum(np.searchsorted(others, values[order]), len(others) - 1)
+    result = np.empty(len(values), dtype=bool)
+    result[order] = others[place] == values[order]
+    return result

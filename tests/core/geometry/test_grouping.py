@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from core.geometry.grouping import float_words, group_rows, weld
+from core.geometry.grouping import among, float_words, group_rows, weld
 
 
 @given(words=arrays(np.uint32, st.tuples(st.integers(0, 30), st.integers(1, 4)), elements=st.integers(0, 3)))
@@ -30,3 +30,11 @@ def test_doubles_are_compared_to_their_last_bit() -> None:
 def test_equal_rows_share_their_first_one(scale: float) -> None:
     rows = np.array([[1, 2], [0.0, 3], [1, 2], [-0.0, 3], [4, 4]]) * scale
     assert weld(rows).tolist() == [0, 1, 0, 1, 4]
+
+
+@given(
+    values=arrays(np.int64, st.integers(0, 20), elements=st.integers(-3, 9)),
+    others=arrays(np.int64, st.integers(0, 20), elements=st.integers(-3, 9)),
+)
+def test_values_are_among_others_where_one_of_these_equals_them(values: np.ndarray, others: np.ndarray) -> None:
+    assert among(values, others).tolist() == [value in others for value in values]
