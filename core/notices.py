@@ -2,9 +2,7 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Annotated
-
-from pydantic import Field
+from typing import ClassVar
 
 
 class NoticeCode(StrEnum):
@@ -25,9 +23,12 @@ class NoticeCode(StrEnum):
 class Notice:
     """A warning, or the reason why a metric is missing."""
 
-    code: Annotated[
-        NoticeCode | str,
-        Field(description="A stable code to program against: of a notice, or of the error that this is elsewhere."),
-    ]
-    message: Annotated[str, Field(description="What is so with this file or this request.")]
-    remedy: Annotated[str, Field(description="What to do about it.")]
+    # The JSON Schema of the report takes its descriptions from here. This module itself needs nothing but Python.
+    __pydantic_config__: ClassVar = {"use_attribute_docstrings": True}
+
+    code: NoticeCode | str
+    """A stable code to program against: of a notice, or of the error that this is elsewhere."""
+    message: str
+    """What is so with this file or this request."""
+    remedy: str
+    """What to do about it."""

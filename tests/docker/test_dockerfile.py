@@ -98,7 +98,7 @@ def test_weights_are_in_the_image_or_the_build_ends_with_the_reason(tmp_path: Pa
             shutil.copy(ROOT / source, tmp_path / target)
 
     def step(what: str, folder: Path) -> "subprocess.CompletedProcess[str]":
-        command = [sys.executable, "weights.py", what, os.fspath(folder)]
+        command = [sys.executable, "-S", "weights.py", what, os.fspath(folder)]
         # A proxy that is none: no test asks the network.
         environment = os.environ | {"PYTHONPATH": ".", "https_proxy": "http://127.0.0.1:9"}
         return subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
