@@ -169,5 +169,5 @@ def test_the_context_is_the_code_alone_and_enough_to_install_all_of_it(tmp_path:
     (wheel,) = tmp_path.glob("*.whl")
     with zipfile.ZipFile(wheel) as archive:
         assert there <= set(archive.namelist())
-    assert "core/lettering/fonts/DejaVuSans-Bold.ttf" in there
+    assert "core/artwork/fonts/DejaVuSans-Bold.ttf" in there
     assert any(path.startswith("service/jobs/migrations/versions/") for path in there)
