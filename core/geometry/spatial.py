@@ -10,7 +10,6 @@ import numpy as np
 from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
-from trimesh.remesh import subdivide_to_size
 
 from core.arrays import Float, Int
 from core.geometry.products import cross
@@ -66,6 +65,9 @@ class _Hierarchies:
         whole, long = np.flatnonzero(edges <= most), np.flatnonzero(edges > most)
         if not len(long):
             return self.positions, self.faces, whole
+        # Imported here because it takes a third of a second, which meshes without long triangles shall not cost.
+        from trimesh.remesh import subdivide_to_size
+
         rounds = int(np.ceil(np.log2(edges.max() / most))) + 2  # the last makes sure that nothing is left to do
         points, faces, source = subdivide_to_size(  # type: ignore[no-untyped-call]
             self.positions, self.faces[long], most, rounds, return_index=True
