@@ -13,10 +13,10 @@ from core.formats.polygons import Attribute, Material, PolygonMesh
 from core.geometry.products import cross, product
 from core.geometry.triangulation import triangulate
 from core.geometry.winding import Outward, outward
+from core.gltf.builder import Builder
 from core.gltf.colors import linear
 from core.gltf.document import Document
 from core.gltf.images import mime_type
-from core.notices import Notice
 from core.refusals import no_faces, non_finite
 
 # Beyond this ratio of coordinate to size, float32 leaves less than four digits of shape after the decimal point.
@@ -24,8 +24,6 @@ FAR_FROM_ORIGIN = 1e3
 GREY = (0.8, 0.8, 0.8, 1.0)
 WHITE = (1.0, 1.0, 1.0, 1.0)
 
-_ARRAY_BUFFER, _ELEMENT_ARRAY_BUFFER = 34962, 34963
-_RESTART_INDEX = 2**16 - 1  # the largest uint16 is reserved by glTF
 _ARRAYS = ("nodes", "meshes", "materials", "textures", "images", "accessors", "bufferViews")
 _TEXTURE_EXTENSIONS = {"image/webp": "EXT_texture_webp", "image/ktx2": "KHR_texture_basisu"}
 
@@ -44,7 +42,7 @@ def assemble(assembly: Assembly) -> Document:
     Raises:
         MeshmarkError: ``no_faces``, ``index_out_of_range`` or ``non_finite_positions``.
     """
-    writer = _Writer(assembly.warnings)
+    assembler = _Assembler()
     drawn: dict[tuple[int, bytes], tuple[int, Float] | None] = {}
     for instance in assembly.instances:
         body, shear = assembly.bodies[instance.body], b""
@@ -52,13 +50,13 @@ def assemble(assembly: Assembly) -> Document:
             shear, body = instance.matrix.tobytes(), _moved(body, instance.matrix)
         key = instance.body, shear
         if key not in drawn:
-            drawn[key] = writer.mesh(assembly.names[instance.body], body)
+            drawn[key] = assembler.mesh(assembly.names[instance.body], body)
         if (mesh := drawn[key]) is not None:
-            writer.node(instance.name, mesh[0], np.eye(4) if shear else instance.matrix, mesh[1])
-    if not writer.meshes:
+            assembler.node(instance.name, mesh[0], np.eye(4) if shear else instance.matrix, mesh[1])
+    if not any(drawn.values()):
         faces = sum(len(body.sizes) for body in assembly.bodies)
         raise no_faces(f"None of the {faces:,} faces of the file has three corners.")
-    return writer.document(assembly.frame)
+    return replace(assembler.document(assembly.frame), warnings=list(assembly.warnings))
 
 
 def _is_transform(matrix: Float) -> bool:
@@ -193,20 +191,15 @@ def _shared_vertices(columns: list[Int]) -> tuple[Int, Int]:
     return first, number
 
 
-class _Writer:
-    """Gathers nodes, meshes, accessors and bytes into a document."""
+class _Assembler:
+    """Adds the nodes, meshes and materials of an assembly to an empty document."""
 
-    def __init__(self, warnings: list[Notice]) -> None:
-        self.warnings = list(warnings)
-        self.binary = bytearray()
-        self.extensions: set[str] = set()
-        self.json: dict[str, list[dict[str, Any]]] = {name: [] for name in _ARRAYS}
-        self.numbers: dict[Any, int] = {}  # of materials and images, by what they are made of
-
-    @property
-    def meshes(self) -> list[dict[str, Any]]:
-        """The meshes so far."""
-        return self.json["meshes"]
+    def __init__(self) -> None:
+        asset = {"version": "2.0", "generator": "meshmark"}
+        self._builder = Builder(Document({"asset": asset, "scene": 0, "scenes": [{"nodes": []}]}, b""))
+        self._builder.json |= {name: [] for name in _ARRAYS}  # in the order of the specification
+        self._extensions: set[str] = set()
+        self._numbers: dict[Any, int] = {}  # of materials and images, by what they are made of
 
     def mesh(self, name: str, body: PolygonMesh) -> tuple[int, Float] | None:
         """Add a body; returns its number and the point (3,) it is stored relative to; ``None`` without triangles."""
@@ -234,8 +227,7 @@ class _Writer:
             primitives.append(
                 self.primitive(body, triangles[rows], present, origin) | {"material": material, "mode": 4}
             )
-        self.meshes.append({"name": name, "primitives": primitives})
-        return len(self.meshes) - 1, origin
+        return self._builder.append("meshes", {"name": name, "primitives": primitives}), origin
 
     def primitive(
         self, mesh: PolygonMesh, corners: Int, attributes: dict[str, Attribute], origin: Float
@@ -245,21 +237,21 @@ class _Writer:
         first, vertices = _shared_vertices([mesh.corners[used], *(item.index[used] for item in attributes.values())])
         rows = used[first]
         position = (mesh.positions[mesh.corners[rows]] - origin).astype(np.float32)
-        semantics = {"POSITION": self.accessor(position, "VEC3", bounds=True)}
+        semantics = {"POSITION": self._builder.add_accessor(position, "VEC3", bounded=True)}
         for name, item in attributes.items():
             values = item.values[item.index[rows]]
             if name == "COLOR_0":  # 16 bits, since 8 would lose the dark linear ones
-                semantics[name] = self.accessor(np.rint(values * 65535).astype(np.uint16), "VEC4", normalized=True)
+                values = np.rint(values * 65535).astype(np.uint16)
+                semantics[name] = self._builder.add_accessor(values, "VEC4", normalized=True)
             else:
-                semantics[name] = self.accessor(values.astype(np.float32), f"VEC{values.shape[1]}")
-        index_type = np.uint16 if len(rows) <= _RESTART_INDEX else np.uint32
-        indices = self.accessor(vertices.astype(index_type), "SCALAR", target=_ELEMENT_ARRAY_BUFFER)
+                semantics[name] = self._builder.add_accessor(values.astype(np.float32), f"VEC{values.shape[1]}")
+        indices = self._builder.add_indices(vertices, np.dtype("<u2"))
         return {"attributes": semantics, "indices": indices}
 
     def material(self, material: Material, colored: bool, mapped: bool, double_sided: bool) -> int:
         """The number of a material; a neutral one is white where vertex colours multiply it."""
         key = material, colored, mapped, double_sided
-        if key not in self.numbers:
+        if key not in self._numbers:
             neutral = WHITE if colored or (mapped and material.texture) else GREY
             surface: dict[str, Any] = {
                 "baseColorFactor": list(material.color or neutral),
@@ -278,50 +270,21 @@ class _Writer:
                 entry["alphaMode"] = "MASK"
             elif surface["baseColorFactor"][3] < 1:
                 entry["alphaMode"] = "BLEND"
-            self.json["materials"].append(entry)
-            self.numbers[key] = len(self.json["materials"]) - 1
-        return self.numbers[key]
+            self._numbers[key] = self._builder.append("materials", entry)
+        return self._numbers[key]
 
     def texture(self, image: bytes) -> int:
         """The number of the texture of an encoded image, whose bytes are stored as they are."""
-        if image not in self.numbers:
+        if image not in self._numbers:
             mime = mime_type(image)
             assert mime is not None, "the readers drop what glTF cannot carry"
-            number = len(self.json["images"])
-            self.json["images"].append({"bufferView": self.view(image), "mimeType": mime})
-            source: dict[str, Any] = {"source": number}
+            view = self._builder.add_view(image, {})
+            source: dict[str, Any] = {"source": self._builder.append("images", {"bufferView": view, "mimeType": mime})}
             if mime in _TEXTURE_EXTENSIONS:
-                self.extensions.add(_TEXTURE_EXTENSIONS[mime])
+                self._extensions.add(_TEXTURE_EXTENSIONS[mime])
                 source = {"extensions": {_TEXTURE_EXTENSIONS[mime]: source}}
-            self.json["textures"].append(source)
-            self.numbers[image] = len(self.json["textures"]) - 1
-        return self.numbers[image]
-
-    def view(self, payload: bytes, **properties: int) -> int:
-        """Append bytes as a buffer view; returns its number."""
-        view = {"buffer": 0, "byteOffset": len(self.binary), "byteLength": len(payload), **properties}
-        self.json["bufferViews"].append(view)
-        self.binary += payload + bytes(-len(payload) % 4)
-        return len(self.json["bufferViews"]) - 1
-
-    def accessor(
-        self,
-        values: NDArray[Any],
-        kind: str,
-        target: int = _ARRAY_BUFFER,
-        bounds: bool = False,
-        normalized: bool = False,
-    ) -> int:
-        """Append values as a buffer view of their own; returns the accessor's number."""
-        component = {np.dtype(np.uint16): 5123, np.dtype(np.uint32): 5125, np.dtype(np.float32): 5126}[values.dtype]
-        view = self.view(values.tobytes(), target=target)
-        accessor = {"bufferView": view, "componentType": component, "count": len(values), "type": kind}
-        if bounds:
-            accessor |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
-        if normalized:
-            accessor["normalized"] = True
-        self.json["accessors"].append(accessor)
-        return len(self.json["accessors"]) - 1
+            self._numbers[image] = self._builder.append("textures", source)
+        return self._numbers[image]
 
     def node(self, name: str, mesh: int, matrix: Float, origin: Float) -> None:
         """Add a node that draws a mesh stored relative to ``origin``."""
@@ -331,25 +294,22 @@ class _Writer:
             node["matrix"] = _column_major(rotated, place)
         elif place.any():
             node["translation"] = place.tolist()
-        self.json["nodes"].append(node)
+        self._builder.append("nodes", node)
 
     def document(self, frame: Float) -> Document:
-        """Everything gathered so far."""
-        roots = list(range(len(self.json["nodes"])))
+        """Everything so far, under a node of this ``frame`` (4, 4) if it is not the identity.
+
+        Raises:
+        """
+        json = self._builder.json = {name: value for name, value in self._builder.json.items() if value != []}
+        roots = list(range(len(json.get("nodes", []))))
         if not np.array_equal(frame, np.eye(4)):
             matrix = _column_major(frame[:3, :3], frame[:3, 3])
-            self.json["nodes"].append({"name": "model", "matrix": matrix, "children": roots})
-            roots = [len(roots)]
-        json: dict[str, Any] = {
-            "asset": {"version": "2.0", "generator": "meshmark"},
-            "scene": 0,
-            "scenes": [{"nodes": roots}],
-            **{name: entries for name, entries in self.json.items() if entries},
-            "buffers": [{"byteLength": len(self.binary)}],
-        }
-        if self.extensions:
-            json["extensionsUsed"] = json["extensionsRequired"] = sorted(self.extensions)
-        return Document(json, bytes(self.binary), self.warnings)
+            roots = [self._builder.append("nodes", {"name": "model", "matrix": matrix, "children": roots})]
+        json["scenes"][0]["nodes"] = roots
+        if self._extensions:
+            json["extensionsUsed"] = json["extensionsRequired"] = sorted(self._extensions)
+        return self._builder.to_document()
 
 
 def _column_major(linear_part: Float, translation: Float) -> list[float]:

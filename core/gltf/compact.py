@@ -7,14 +7,14 @@ import numpy as np
 
 from core.arrays import Bool, Int
 from core.gltf.accessors import read_accessor
+from core.gltf.builder import Builder
 from core.gltf.compression import DRACO
-from core.gltf.editor import Editor
 from core.gltf.references import OUTLINE
 
 Json = dict[str, Any]
 
 
-def drop_unused_rows(editor: Editor) -> None:
+def drop_unused_rows(editor: Builder) -> None:
     """Give primitives of an edited document whose accessors hold rows that none draws accessors of their own, with
     the rows they draw in the order and the component types of before.
 
@@ -40,7 +40,7 @@ def drop_unused_rows(editor: Editor) -> None:
                 del rows[number]
 
 
-def kept_outline(editor: Editor, extensions: Json, number: Int) -> Json:
+def kept_outline(editor: Builder, extensions: Json, number: Int) -> Json:
     """The ``extensions`` of a primitive with its outline (CESIUM_primitive_outline) in new rows: ``number`` (V,) is the
     new one of each row, or -1; lines that lost an end are left out."""
     accessor = extensions[OUTLINE]["indices"]
@@ -57,7 +57,7 @@ def _vertex_key(primitive: Json) -> str:
     return json.dumps([primitive["attributes"], primitive.get("targets")], sort_keys=True)
 
 
-def _used_rows(editor: Editor, primitive: Json) -> Bool:
+def _used_rows(editor: Builder, primitive: Json) -> Bool:
     """(V,) the rows that a primitive draws; all of them where it refers to rows that do not exist."""
     count = editor.document.entry("accessors", primitive["attributes"]["POSITION"])["count"]
     if "indices" not in primitive:
@@ -84,7 +84,7 @@ def _vertex_accessors(primitive: Json) -> set[int]:
     )
 
 
-def _compact(editor: Editor, primitives: list[Json], used: Bool) -> None:
+def _compact(editor: Builder, primitives: list[Json], used: Bool) -> None:
     """Replace the accessors of ``primitives``, which share their vertices, by ones of the rows ``used`` (V,)."""
     number = np.where(used, np.cumsum(used) - 1, -1)
     first = primitives[0]

@@ -7,8 +7,8 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
+from core.gltf.builder import Builder
 from core.gltf.document import Document, typed
-from core.gltf.editor import Editor
 from core.gltf.hierarchy import hidden_nodes, nodes_below, scene_nodes
 from core.gltf.prune import renumber
 from core.gltf.references import INSTANCING, LOD
@@ -98,7 +98,7 @@ def scene_of(document: Document, copy: Copy) -> Scene:
 def leave_out(document: Document, copies: Collection[Copy]) -> Document:
     """The document without the meshes of some copies: their nodes stay, but draw nothing, and levels of detail are
     taken off their nodes."""
-    editor = Editor(document)
+    editor = Builder(document)
     nodes = editor.json["nodes"]
     bare = {node for copy in copies for node in copy.nodes}
     for number in bare:

@@ -6,8 +6,8 @@ import numpy as np
 
 from core.arrays import Float
 from core.gltf.accessors import dequantize, read_accessor
+from core.gltf.builder import Builder
 from core.gltf.document import Document, malformed, typed
-from core.gltf.editor import Editor
 from core.gltf.hierarchy import transforms
 from core.gltf.references import INSTANCING
 
@@ -32,7 +32,7 @@ def instance_matrices(document: Document, node: int) -> Float | None:
     return transforms(properties["TRANSLATION"], properties["ROTATION"], properties["SCALE"])
 
 
-def split_off(editor: Editor, document: Document, index: int, meshes: dict[int, int]) -> None:
+def split_off(editor: Builder, document: Document, index: int, meshes: dict[int, int]) -> None:
     """Make some instances of a node ordinary children, each with a mesh of its own; the others stay instances.
 
     Args:

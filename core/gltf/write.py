@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from core.arrays import Float, Int
 from core.geometry.morton import morton_order
 from core.gltf.attributes import encode, read_rows
+from core.gltf.builder import Builder
 from core.gltf.colors import hex_linear
 from core.gltf.compact import drop_unused_rows, kept_outline
 from core.gltf.compression import DRACO
 from core.gltf.document import Document
 from core.gltf.edit import Kind, SurfaceEdit
-from core.gltf.editor import Editor
 from core.gltf.hierarchy import hidden_nodes, scene_nodes
 from core.gltf.instances import instance_attributes, split_off
 from core.gltf.materials import UNLIT
@@ -56,7 +56,7 @@ def write(
     """
     if edit.keep.all() and not len(edit.source_face):
         return scene.document.to_glb()
-    editor = Editor(scene.document)
+    editor = Builder(scene.document)
     paint = _Paint(editor)
     # Looks are numbered so that letters of one look share a primitive; 0 is the source's own.
     looks = [(color, number in glowing) if color is not None else None for number, color in enumerate(colors)]
@@ -140,7 +140,7 @@ class _Vertices:
     """
 
     def __init__(
-        self, editor: Editor, patch: Patch, table: _Rows, triangles: list[Int], names: set[str] | None = None
+        self, editor: Builder, patch: Patch, table: _Rows, triangles: list[Int], names: set[str] | None = None
     ) -> None:
         self._editor, self._local = editor, table.local
         is_used = np.zeros(len(table.local), dtype=bool)
@@ -197,7 +197,7 @@ def _is_blended(document: Document, primitive: dict[str, Any]) -> bool:
 class _Paint:
     """Plain materials of some colours, made when first needed, and primitives that wear them."""
 
-    def __init__(self, editor: Editor) -> None:
+    def __init__(self, editor: Builder) -> None:
         self._editor = editor
         self._materials: dict[tuple[bool, bool, bool, str], int] = {}
 
@@ -243,7 +243,7 @@ def letter_material(double_sided: bool, unlit: bool, glows: bool, color: str) ->
     return material
 
 
-def _replace_primitives(editor: Editor, changes: dict[Owner, dict[int, Replacement]]) -> None:
+def _replace_primitives(editor: Builder, changes: dict[Owner, dict[int, Replacement]]) -> None:
     """Put the rewritten primitives (by their number) into the meshes of their nodes; an instance becomes a node.
 
     Nodes that the default scene does not show follow one that it does: they draw the edited mesh, too.
@@ -274,7 +274,7 @@ def _replace_primitives(editor: Editor, changes: dict[Owner, dict[int, Replaceme
         split_off(editor, editor.document, index, meshes)
 
 
-def _edit_mesh(editor: Editor, index: int, replaced: dict[int, Replacement], shared: bool) -> int:
+def _edit_mesh(editor: Builder, index: int, replaced: dict[int, Replacement], shared: bool) -> int:
     """The mesh with some primitives replaced, in its place or, where others draw it too, as a new one."""
     mesh = editor.json["meshes"][index]
     pairs = [replaced.get(number, (primitive, [])) for number, primitive in enumerate(mesh["primitives"])]

@@ -1,4 +1,4 @@
-"""A GLB being edited: entries are replaced or appended, and what nothing refers to in the end is not written."""
+"""A glTF document being made or edited: entries are appended or replaced, and nothing unreferenced is written."""
 
 import json
 from typing import Any
@@ -15,8 +15,8 @@ SPARSE = 0.5  # share of rows that are not zero, up to which storing these alone
 _COMPONENT_CODES = {dtype: code for code, dtype in COMPONENT_TYPES.items()}
 
 
-class Editor:
-    """A document on its way to another; the original stays as it is.
+class Builder:
+    """A document on its way to another, or made from an empty one; the original stays as it is.
 
     Attributes:
         document: as it was read.
@@ -67,6 +67,24 @@ class Editor:
                 "indices": {"bufferView": self.add_view(used.astype("<u4").tobytes(), {}), "componentType": 5125},
                 "values": {"bufferView": self.add_view(packed.tobytes(), {})},
             }
+        return self.append("accessors", accessor)
+
+    def add_accessor(self, values: NDArray[Any], kind: str, *, bounded: bool = False, normalized: bool = False) -> int:
+        """A vertex attribute (N,) or (N, n) of its own; returns its accessor.
+
+        Args:
+            values: one row a vertex.
+            kind: "SCALAR", "VEC2" and so on.
+            bounded: whether to declare ``min`` and ``max``, which positions need.
+            normalized: whether integers stand for fractions.
+        """
+        view = self.add_view(values.tobytes(), {"target": ARRAY_BUFFER})
+        code = _COMPONENT_CODES[values.dtype]
+        accessor: dict[str, Any] = {"bufferView": view, "componentType": code, "count": len(values), "type": kind}
+        if bounded:
+            accessor |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
+        if normalized:
+            accessor["normalized"] = True
         return self.append("accessors", accessor)
 
     def add_indices(self, indices: NDArray[np.int64], smallest: np.dtype[Any]) -> int:
