@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from core.arrays import Bool
-from core.artwork.outline import Lettering, lettering
+from core.artwork.artwork import Artwork
+from core.artwork.outline import text_artwork
 from core.embossing.mesh import WorkingMesh
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
@@ -67,12 +68,12 @@ def read(data: bytes, run: Run) -> Asset:
     return Asset(data, admitted.format, scene, analyse(scene))
 
 
-def letter(run: Run) -> Lettering:
+def letter(run: Run) -> Artwork:
     """Shape the text and turn it into outlines."""
-    return lettering(run.request.parameters.text, run.request.font)
+    return text_artwork(run.request.parameters.text, run.request.font)
 
 
-def place(asset: Asset, text: Lettering, run: Run) -> Candidates:
+def place(asset: Asset, artwork: Artwork, run: Run) -> Candidates:
     """Find the boxes that may carry the text: on opaque faces, or on see-through ones where these have no room.
 
     Raises:
@@ -94,7 +95,7 @@ def place(asset: Asset, text: Lettering, run: Run) -> Candidates:
     rng = np.random.default_rng(parameters.seed)
 
     def on(faces: Bool, index: "SpatialIndex", opaque: float) -> Candidates:
-        return _place_on(asset, facts, text, (asked.within(faces), index, opaque), rng, run)
+        return _place_on(asset, facts, artwork, (asked.within(faces), index, opaque), rng, run)
 
     try:
         return on(analysis.opaque, analysis.index, HIDING)
@@ -115,7 +116,7 @@ def place(asset: Asset, text: Lettering, run: Run) -> Candidates:
 def _place_on(
     asset: Asset,
     facts: "SurfaceFacts",
-    text: Lettering,
+    artwork: Artwork,
     ground: tuple[Bool, "SpatialIndex", float],
     rng: np.random.Generator,
     run: Run,
@@ -131,7 +132,7 @@ def _place_on(
     looks = opacity(asset.scene, surface, faces) if opaque else None
     carrier = Carrier(surface, index, faces, asset.analysis.component, looks)
     request = run.request
-    context = build_context(carrier, facts, text, request.parameters, rng, request.objective or OBJECTIVE)
+    context = build_context(carrier, facts, artwork, request.parameters, rng, request.objective or OBJECTIVE)
     return Candidates(context, place_boxes(context, rng, run.progress), opaque, rng)
 
 
@@ -146,7 +147,7 @@ def emboss(asset: Asset, candidates: Candidates, run: Run) -> Embossed:
     from core.placement.legibility import legible_height
 
     context, parameters = candidates.context, run.request.parameters
-    mesh, letters = _whole(asset, context), letter_islands(context.lettering)
+    mesh, letters = _whole(asset, context), letter_islands(context.artwork)
     done = emboss_marks(mesh, context, candidates.placement, letters, candidates.rng, run.progress)
     highest = max(mark.box.size[0, 1] for mark in done.marks.values())
     if highest < legible_height(parameters.color) * (1 - 1e-6):

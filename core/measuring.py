@@ -96,7 +96,7 @@ def evaluate(
         Subject(asset.analysis.surface, context.carrier.index, before, parameters.seed, context.facts.saliency),
         Subject(written, index, after),
         *boxes_of(output.embossed.marks, parameters),
-        parameters.text,
+        context.artwork.label,
         parameters.seed,
     )
     measured = measure(pair, parameters.evaluate, run.progress)

@@ -106,9 +106,9 @@ def run_stages(
     with stage("reading"):
         asset = marking.read(data, run)
     with stage("lettering"):
-        lettering = marking.letter(run)
+        artwork = marking.letter(run)
     with stage("placing"):
-        candidates = marking.place(asset, lettering, run)
+        candidates = marking.place(asset, artwork, run)
     with stage("embossing"):
         embossed = marking.emboss(asset, candidates, run)
     with stage("writing"):

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from manifold3d import triangulate
 
-from core.artwork.outline import lettering
+from core.artwork.outline import text_artwork
 from core.errors import MeshmarkError
 from core.formats.admission import admit, document_of
 from core.geometry.spatial import SpatialIndex
@@ -130,7 +130,7 @@ def _whole_letters(data: bytes, result: Result) -> tuple[int, int]:
     before = SpatialIndex(original.positions, original.faces)
     after = SpatialIndex(written.positions, written.faces)
     parameters: dict[str, Any] = result.report["parameters"]
-    rings = lettering(parameters["text"]).polygons
+    rings = text_artwork(parameters["text"]).rings
     corners = np.concatenate(rings)
     triangles = np.asarray(triangulate([np.ascontiguousarray(ring) for ring in rings]))
     # Points well inside the letters, and which letter each belongs to: the triangles of one letter share corners.

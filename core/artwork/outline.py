@@ -1,6 +1,5 @@
 """Text to closed polygons: glyph outlines flattened, united, cleaned and normalised to width 1."""
 
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -9,6 +8,7 @@ from fontTools.pens.recordingPen import RecordingPen
 from manifold3d import CrossSection, FillRule, JoinType, OpType
 
 from core.arrays import Float
+from core.artwork.artwork import Artwork
 from core.artwork.fonts import default_font, load_font
 from core.artwork.shaping import Glyph, shape
 from core.errors import ErrorCode, MeshmarkError
@@ -29,25 +29,7 @@ MERGE_DISTANCE = 2e-5
 MIN_AREA = 1e-7
 
 
-@dataclass(frozen=True, eq=False)
-class Lettering:
-    """The outlines of one line of text, its bounding box centred at the origin and exactly 1 wide.
-
-    Attributes:
-        text: the text as it was given.
-        polygons: closed rings, (N, 2) float64 each, without a repeated end point; outer rings run counter-clockwise,
-            holes clockwise. Rings are simple and disjoint, so every fill rule gives the same shape.
-        aspect: height of the bounding box (its width is 1).
-        ink: share of the bounding box that the letters cover.
-    """
-
-    text: str
-    polygons: tuple[Float, ...]
-    aspect: float
-    ink: float
-
-
-def lettering(text: str, font: bytes | None = None) -> Lettering:
+def text_artwork(text: str, font: bytes | None = None) -> Artwork:
     """Outlines of ``text`` in ``font`` (the bytes of a TTF or OTF file; the bundled DejaVu Sans Bold if ``None``).
 
     Raises:
@@ -67,9 +49,9 @@ def lettering(text: str, font: bytes | None = None) -> Lettering:
     points = np.concatenate(rings)
     low, high = points.min(axis=0), points.max(axis=0)
     width, height = high - low
-    return Lettering(
-        text=text,
-        polygons=tuple((ring - (low + high) / 2) / width for ring in rings),
+    return Artwork(
+        label=text,
+        rings=tuple((ring - (low + high) / 2) / width for ring in rings),
         aspect=float(height / width),
         ink=sum(map(ring_area, rings)) / float(width * height),
     )

@@ -6,7 +6,7 @@ import numpy as np
 from manifold3d import CrossSection, FillRule
 
 from core.arrays import Bool, Float, Int
-from core.artwork.outline import Lettering
+from core.artwork.artwork import Artwork
 from core.embossing.draft import Draft, draft
 from core.embossing.patch import Patch
 from core.embossing.refusal import Refusal
@@ -37,9 +37,9 @@ class LetterIslands:
     draft: Draft
 
 
-def letter_islands(lettering: Lettering) -> LetterIslands:
-    """The islands of ``lettering``."""
-    islands = tuple(CrossSection(list(lettering.polygons), FillRule.Positive).decompose())
+def letter_islands(artwork: Artwork) -> LetterIslands:
+    """The islands of ``artwork``."""
+    islands = tuple(CrossSection(list(artwork.rings), FillRule.Positive).decompose())
     rings = [island.to_polygons() for island in islands]
     finest = min(float(np.linalg.norm(r - np.roll(r, 1, axis=0), axis=1).min()) for ring in rings for r in ring)
     return LetterIslands(islands, tuple(np.concatenate(ring) for ring in rings), finest, draft(islands))

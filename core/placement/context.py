@@ -6,7 +6,7 @@ import numpy as np
 
 from core.analysis.facts import Carrier, SurfaceFacts
 from core.arrays import Float
-from core.artwork.outline import Lettering
+from core.artwork.artwork import Artwork
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.products import product
 from core.geometry.surface import Surface
@@ -26,7 +26,7 @@ class PlacementContext:
     Attributes:
         carrier: the surface, and the faces that boxes may stand on.
         facts: about the surface.
-        lettering: the text.
+        artwork: the text.
         parameters: resolved.
         objective: the weights of the objective's terms.
         ground: the faces of the surface that boxes may stand on.
@@ -40,7 +40,7 @@ class PlacementContext:
 
     carrier: Carrier
     facts: SurfaceFacts
-    lettering: Lettering
+    artwork: Artwork
     parameters: Parameters
     objective: Objective
     ground: Surface
@@ -54,7 +54,7 @@ class PlacementContext:
 def build_context(
     carrier: Carrier,
     facts: SurfaceFacts,
-    lettering: Lettering,
+    artwork: Artwork,
     parameters: Parameters,
     rng: np.random.Generator,
     objective: Objective = OBJECTIVE,
@@ -64,7 +64,7 @@ def build_context(
     Args:
         carrier: the surface, and the faces that boxes may stand on.
         facts: about the surface.
-        lettering: the text.
+        artwork: the text.
         parameters: resolved.
         rng: the source of every draw.
         objective: the weights of its terms.
@@ -96,13 +96,13 @@ def build_context(
     return PlacementContext(
         carrier=carrier,
         facts=facts,
-        lettering=lettering,
+        artwork=artwork,
         parameters=parameters,
         objective=objective,
         ground=ground,
         normals=normals,
         surfels=surfels,
-        rims=rims(surface, carrier.component >= 0, lettering),
+        rims=rims(surface, carrier.component >= 0, artwork),
         targets=goal,
         facing=np.partition(product(goal.directions, some.T), ranked, axis=1)[:, ranked],
     )

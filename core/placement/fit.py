@@ -92,7 +92,7 @@ def fit(
     Returns:
         The boxes that passed, and the number left after each stage.
     """
-    height = width * context.lettering.aspect
+    height = width * context.artwork.aspect
     thickness = max(THICKNESS * max(width, height), THINNEST)
     if context.parameters.preset is Preset.PAPER:
         thickness = PAPER_THICKNESS
@@ -241,7 +241,7 @@ def _candidates(
     if not len(shown):
         return Boxes.empty()
     boxes = candidates(points[shown], normals[shown], size, float(np.sqrt(PACKING * area / (CHOICE * most))))
-    narrow = NARROW * min(text_width(1.0, context.lettering.aspect), size[0])
+    narrow = NARROW * min(text_width(1.0, context.artwork.aspect), size[0])
     around = shown[:: int(np.ceil(len(shown) * 4 * narrow**2 / (area * STRIP_SAMPLES)))]
     return _most_supported(context, along_strips(boxes, points[around], normals[around], narrow))
 
@@ -297,7 +297,7 @@ def _valued(
         detail=details,
         busy=busy,
         preferred=preferred,
-        distance=distance(boxes, relief, context.lettering.ink, float(context.carrier.surface.areas.sum())),
+        distance=distance(boxes, relief, context.artwork.ink, float(context.carrier.surface.areas.sum())),
     )
     return Placement(
         boxes=boxes,

@@ -41,11 +41,11 @@ def _widths(context: PlacementContext) -> list[float]:
         MeshmarkError: ``no_placement`` where there is less surface than any text covers.
     """
     asked = context.parameters.size
-    widths = [asked] if asked is not None else ladder(context.lettering.aspect)
+    widths = [asked] if asked is not None else ladder(context.artwork.aspect)
     # Letters need as much surface as they cover. An asset with less consists of needles, on which searches for the
     # closest point take forever.
     area = float(context.ground.areas.sum())
-    widths = [width for width in widths if width**2 * context.lettering.aspect <= area]
+    widths = [width for width in widths if width**2 * context.artwork.aspect <= area]
     if not widths:
         raise MeshmarkError(
             ErrorCode.NO_PLACEMENT,
@@ -121,7 +121,7 @@ def _search(
                 if worth[poorly].sum() <= (1 - ENOUGH) * worth[coverable].sum():
                     break
                 wanted = context.targets.directions[poorly]
-            if len(found.boxes) and width < text_width(SMALL, context.lettering.aspect):
+            if len(found.boxes) and width < text_width(SMALL, context.artwork.aspect):
                 break
 
         def share(done: float, step: int = step) -> None:
@@ -151,7 +151,7 @@ def _poorly_covered(context: PlacementContext, found: Placement, chosen: list[in
     """(D,) directions that the ``chosen`` boxes do not cover, or clearly worse than text of this ``width`` could."""
     covered, _ = found.coverage(chosen)
     enough = BETTER * best_possible_coverage(
-        width * context.lettering.aspect, context.facing, context.parameters.color, context.objective
+        width * context.artwork.aspect, context.facing, context.parameters.color, context.objective
     )
     # In the views rolled text counts less, and other text would be rolled as well.
     views = len(context.targets.up)

@@ -7,7 +7,7 @@ from PIL import Image, ImageDraw
 from scipy.spatial import cKDTree
 
 from core.arrays import Bool, Float, Int
-from core.artwork.outline import Lettering
+from core.artwork.artwork import Artwork
 from core.geometry.boxes import Boxes
 from core.geometry.edges import EdgeTable
 from core.geometry.spatial import Eye, SpatialIndex
@@ -54,7 +54,7 @@ class Rims:
         return np.bincount(owner[uppermost], minlength=len(boxes)) > 0
 
 
-def rims(surface: Surface, distinct: Bool, lettering: Lettering) -> Rims | None:
+def rims(surface: Surface, distinct: Bool, artwork: Artwork) -> Rims | None:
     """The :class:`Rims` of the ``distinct`` (F,) faces of a ``surface`` under a text; None where it has none, as a
     smooth closed manifold."""
     ends, normals = _sharp_edges(surface.edges.among(distinct), surface.normals)
@@ -68,7 +68,7 @@ def rims(surface: Surface, distinct: Bool, lettering: Lettering) -> Rims | None:
     edge = np.repeat(np.arange(len(ends)), pieces)
     number = np.arange(len(edge)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     share = (number + 0.5) / pieces[edge]
-    return Rims(cKDTree(first[edge] + share[:, None] * along[edge]), normals[edge], _ink(lettering))
+    return Rims(cKDTree(first[edge] + share[:, None] * along[edge]), normals[edge], _ink(artwork))
 
 
 def _sharp_edges(edges: EdgeTable, normals: Float) -> tuple[Int, Float]:
@@ -81,12 +81,12 @@ def _sharp_edges(edges: EdgeTable, normals: Float) -> tuple[Int, Float]:
     return edges.ends[sharp], both[sharp]
 
 
-def _ink(lettering: Lettering) -> Bool:
+def _ink(artwork: Artwork) -> Bool:
     """(H, W) the letters as texels. Rings are disjoint, so an island within a hole is drawn after the hole."""
-    size = TEXELS, max(round(TEXELS * lettering.aspect), 1)
+    size = TEXELS, max(round(TEXELS * artwork.aspect), 1)
     picture = Image.new("1", size)
     draw = ImageDraw.Draw(picture)
-    for ring in sorted(lettering.polygons, key=lambda ring: -abs(ring_area(ring))):
-        texels = (ring + np.array([0.5, lettering.aspect / 2])) * TEXELS - 0.5
+    for ring in sorted(artwork.rings, key=lambda ring: -abs(ring_area(ring))):
+        texels = (ring + np.array([0.5, artwork.aspect / 2])) * TEXELS - 0.5
         draw.polygon([tuple(texel) for texel in texels.tolist()], fill=int(ring_area(ring) > 0))
     return np.asarray(picture)

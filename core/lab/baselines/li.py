@@ -20,5 +20,5 @@ def li(prepared: Prepared, parameters: Parameters, rng: np.random.Generator) -> 
     assert parameters.count is not None
     points, face = sample(prepared.surface, parameters.count, rng)
     boxes = prepared.boxes_at(points, face, text_width(parameters))
-    mesh = fuse_flat(prepared.solid, prepared.lettering, boxes)
+    mesh = fuse_flat(prepared.solid, prepared.artwork, boxes)
     return Marked(mesh, boxes, np.full(len(boxes), THICKNESS / 2))

@@ -29,7 +29,7 @@ def paper(prepared: Prepared, parameters: Parameters, rng: np.random.Generator) 
 def paper_no_curve_matching(prepared: Prepared, parameters: Parameters, rng: np.random.Generator) -> Marked:
     """The boxes of :func:`paper`, with flat text united as in :func:`core.lab.baselines.li.li`."""
     boxes = _filtered(prepared, parameters, rng)
-    mesh = fuse_flat(prepared.solid, prepared.lettering, boxes)
+    mesh = fuse_flat(prepared.solid, prepared.artwork, boxes)
     return Marked(mesh, boxes, np.full(len(boxes), THICKNESS / 2))
 
 
@@ -59,6 +59,6 @@ def _filtered(prepared: Prepared, parameters: Parameters, rng: np.random.Generat
 
 
 def _curved(prepared: Prepared, parameters: Parameters, boxes: Boxes) -> Marked:
-    relief = abs(parameters.relief_at(text_width(parameters) * prepared.lettering.aspect))
-    mesh = fuse_curved(prepared.solid, prepared.lettering, boxes, prepared.surface, prepared.index, relief)
+    relief = abs(parameters.relief_at(text_width(parameters) * prepared.artwork.aspect))
+    mesh = fuse_curved(prepared.solid, prepared.artwork, boxes, prepared.surface, prepared.index, relief)
     return Marked(mesh, boxes, np.full(len(boxes), relief))

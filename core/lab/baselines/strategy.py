@@ -10,7 +10,8 @@ from manifold3d import Manifold
 
 from core.analysis.saliency import Saliency, saliency
 from core.arrays import Float, Int
-from core.artwork.outline import Lettering, lettering
+from core.artwork.artwork import Artwork
+from core.artwork.outline import text_artwork
 from core.budgets import DEFAULT_BUDGETS, Budgets
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
@@ -55,7 +56,7 @@ class Prepared:
         data: the file.
         surface: as it is in the file; faces that are wound inside out stay so.
         index: over all of ``surface``.
-        lettering: of the text.
+        artwork: of the text.
         seed: of the shared draws.
         font: the font file; None for the bundled one.
     """
@@ -63,7 +64,7 @@ class Prepared:
     data: bytes
     surface: Surface
     index: SpatialIndex
-    lettering: Lettering
+    artwork: Artwork
     seed: int
     font: bytes | None = None
     _initial: dict[float, tuple[Boxes, Float]] = field(default_factory=dict)
@@ -92,7 +93,7 @@ class Prepared:
         axes; here text stays upright. The paper's code loses candidates whose normal is an exact axis to a division
         by zero; these do not.
         """
-        size = (width, width * self.lettering.aspect, THICKNESS)
+        size = (width, width * self.artwork.aspect, THICKNESS)
         return Boxes(points, upright(self.surface.normals[face]), np.tile(size, (len(points), 1)))
 
     @cached_property
@@ -118,7 +119,7 @@ def prepare(
         MeshmarkError: for everything that keeps the file from being read or the text from being drawn.
     """
     surface = flatten(document_of(admit(data, budgets), budgets)).surface
-    return Prepared(data, surface, SpatialIndex(surface.positions, surface.faces), lettering(text, font), seed, font)
+    return Prepared(data, surface, SpatialIndex(surface.positions, surface.faces), text_artwork(text, font), seed, font)
 
 
 def text_width(parameters: Parameters) -> float:

@@ -4,7 +4,7 @@ import numpy as np
 from manifold3d import CrossSection, Error, FillRule, Manifold, OpType
 
 from core.arrays import Float
-from core.artwork.outline import Lettering
+from core.artwork.artwork import Artwork
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
@@ -13,17 +13,17 @@ from core.lab.baselines.solid import to_manifold, to_mesh
 from core.lab.plain import Mesh
 
 
-def fuse_flat(asset: Manifold, lettering: Lettering, boxes: Boxes) -> Mesh:
+def fuse_flat(asset: Manifold, artwork: Artwork, boxes: Boxes) -> Mesh:
     """The union of ``asset`` with flat extruded text that fills each box; half of its thickness is sunk.
 
     Raises:
         MeshmarkError: ``not_manifold`` when the boolean fails.
     """
-    return _united(asset, [text_solid(lettering, boxes, one) for one in range(len(boxes))])
+    return _united(asset, [text_solid(artwork, boxes, one) for one in range(len(boxes))])
 
 
 def fuse_curved(
-    asset: Manifold, lettering: Lettering, boxes: Boxes, surface: Surface, index: SpatialIndex, relief: float
+    asset: Manifold, artwork: Artwork, boxes: Boxes, surface: Surface, index: SpatialIndex, relief: float
 ) -> Mesh:
     """The paper's Curve Matching Fusion (supplement, Algorithm 2).
 
@@ -42,16 +42,16 @@ def fuse_curved(
     normal[degenerate] = boxes.axes[degenerate, 2]
     asset = asset.as_original()  # its faces are told from the text's by its number
     raised = [
-        _raised(asset ^ text_solid(lettering, boxes, one), asset.original_id(), relief * normal[one])
+        _raised(asset ^ text_solid(artwork, boxes, one), asset.original_id(), relief * normal[one])
         for one in range(len(boxes))
     ]
     return _united(asset, raised)
 
 
-def text_solid(lettering: Lettering, boxes: Boxes, one: int) -> Manifold:
+def text_solid(artwork: Artwork, boxes: Boxes, one: int) -> Manifold:
     """The text extruded through the whole thickness of box ``one``, in place."""
     width, _, thickness = boxes.size[one]
-    flat = CrossSection([width * ring for ring in lettering.polygons], FillRule.Positive)
+    flat = CrossSection([width * ring for ring in artwork.rings], FillRule.Positive)
     local = flat.extrude(thickness).translate((0.0, 0.0, -thickness / 2))
     return local.transform(np.column_stack([boxes.axes[one].T, boxes.center[one]]))
 

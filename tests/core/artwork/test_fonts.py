@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core.artwork.fonts import DEFAULT_FONT, MAX_FONT_BYTES, load_font
-from core.artwork.outline import lettering
+from core.artwork.outline import text_artwork
 from core.errors import ErrorCode, MeshmarkError
 from tests.core.artwork.fontsmith import SQUARE, make_font
 
@@ -111,4 +111,4 @@ def test_a_damaged_font_gives_letters_or_a_clear_error_but_never_a_crash(
     for _ in range(data.draw(st.integers(1, 12))):
         font[data.draw(st.integers(0, len(font) - 1))] = data.draw(st.integers(0, 255))
     with suppress(MeshmarkError):
-        assert lettering("aa", bytes(font)).ink > 0
+        assert text_artwork("aa", bytes(font)).ink > 0

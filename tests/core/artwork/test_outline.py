@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from manifold3d import CrossSection, FillRule
 
 from core.arrays import Float
-from core.artwork.outline import MAX_POINTS, Lettering, lettering
+from core.artwork.artwork import Artwork
+from core.artwork.outline import MAX_POINTS, text_artwork
 from core.errors import ErrorCode, MeshmarkError
 from tests.core.artwork.fontsmith import SQUARE, box, make_font
 
@@ -29,14 +30,14 @@ def side(p: Float, q: Float, r: Float) -> Float:
     return np.sign((q - p)[..., 0] * (r - p)[..., 1] - (q - p)[..., 1] * (r - p)[..., 0])
 
 
-def crossings(letters: Lettering) -> int:
+def crossings(letters: Artwork) -> int:
     """Pairs of edges, not neighbours in one ring, that meet."""
-    start = np.concatenate(letters.polygons)
-    end = np.concatenate([np.roll(ring, -1, axis=0) for ring in letters.polygons])
+    start = np.concatenate(letters.rings)
+    end = np.concatenate([np.roll(ring, -1, axis=0) for ring in letters.rings])
     follower = np.concatenate(
         [
             np.roll(np.arange(len(ring)), -1) + offset
-            for ring, offset in zip(letters.polygons, offsets(letters), strict=True)
+            for ring, offset in zip(letters.rings, offsets(letters), strict=True)
         ]
     )
     a, b, c, d = start[:, None], end[:, None], start[None], end[None]
@@ -49,29 +50,29 @@ def crossings(letters: Lettering) -> int:
     return int((meet & overlap).sum())
 
 
-def offsets(letters: Lettering) -> list[int]:
-    return [0, *np.cumsum([len(ring) for ring in letters.polygons])[:-1].tolist()]
+def offsets(letters: Artwork) -> list[int]:
+    return [0, *np.cumsum([len(ring) for ring in letters.rings])[:-1].tolist()]
 
 
-def shapes(letters: Lettering) -> int:
+def shapes(letters: Artwork) -> int:
     """How many disjoint shapes there are; an "i" has two."""
-    return sum(area(ring) > 0 for ring in letters.polygons)
+    return sum(area(ring) > 0 for ring in letters.rings)
 
 
-def check(letters: Lettering) -> None:
-    points = np.concatenate(letters.polygons)
+def check(letters: Artwork) -> None:
+    points = np.concatenate(letters.rings)
     assert np.isfinite(points).all()
     np.testing.assert_allclose(points.min(axis=0), [-0.5, -letters.aspect / 2], atol=1e-12)
     np.testing.assert_allclose(points.max(axis=0), [0.5, letters.aspect / 2], atol=1e-12)
-    areas = [area(ring) for ring in letters.polygons]
+    areas = [area(ring) for ring in letters.rings]
     assert shapes(letters) >= 1
     assert sum(areas) > 0
     assert letters.ink == pytest.approx(sum(areas) / letters.aspect)
-    for ring in letters.polygons:
+    for ring in letters.rings:
         assert len(ring) >= 3
         assert np.linalg.norm(ring - np.roll(ring, -1, axis=0), axis=1).min() > 1e-6
     assert crossings(letters) == 0
-    filled = [CrossSection(list(letters.polygons), rule).area() for rule in FillRule.__members__.values()]
+    filled = [CrossSection(list(letters.rings), rule).area() for rule in FillRule.__members__.values()]
     even_odd, nonzero, positive, negative = filled
     np.testing.assert_allclose([even_odd, nonzero, positive], sum(areas), rtol=1e-5)
     assert negative == pytest.approx(0, abs=1e-9)
@@ -80,7 +81,7 @@ def check(letters: Lettering) -> None:
 @settings(max_examples=60)
 @given(TEXTS)
 def test_rings_are_simple_disjoint_and_normalised_for_any_text(text: str) -> None:
-    check(lettering(text))
+    check(text_artwork(text))
 
 
 @pytest.mark.parametrize(
@@ -95,43 +96,43 @@ def test_rings_are_simple_disjoint_and_normalised_for_any_text(text: str) -> Non
     ],
 )
 def test_no_shape_and_no_hole_is_lost(text: str, count: int, holes: int) -> None:
-    letters = lettering(text)
-    assert letters.text == text
+    letters = text_artwork(text)
+    assert letters.label == text
     assert shapes(letters) == count
-    assert sum(area(ring) < 0 for ring in letters.polygons) == holes
+    assert sum(area(ring) < 0 for ring in letters.rings) == holes
     check(letters)
 
 
 def test_the_default_word_is_round_enough_and_light_enough() -> None:
-    letters = lettering("watermark")
-    assert 200 <= sum(map(len, letters.polygons)) <= 350
+    letters = text_artwork("watermark")
+    assert 200 <= sum(map(len, letters.rings)) <= 350
     assert 0.1 < letters.aspect < 0.2
 
 
 def test_letters_of_a_long_text_stay_round() -> None:
-    long = lettering("o" * 64)
-    assert sum(map(len, long.polygons)) / 128 >= 12
+    long = text_artwork("o" * 64)
+    assert sum(map(len, long.rings)) / 128 >= 12
 
 
 def test_letters_of_a_short_text_are_no_heavier_than_those_of_a_word() -> None:
-    word = lettering("watermark")
-    assert sum(map(len, lettering("a").polygons)) <= 1.1 * sum(map(len, word.polygons)) / 9 * 2
-    assert sum(map(len, lettering("\u00a9").polygons)) < 110
+    word = text_artwork("watermark")
+    assert sum(map(len, text_artwork("a").rings)) <= 1.1 * sum(map(len, word.rings)) / 9 * 2
+    assert sum(map(len, text_artwork("\u00a9").rings)) < 110
 
 
 def test_the_same_text_gives_the_same_points() -> None:
-    first, second = lettering("Meshmark 42"), lettering("Meshmark 42")
-    for a, b in zip(first.polygons, second.polygons, strict=True):
+    first, second = text_artwork("Meshmark 42"), text_artwork("Meshmark 42")
+    for a, b in zip(first.rings, second.rings, strict=True):
         np.testing.assert_array_equal(a, b)
 
 
 @pytest.mark.parametrize("cff", [False, True])
 def test_overlapping_contours_are_united(cff: bool) -> None:
     plus = [box(200, 0, 100, 500), box(0, 200, 500, 100)]
-    letters = lettering("+", make_font({"+": plus}, cff=cff))
-    assert shapes(letters) == len(letters.polygons) == 1
-    assert len(letters.polygons[0]) == 12
-    assert area(letters.polygons[0]) == pytest.approx(0.36)
+    letters = text_artwork("+", make_font({"+": plus}, cff=cff))
+    assert shapes(letters) == len(letters.rings) == 1
+    assert len(letters.rings[0]) == 12
+    assert area(letters.rings[0]) == pytest.approx(0.36)
     check(letters)
 
 
@@ -140,15 +141,15 @@ def test_holes_are_kept_whatever_way_the_format_winds_its_contours(cff: bool) ->
     ring = [SQUARE, box(100, 100, 300, 300)[::-1]]
     if cff:
         ring = [contour[::-1] for contour in ring]
-    letters = lettering("o", make_font({"o": ring}, cff=cff))
-    assert [round(area(polygon), 6) for polygon in sorted(letters.polygons, key=area)] == [-0.36, 1.0]
+    letters = text_artwork("o", make_font({"o": ring}, cff=cff))
+    assert [round(area(polygon), 6) for polygon in sorted(letters.rings, key=area)] == [-0.36, 1.0]
     check(letters)
 
 
 def test_overlapping_letters_are_united_even_where_one_is_wound_backwards() -> None:
-    letters = lettering("ab", make_font({"a": [SQUARE], "b": [SQUARE[::-1]]}, advance=250))
+    letters = text_artwork("ab", make_font({"a": [SQUARE], "b": [SQUARE[::-1]]}, advance=250))
     assert shapes(letters) == 1
-    assert area(letters.polygons[0]) == pytest.approx(1 * 500 / 750)
+    assert area(letters.rings[0]) == pytest.approx(1 * 500 / 750)
     check(letters)
 
 
@@ -160,17 +161,17 @@ def test_overlapping_letters_are_united_even_where_one_is_wound_backwards() -> N
     ],
 )
 def test_shapes_that_touch_in_a_point_are_parted(contours: list[list[tuple[int, int]]]) -> None:
-    check(lettering("x", make_font({"x": contours})))
+    check(text_artwork("x", make_font({"x": contours})))
 
 
 def test_neighbouring_letters_without_a_gap_become_one_shape() -> None:
-    letters = lettering("aaa", make_font({"a": [SQUARE]}, advance=500))
+    letters = text_artwork("aaa", make_font({"a": [SQUARE]}, advance=500))
     assert shapes(letters) == 1
-    assert len(letters.polygons[0]) == 4
+    assert len(letters.rings[0]) == 4
 
 
 def test_specks_are_dropped() -> None:
-    letters = lettering("a" * 9, make_font({"a": [box(0, 0, 900, 900), box(950, 950, 1, 1)]}, advance=1000))
+    letters = text_artwork("a" * 9, make_font({"a": [box(0, 0, 900, 900), box(950, 950, 1, 1)]}, advance=1000))
     assert shapes(letters) == 9
     check(letters)
 
@@ -178,23 +179,25 @@ def test_specks_are_dropped() -> None:
 def test_an_outline_of_too_many_points_is_refused() -> None:
     comb = [(x, 400 + 90 * (x % 2)) for x in range(800)]
     font = make_font({"a": [[(0, 0), *comb, (799, 0)]]}, advance=800)
-    assert sum(map(len, lettering("a", font).polygons)) > 700
+    assert sum(map(len, text_artwork("a", font).rings)) > 700
     with pytest.raises(MeshmarkError, match="points") as caught:
-        lettering("a" * (MAX_POINTS // 800 + 1), font)
+        text_artwork("a" * (MAX_POINTS // 800 + 1), font)
     assert caught.value.code == ErrorCode.INVALID_PARAMETERS
 
 
 def test_a_font_sent_with_the_request_is_used() -> None:
-    assert lettering("a", make_font({"a": [SQUARE]})).aspect == pytest.approx(1.0)
+    assert text_artwork("a", make_font({"a": [SQUARE]})).aspect == pytest.approx(1.0)
 
 
 def test_a_variable_font_is_used_at_its_default_instance() -> None:
-    plain, variable = (lettering("ab", make_font({"a": [SQUARE], "b": [SQUARE]}, widened=on)) for on in (False, True))
-    for a, b in zip(plain.polygons, variable.polygons, strict=True):
+    plain, variable = (
+        text_artwork("ab", make_font({"a": [SQUARE], "b": [SQUARE]}, widened=on)) for on in (False, True)
+    )
+    for a, b in zip(plain.rings, variable.rings, strict=True):
         np.testing.assert_array_equal(a, b)
 
 
 def test_joiners_alone_are_no_text() -> None:
     with pytest.raises(MeshmarkError) as caught:
-        lettering("\u200d\u200c")
+        text_artwork("\u200d\u200c")
     assert caught.value.code == ErrorCode.EMPTY_TEXT

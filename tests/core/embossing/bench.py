@@ -3,7 +3,7 @@
 import numpy as np
 
 from core.arrays import Int
-from core.artwork.outline import lettering
+from core.artwork.outline import text_artwork
 from core.embossing.emboss import Mark, emboss
 from core.embossing.islands import LetterIslands, letter_islands
 from core.embossing.mesh import WorkingMesh
@@ -13,7 +13,7 @@ from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
 from core.gltf.edit import SurfaceEdit
 
-TEXT = lettering("watermark")
+TEXT = text_artwork("watermark")
 LETTERS: LetterIslands = letter_islands(TEXT)
 
 

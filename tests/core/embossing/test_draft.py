@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from manifold3d import CrossSection
 from scipy.spatial import Delaunay
 
-from core.artwork.outline import lettering
+from core.artwork.outline import text_artwork
 from core.embossing.draft import INSET, MITRE, Draft, draft
 from core.embossing.islands import letter_islands
 from tests.core.embossing.bench import LETTERS
@@ -55,7 +55,7 @@ def test_a_hairline_beside_a_fat_stroke_stays_open() -> None:
 @settings(max_examples=40)
 @given(text=st.text(st.characters(codec="latin-1", categories=["L", "N", "P", "S"]), min_size=1, max_size=6))
 def test_no_part_of_any_letter_turns_over_and_none_grows(text: str) -> None:
-    letters = letter_islands(lettering(text))
+    letters = letter_islands(text_artwork(text))
     points, triangles = _outline_triangles(letters.draft)
     before, after = _areas(points, triangles), _areas(points + letters.draft.shift, triangles)
     assert np.all(after > 0.099 * before - 1e-7)
@@ -86,5 +86,5 @@ def test_triangles_cut_from_any_mesh_do_not_turn_over(seed: int) -> None:
 
 
 def test_what_did_not_fit_stays_the_same_on_every_run() -> None:
-    once, again = letter_islands(lettering("&§@")).draft, letter_islands(lettering("&§@")).draft
+    once, again = letter_islands(text_artwork("&§@")).draft, letter_islands(text_artwork("&§@")).draft
     assert np.array_equal(once.shift, again.shift)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core.arrays import Float, Int
-from core.artwork.outline import lettering
+from core.artwork.outline import text_artwork
 from core.embossing import emboss as module
 from core.embossing.cut_arrange import arrange
 from core.embossing.cut_split import split
@@ -167,7 +167,7 @@ def test_an_edge_with_three_faces_under_the_text_is_refused_and_beside_it_is_fin
 
 
 def test_letters_may_stand_on_several_parts_when_none_is_cut() -> None:
-    text = lettering("i i")
+    text = text_artwork("i i")
     letters = letter_islands(text)
     left, right = moved(grid(2.0, 4.0, 4, 8), -1.005, 0.0, 0.0), moved(grid(2.0, 4.0, 4, 8), 1.005, 0.0, 0.0)
     bench = Bench(join(left, right))
@@ -214,7 +214,7 @@ def test_a_watermark_never_goes_on_top_of_another() -> None:
 
 def test_outlines_that_coincide_with_edges_of_the_mesh_are_cut_all_the_same() -> None:
     # The foot of the letters lies exactly on a row of edges.
-    text = lettering("HILT")
+    text = text_artwork("HILT")
     sheet = grid(8.0, 8.0, 8, 8)
     bench = Bench(sheet)
     place = box_at(center=(0.0, 2.0 * text.aspect, 0.0), width=4.0, aspect=text.aspect)

@@ -4,7 +4,7 @@ import numpy as np
 
 from core.analysis.facts import Carrier
 from core.arrays import Bool, Float
-from core.artwork.outline import Lettering
+from core.artwork.artwork import Artwork
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
@@ -105,6 +105,6 @@ def rotation(axis: tuple[float, float, float], degrees: float) -> Float:
     return np.asarray(np.eye(3) + np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew)
 
 
-def text(aspect: float) -> Lettering:
+def text(aspect: float) -> Artwork:
     """What placement knows of a text so many times as high as wide."""
-    return Lettering("watermark", (), aspect, 0.41)
+    return Artwork("watermark", (), aspect, 0.41)

@@ -1,16 +1,16 @@
 import numpy as np
 
-from core.artwork.outline import lettering
+from core.artwork.outline import text_artwork
 from core.geometry.boxes import Boxes
 from core.geometry.surface import Surface
 from core.placement.rims import rims
 from tests.core.placement.shapes import box, cuboid, index_of, join, moved, plane, rotation, sphere, surface
 
-TEXT = lettering("watermark")
+TEXT = text_artwork("watermark")
 
 
 def crossed(shape: Surface, where: Boxes, text: str = "watermark") -> bool:
-    found = rims(shape, np.ones(len(shape.faces), dtype=bool), lettering(text))
+    found = rims(shape, np.ones(len(shape.faces), dtype=bool), text_artwork(text))
     return found is not None and bool(found.crossed(where, index_of(shape))[0])
 
 

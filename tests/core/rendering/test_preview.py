@@ -7,7 +7,7 @@ import pytest
 from manifold3d import CrossSection, Manifold
 from PIL import Image
 
-from core.artwork.outline import lettering
+from core.artwork.outline import text_artwork
 from core.errors import ErrorCode, MeshmarkError
 from core.rendering.cavity import cavity
 from core.rendering.preview import COLUMNS, GAP, VIEWS, contact_sheet
@@ -49,7 +49,7 @@ def test_each_tile_shows_its_side() -> None:
 
 
 def test_letters_without_a_colour_of_their_own_can_be_seen_from_straight_ahead() -> None:
-    word = CrossSection([ring * 10 for ring in lettering("watermark").polygons])
+    word = CrossSection([ring * 10 for ring in text_artwork("watermark").rings])
     solid = Manifold.cube((12, 12, 2), True) + word.extrude(0.6).translate((0, 0, 0.622))  # 0.22 above the front
     mesh = solid.to_mesh()
     glb = GlbWriter().mesh(mesh.vert_properties[:, :3], mesh.tri_verts, material=plain((0.6, 0.6, 0.6, 1))).bytes()

@@ -24,7 +24,7 @@ def around(count: int, radius: float = 15.0, size: tuple[float, float, float] = 
 
 def on(prepared: Prepared, *centers: tuple[float, float, float]) -> Boxes:
     """Boxes that face +Z."""
-    size = (4.0, 4.0 * prepared.lettering.aspect, 0.5)
+    size = (4.0, 4.0 * prepared.artwork.aspect, 0.5)
     return Boxes(np.array(centers), np.tile(np.eye(3), (len(centers), 1, 1)), np.tile(size, (len(centers), 1)))
 
 

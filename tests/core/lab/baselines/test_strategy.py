@@ -26,7 +26,7 @@ def test_boxes_stand_on_exactly_axis_aligned_sides(block: Prepared) -> None:
 
 def test_boxes_have_the_proportions_of_the_text_and_the_papers_thickness(block: Prepared) -> None:
     boxes, _ = block.initial(4.0)
-    assert np.allclose(boxes.size, [4, 4 * block.lettering.aspect, 0.5])
+    assert np.allclose(boxes.size, [4, 4 * block.artwork.aspect, 0.5])
 
 
 def test_candidates_keep_the_papers_distance(block: Prepared) -> None:

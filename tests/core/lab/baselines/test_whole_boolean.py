@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from core.artwork.outline import lettering
+from core.artwork.outline import text_artwork
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
@@ -14,7 +14,7 @@ from tests.core.placement.shapes import box as mark
 from tests.core.placement.shapes import rotation
 from tests.core.shapes import box, sphere
 
-TEXT = lettering("mark")
+TEXT = text_artwork("mark")
 BALL = sphere(15, 5)
 ON_BALL = mark((0, 0, 15), (4, 4 * TEXT.aspect, 0.5))
 
@@ -65,7 +65,7 @@ def test_the_back_of_a_thin_plate_stays_flat() -> None:
 def test_letters_that_do_not_meet_the_asset_are_lost_by_curve_matching_and_float_without() -> None:
     away = mark((0, 0, 17), (4, 4 * TEXT.aspect, 0.5))
     assert topology(curved(BALL, away, 0.2).surface()).components == 1
-    assert topology(fuse_flat(solid(BALL), TEXT, away).surface()).components == 1 + len(TEXT.text)
+    assert topology(fuse_flat(solid(BALL), TEXT, away).surface()).components == 1 + len(TEXT.label)
 
 
 def test_text_fills_its_box_wherever_that_is() -> None:
