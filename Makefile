@@ -61,6 +61,9 @@ load: $(VENV)/.tests ## Let 500 jobs, large uploads and a store that hangs come 
 	@sh docker/system-packages.sh service tests
 	$(BIN)/python -m tests.load $(LOAD)
 
+attacks: $(VENV)/.tests ## Attack an API as one tenant, and print what it answers another meanwhile
+	$(BIN)/python -m tests.attacks
+
 docker-test: ## Build the image and put the whole deployment through its faults, as root; CACHE=DIR keeps what it built
 	$(PYTHON) -m tests.docker $(if $(CACHE),--cache $(CACHE))
 
@@ -81,4 +84,4 @@ $(VENV)/.tests: $(VENV)/.service
 	$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable '.[test,benchmark]'
 	touch $@
 
-.PHONY: help install demo run test check survey benchmark ablation fuzz faults load audit docker-test openapi clean
+.PHONY: help install demo run test check survey benchmark ablation fuzz faults load attacks audit docker-test openapi clean

@@ -230,16 +230,14 @@ def _without(unseen: set[int], asset: Asset, context: "PlacementContext", emboss
 
 def _written(asset: Asset, context: "PlacementContext", embossed: Embossed) -> Output:
     """The model with these marks, and with those of its other scenes and levels of detail."""
-    from core.analysis.contrast import letter_colors
+    from core.analysis.contrast import letter_styles
     from core.embossing.copies import AssetMarks, mark_copies
     from core.report import boxes_of
 
     surface, parameters = asset.analysis.surface, context.parameters
     boxes, _ = boxes_of(embossed.marks, parameters)
-    worn = letter_colors(asset.scene, surface, context.carrier.index, boxes, parameters.color)
-    colors = [color.color if color else None for color in worn]
-    glowing = {number for number, color in enumerate(worn) if color and color.glows}
-    model = write(asset.scene, asset.analysis.with_file_winding(embossed.mesh.edit()), colors, glowing)
-    marks = AssetMarks(surface, boxes, embossed.letters, colors, glowing, parameters)
+    styles = letter_styles(asset.scene, surface, context.carrier.index, boxes, parameters.color)
+    model = write(asset.scene, asset.analysis.with_file_winding(embossed.mesh.edit()), styles)
+    marks = AssetMarks(surface, boxes, embossed.letters, styles, parameters)
     model, copies = mark_copies(model, marks)
-    return Output(embossed, colors, model, copies, flatten(Document.from_glb(model)))
+    return Output(embossed, styles, model, copies, flatten(Document.from_glb(model)))

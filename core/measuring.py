@@ -32,7 +32,7 @@ def report(asset: Asset, output: Output, run: Run) -> dict[str, Any]:
         written=output.scene.surface.in_frame_of(asset.scene.surface) if measured else None,
         placement=embossed.placement,
         marks=embossed.marks,
-        colors=output.colors,
+        colors=[style.color for style in output.styles],
         copies=output.copies,
         refusals=embossed.refusals,
         timings=run.timings,

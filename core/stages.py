@@ -12,6 +12,7 @@ from core.budgets import DEFAULT_BUDGETS, Budgets
 from core.embossing.mesh import WorkingMesh
 from core.errors import MeshmarkError
 from core.formats.sniff import Format
+from core.gltf.edit import Style
 from core.gltf.scene import Scene
 from core.notices import Notice
 from core.parameters import Parameters
@@ -126,14 +127,14 @@ class Output:
 
     Attributes:
         embossed: the marks that it shows.
-        colors: "#rrggbb" of the letters of each mark; None where they have their ground's material.
+        styles: of the letters of each mark.
         model: the GLB.
         copies: the other scenes, levels of detail and unused meshes of the file.
         scene: read back from ``model``.
     """
 
     embossed: Embossed
-    colors: list[str | None]
+    styles: list[Style]
     model: bytes
     copies: "list[MarkedCopy]"
     scene: Scene

@@ -4,8 +4,6 @@ Letters without a colour of their own are seen by their light and dark sides alo
 what glows brightly outshines them.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from core.analysis.color import Appearance, appearance
@@ -17,6 +15,7 @@ from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
 from core.gltf.colors import hex_linear, hex_srgb
 from core.gltf.document import Document, typed
+from core.gltf.edit import Style
 from core.gltf.materials import UNLIT
 from core.gltf.scene import Scene
 
@@ -30,23 +29,8 @@ CONTRAST = 60.0  # CIELAB lightness between letters and their ground: about 7:1 
 QUANTILE = 0.1  # share of the ground that may be closer to the letters than is reckoned with
 
 
-@dataclass(frozen=True)
-class LetterColor:
-    """What the letters of one mark wear in place of their ground's material.
-
-    Attributes:
-        color: "#rrggbb".
-        glows: it is given off as light, since the ground glows and is darker.
-    """
-
-    color: str
-    glows: bool
-
-
-def letter_colors(
-    scene: Scene, surface: Surface, index: SpatialIndex, boxes: Boxes, asked: str | None
-) -> list[LetterColor | None]:
-    """The colour of the letters of each of B marks; ``None`` where shading shows letters of the ground's own colour.
+def letter_styles(scene: Scene, surface: Surface, index: SpatialIndex, boxes: Boxes, asked: str | None) -> list[Style]:
+    """The style of the letters of each of B marks: the ground's own where shading shows it.
 
     A mark counts as not shaded where a quarter of the ground under it shows less than 5 units of lightness between
     full and half light: unlit materials, bright emission. Its letters are :func:`contrasting`.
@@ -62,13 +46,13 @@ def letter_colors(
         MeshmarkError: as :func:`core.analysis.color.appearance`.
     """
     if not len(boxes) or not _outshines(scene.document):
-        return [LetterColor(asked, glows=False) if asked else None] * len(boxes)
+        return [Style(asked)] * len(boxes)
     across = [(np.arange(count) + 0.5) / count - 0.5 for count in GRID]
     plane = np.stack(np.meshgrid(*across, indexing="ij"), axis=-1).reshape(-1, 2)
     offset = np.einsum("pk,bk,bki->bpi", plane, boxes.size[:, :2], boxes.axes[:, :2])
     _, face, point = index.closest((boxes.center[:, None] + offset).reshape(-1, 3))
     seen = appearance(scene, surface, point, face)
-    return [_letter_color(seen[rows], asked) for rows in np.split(np.arange(len(point)), len(boxes))]
+    return [_letter_style(seen[rows], asked) for rows in np.split(np.arange(len(point)), len(boxes))]
 
 
 def _outshines(document: Document) -> bool:
@@ -80,15 +64,15 @@ def _outshines(document: Document) -> bool:
     )
 
 
-def _letter_color(ground: Appearance, asked: str | None) -> LetterColor | None:
+def _letter_style(ground: Appearance, asked: str | None) -> Style:
     """The same for one mark, from the ground under it."""
     needed = not_shaded(ground).mean() >= FLAT_SHARE
     if asked is None and not needed:
-        return None
+        return Style()
     lab = cielab(ground.shown)
     color = asked or contrasting(lab)
     lighter = cielab(hex_linear(color)[None])[0, 0] > np.median(lab[:, 0])
-    return LetterColor(color, bool(needed and lighter and not ground.unlit.all()))
+    return Style(color, bool(needed and lighter and not ground.unlit.all()))
 
 
 def not_shaded(ground: Appearance) -> Bool:

@@ -13,6 +13,7 @@ from core.geometry.boxes import Boxes
 from core.geometry.surface import Surface
 from core.gltf.copies import Copy, find_copies, leave_out, scene_of
 from core.gltf.document import Document
+from core.gltf.edit import Style
 from core.gltf.hierarchy import hidden_nodes, scene_nodes
 from core.gltf.write import write
 from core.notices import Notice, NoticeCode
@@ -42,15 +43,14 @@ class AssetMarks:
         surface: the asset's, whose size-30 frame the boxes are in.
         boxes: where its marks stand.
         letters: the islands in text widths.
-        colors, glowing: as for :func:`core.gltf.write.write`, by number of the box.
+        styles: as for :func:`core.gltf.write.write`, by number of the box.
         parameters: relief, mode, and what to do with copies that cannot be marked.
     """
 
     surface: Surface
     boxes: Boxes
     letters: LetterIslands
-    colors: Sequence[str | None]
-    glowing: Collection[int]
+    styles: Sequence[Style]
     parameters: Parameters
 
 
@@ -113,9 +113,8 @@ def _embossed(document: Document, copy: Copy, marks: AssetMarks) -> tuple[Docume
     stand = [number for number, outcome in enumerate(outcomes) if isinstance(outcome, Mark)]
     if not stand:
         return document, 0
-    colors = [marks.colors[number] for number in stand]
-    glowing = {place for place, number in enumerate(stand) if number in marks.glowing}
-    return Document.from_glb(write(scene, ground.with_file_winding(mesh.edit()), colors, glowing)), len(stand)
+    styles = [marks.styles[number] for number in stand]
+    return Document.from_glb(write(scene, ground.with_file_winding(mesh.edit()), styles)), len(stand)
 
 
 def unmarked(copies: Sequence[MarkedCopy]) -> list[Notice]:

@@ -42,3 +42,16 @@ class SurfaceEdit:
     original: Int
     kind: NDArray[np.int8]
     mark: Int
+
+
+@dataclass(frozen=True)
+class Style:
+    """The look of one mark's letters.
+
+    Attributes:
+        color: "#rrggbb", in a plain material; None for the material of the ground.
+        glows: whether the colour is given off as light, to be seen on ground that glows and is darker.
+    """
+
+    color: str | None = None
+    glows: bool = False

@@ -1,7 +1,7 @@
 """An edited surface back into its GLB: what was touched is written anew, and nothing is left of what it was."""
 
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +16,7 @@ from core.gltf.colors import hex_linear
 from core.gltf.compact import drop_unused_rows, kept_outline
 from core.gltf.compression import DRACO
 from core.gltf.document import Document
-from core.gltf.edit import Kind, SurfaceEdit
+from core.gltf.edit import Kind, Style, SurfaceEdit
 from core.gltf.hierarchy import hidden_nodes, scene_nodes
 from core.gltf.instances import instance_attributes, split_off
 from core.gltf.materials import UNLIT
@@ -31,9 +31,7 @@ Replacement = tuple[dict[str, Any] | None, list[dict[str, Any]]]  # the surface 
 TEXTURING = ("TANGENT", "TEXCOORD_", "COLOR_")
 
 
-def write(
-    scene: Scene, edit: SurfaceEdit, colors: Sequence[str | None], glowing: Collection[int] = frozenset()
-) -> bytes:
+def write(scene: Scene, edit: SurfaceEdit, styles: Sequence[Style]) -> bytes:
     """The scene's GLB with ``edit`` applied.
 
     A touched primitive gets new accessors with the rows that it draws and no others, old and new ones alike in the
@@ -45,11 +43,9 @@ def write(
     Args:
         scene: what the edit refers to.
         edit: the faces that go and the triangles that come.
-        colors: of each mark that ``edit.mark`` counts: ``"#rrggbb"`` puts its caps and walls into a primitive with a
-            plain material of that colour; ``None`` leaves them in the source primitive. On unlit sources they are
-            unlit.
-        glowing: the marks whose colour is given off as light, to be seen on ground that glows; on unlit sources none
-            needs to.
+        styles: of each mark that ``edit.mark`` counts. A colour puts its caps and walls into a primitive with a plain
+            material, which is unlit where the source is, and then need not glow; without one they stay in the source
+            primitive.
 
     Raises:
         MeshmarkError: ``unsupported_feature`` where a touched vertex cannot be taken back to its node's frame.
@@ -58,10 +54,9 @@ def write(
         return scene.document.to_glb()
     editor = Builder(scene.document)
     paint = _Paint(editor)
-    # Looks are numbered so that letters of one look share a primitive; 0 is the source's own.
-    looks = [(color, number in glowing) if color is not None else None for number, color in enumerate(colors)]
-    palette = list(dict.fromkeys(look for look in looks if look is not None))
-    look_of_mark = np.array([0 if look is None else palette.index(look) + 1 for look in looks], dtype=np.int64)
+    # Styles are numbered so that letters of one style share a primitive; 0 is the source's own.
+    palette = [style for style in dict.fromkeys(styles) if style.color is not None]
+    look_of_mark = np.array([palette.index(style) + 1 if style in palette else 0 for style in styles], dtype=np.int64)
     changes: dict[Owner, dict[int, Replacement]] = {}
     for patch in cut_patches(scene, edit):
         table = _rows(scene.document, patch)
@@ -87,7 +82,7 @@ def write(
             changes.setdefault((drawn.node, drawn.instance), {})[drawn.primitive] = (
                 shared.primitive(source, base[index]) if len(base[index]) else None,
                 [
-                    paint.primitive(source, patch, table, triangles, *palette[number - 1])
+                    paint.primitive(source, patch, table, triangles, palette[number - 1])
                     for number, triangles in letters[index]
                 ],
             )
@@ -202,7 +197,7 @@ class _Paint:
         self._materials: dict[tuple[bool, bool, bool, str], int] = {}
 
     def primitive(
-        self, source: dict[str, Any], patch: Patch, table: _Rows, triangles: Int, color: str, glows: bool
+        self, source: dict[str, Any], patch: Patch, table: _Rows, triangles: Int, style: Style
     ) -> dict[str, Any]:
         """A primitive of ``triangles`` (T, 3), rows of ``table``, without what only the textures of ``source`` need."""
         kept = {name for name in patch.maps[0] if not name.startswith(TEXTURING)}
@@ -211,12 +206,12 @@ class _Paint:
                 kept |= target.keys()  # a morph target must not become empty
         bare = {key: value for key, value in source.items() if key in ("indices", "targets")}
         vertices = _Vertices(self._editor, patch, table, [triangles], kept)
-        return vertices.primitive(bare, triangles) | {"material": self._material(source, color, glows)}
+        return vertices.primitive(bare, triangles) | {"material": self._material(source, style)}
 
-    def _material(self, source: dict[str, Any], color: str, glows: bool) -> int:
+    def _material(self, source: dict[str, Any], style: Style) -> int:
         ground = self._editor.json["materials"][source["material"]] if "material" in source else {}
         double_sided, unlit = bool(ground.get("doubleSided", False)), UNLIT in ground.get("extensions", {})
-        key = double_sided, unlit, glows and not unlit, color
+        key = double_sided, unlit, style.glows and not unlit, str(style.color)
         if key not in self._materials:
             self._materials[key] = self._editor.append("materials", letter_material(*key))
             used = self._editor.json.get("extensionsUsed", [])

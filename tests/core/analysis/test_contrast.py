@@ -5,19 +5,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from core.analysis.contrast import LetterColor, contrasting, letter_colors
+from core.analysis.contrast import contrasting, letter_styles
 from core.analysis.texture import cielab, from_cielab
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
 from core.gltf.colors import hex_linear, hex_srgb
 from core.gltf.document import Document
+from core.gltf.edit import Style
 from core.gltf.scene import Scene, flatten
 from tests.core.rendering.glb import QUAD, QUAD_FACES, QUAD_UV, GlbWriter, plain, png
 
 UNLIT: dict[str, Any] = {"extensions": {"KHR_materials_unlit": {}}}
 
 
-def on(scene: Scene, *centers: tuple[float, float], asked: str | None = None) -> list[LetterColor | None]:
+def on(scene: Scene, *centers: tuple[float, float], asked: str | None = None) -> list[Style]:
     """The letters of marks of 8 x 1.2 at places on a square of 30 x 30."""
     count = len(centers)
     boxes = Boxes(
@@ -26,7 +27,7 @@ def on(scene: Scene, *centers: tuple[float, float], asked: str | None = None) ->
         np.tile([8.0, 1.2, 0.5], (count, 1)),
     )
     index = SpatialIndex(scene.surface.positions, scene.surface.faces)
-    return letter_colors(scene, scene.surface, index, boxes, asked)
+    return letter_styles(scene, scene.surface, index, boxes, asked)
 
 
 def square(material: dict[str, Any], image: Any = None, role: str = "emissiveTexture") -> Scene:
@@ -41,7 +42,8 @@ def square(material: dict[str, Any], image: Any = None, role: str = "emissiveTex
     return flatten(Document.from_glb(writer.mesh(QUAD, QUAD_FACES, attributes, material).bytes()))
 
 
-def lightness(color: str) -> float:
+def lightness(color: str | None) -> float:
+    assert color is not None
     return float(cielab(hex_linear(color)[None])[0, 0])
 
 
@@ -113,10 +115,10 @@ def test_each_mark_has_the_colour_that_its_own_ground_needs() -> None:
 
 def test_a_colour_that_is_asked_for_is_kept_and_glows_where_it_would_be_dark_on_light() -> None:
     red = "#d02020"
-    assert on(square(plain((1, 1, 1, 1), **UNLIT)), (0, 0), asked=red) == [LetterColor(red, False)]
-    assert on(square(plain((0.2, 0.2, 0.2, 1))), (0, 0), asked=red) == [LetterColor(red, False)]
-    assert on(square(plain((0, 0, 0, 1), emissiveFactor=[0, 0.08, 0])), (0, 0), asked=red) == [LetterColor(red, True)]
-    assert on(square(plain((0, 0, 0, 1), emissiveFactor=[0, 1, 0])), (0, 0), asked=red) == [LetterColor(red, False)]
+    assert on(square(plain((1, 1, 1, 1), **UNLIT)), (0, 0), asked=red) == [Style(red, False)]
+    assert on(square(plain((0.2, 0.2, 0.2, 1))), (0, 0), asked=red) == [Style(red, False)]
+    assert on(square(plain((0, 0, 0, 1), emissiveFactor=[0, 0.08, 0])), (0, 0), asked=red) == [Style(red, True)]
+    assert on(square(plain((0, 0, 0, 1), emissiveFactor=[0, 1, 0])), (0, 0), asked=red) == [Style(red, False)]
 
 
 def test_a_file_without_unlit_or_emissive_materials_costs_no_closest_points(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from core.gltf.accessors import dequantize, read_accessor
 from core.gltf.document import Document
-from core.gltf.edit import Kind
+from core.gltf.edit import Kind, Style
 from core.gltf.prune import unreferenced_bytes
 from core.gltf.scene import flatten
 from core.gltf.write import write
@@ -25,7 +25,7 @@ def edited(
     """The document after a centroid split; whatever it is, it must be valid and hold nothing that nothing refers to."""
     scene = flatten(document)
     before = document.to_glb()
-    glb = write(scene, centroid_split(scene, faces, kinds, lift), [color])
+    glb = write(scene, centroid_split(scene, faces, kinds, lift), [Style(color)])
     assert not error_counts(glb)
     assert document.to_glb() == before
     result = Document.from_glb(glb)

@@ -9,7 +9,7 @@ from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit
 from core.gltf.accessors import read_accessor
 from core.gltf.document import Document
-from core.gltf.edit import Kind
+from core.gltf.edit import Kind, Style
 from core.gltf.prune import unreferenced_bytes
 from core.gltf.scene import flatten
 from core.gltf.write import write
@@ -47,7 +47,7 @@ def _as_nodes() -> Document:
 
 def _marked(document: Document, faces: list[int], color: str | None = None) -> Document:
     scene = flatten(document)
-    glb = write(scene, centroid_split(scene, faces, [Kind.CAP] * len(faces)), [color])
+    glb = write(scene, centroid_split(scene, faces, [Kind.CAP] * len(faces)), [Style(color)])
     admit(glb)
     assert not error_counts(glb)
     result = Document.from_glb(glb)

@@ -6,7 +6,7 @@ import pytest
 from core.formats.admission import admit
 from core.gltf.accessors import read_accessor
 from core.gltf.document import Document
-from core.gltf.edit import Kind
+from core.gltf.edit import Kind, Style
 from core.gltf.prune import unreferenced_bytes
 from core.gltf.scene import flatten
 from core.gltf.write import write
@@ -28,7 +28,7 @@ def _two_cubes(**objects: Any) -> Document:
 
 def _marked(document: Document, faces: list[int]) -> Document:
     scene = flatten(document)
-    glb = write(scene, centroid_split(scene, faces, [Kind.CAP] * len(faces)), [None])
+    glb = write(scene, centroid_split(scene, faces, [Kind.CAP] * len(faces)), [Style()])
     admit(glb)
     assert not error_counts(glb)
     result = Document.from_glb(glb)
@@ -72,7 +72,7 @@ def test_other_extensions_of_a_touched_draco_primitive_stay() -> None:
     document = draco(_two_cubes())
     _primitives(document)[0]["extensions"]["KHR_materials_variants"] = {"mappings": []}
     scene = flatten(document)
-    result = Document.from_glb(write(scene, centroid_split(scene, [0], [Kind.CAP]), [None]))
+    result = Document.from_glb(write(scene, centroid_split(scene, [0], [Kind.CAP]), [Style()]))
     assert _primitives(result)[0]["extensions"] == {"KHR_materials_variants": {"mappings": []}}
 
 
@@ -208,7 +208,7 @@ def test_a_real_compressed_asset_is_as_valid_as_before_and_keeps_what_was_not_to
     document = Document.from_glb(data)
     scene = flatten(document)
     solid = np.flatnonzero(scene.surface.areas > 0)
-    glb = write(scene, centroid_split(scene, solid[:6], [Kind.CAP] * 6), ["#d02020"])
+    glb = write(scene, centroid_split(scene, solid[:6], [Kind.CAP] * 6), [Style("#d02020")])
     assert not error_counts(glb) - error_counts(data)
     result = Document.from_glb(glb)
     assert unreferenced_bytes(result) == 0

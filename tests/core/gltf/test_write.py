@@ -8,7 +8,7 @@ import pytest
 
 from core.errors import ErrorCode, MeshmarkError
 from core.gltf.document import Document
-from core.gltf.edit import Kind
+from core.gltf.edit import Kind, Style
 from core.gltf.prune import unreferenced_bytes
 from core.gltf.scene import Scene, flatten
 from core.gltf.write import write
@@ -34,13 +34,13 @@ def test_old_rows_stay_and_new_rows_follow_them() -> None:
 def test_an_edit_of_nothing_changes_nothing() -> None:
     document = quad()
     scene = flatten(document)
-    assert write(scene, centroid_split(scene, [], []), ["#ff0000"]) == document.to_glb()
+    assert write(scene, centroid_split(scene, [], []), [Style("#ff0000")]) == document.to_glb()
 
 
 def test_the_same_edit_gives_the_same_bytes() -> None:
     scene = flatten(quad(NORMAL=(NORMALS, "<f4", False)))
     edit = centroid_split(scene, [0, 1], [CAP, WALL], 0.3)
-    assert write(scene, edit, ["#123456"]) == write(scene, edit, ["#123456"])
+    assert write(scene, edit, [Style("#123456")]) == write(scene, edit, [Style("#123456")])
 
 
 def test_untouched_primitives_nodes_and_unknown_properties_stay_as_they_are() -> None:
@@ -103,7 +103,7 @@ def test_a_seam_gives_one_point_several_rows_at_one_position() -> None:
     edit.vertex[:, 2], edit.position[:, 2] = 99, middle
     edit.barycentric[:3, 2], edit.barycentric[3:, 2] = [0.5, 0, 0.5], [0.5, 0.5, 0]
 
-    result = Document.from_glb(write(scene, edit, [None]))
+    result = Document.from_glb(write(scene, edit, [Style()]))
 
     rows = values(result, "POSITION")
     np.testing.assert_array_equal(rows[6], rows[7])
@@ -186,7 +186,7 @@ def test_a_lift_goes_outwards_whatever_the_node_does(scale: list[float]) -> None
     )
     scene = flatten(document)
     edit = centroid_split(scene, range(12), [CAP, WALL] * 6, lift=2.0)
-    after = flatten(Document.from_glb(write(scene, edit, [None])))
+    after = flatten(Document.from_glb(write(scene, edit, [Style()])))
 
     expected = scene.surface.to_world(edit.position.reshape(-1, 3))
     size = float(np.ptp(expected, axis=0).max())
@@ -205,7 +205,7 @@ def test_a_lift_goes_outwards_whatever_the_node_does(scale: list[float]) -> None
 def test_a_node_that_flattens_its_mesh_cannot_carry_letters() -> None:
     scene = flatten(simple(CUBE, CUBE_FACES, scale=[1, 0, 1]))
     with pytest.raises(MeshmarkError) as caught:
-        write(scene, centroid_split(scene, [0], [CAP]), [None])
+        write(scene, centroid_split(scene, [0], [CAP]), [Style()])
     assert caught.value.code is ErrorCode.UNSUPPORTED_FEATURE
 
 
@@ -253,7 +253,7 @@ def test_a_point_between_two_primitives_of_a_node_is_at_one_position_in_both() -
     edit.position[:3, 2] = scene.surface.positions[[0, 2]].mean(axis=0)
     edit.position[3:, 2] = edit.position[0, 2] + 1e-9  # what rounding may do
     edit.barycentric[:3, 2], edit.barycentric[3:, 2] = [0.5, 0, 0.5], [0.5, 0.5, 0]
-    result = Document.from_glb(write(scene, edit, [None]))
+    result = Document.from_glb(write(scene, edit, [Style()]))
     np.testing.assert_array_equal(values(result, "POSITION", 0)[3], values(result, "POSITION", 1)[3])
 
 
@@ -309,7 +309,7 @@ def test_a_buffer_in_a_data_uri_becomes_the_bin_chunk() -> None:
         "data:application/octet-stream;base64," + base64.b64encode(document.binary).decode()
     )
     scene = flatten(Document(document.json, b""))
-    result = Document.from_glb(write(scene, centroid_split(scene, [0], [SURFACE]), [None]))
+    result = Document.from_glb(write(scene, centroid_split(scene, [0], [SURFACE]), [Style()]))
     assert "uri" not in result.json["buffers"][0]
     assert len(result.json["buffers"]) == 1
     np.testing.assert_array_equal(values(result, "POSITION")[:4], QUAD)
@@ -354,7 +354,7 @@ def test_real_assets_stay_as_valid_as_they_were(path: Path, color: str | None) -
     scene = flatten(document)
     solid = np.flatnonzero(scene.surface.areas > 0)
     faces = solid[np.linspace(0, len(solid) - 1, 6).astype(int)]
-    glb = write(scene, centroid_split(scene, faces, [SURFACE, SURFACE, SURFACE, CAP, WALL, WALL]), [color])
+    glb = write(scene, centroid_split(scene, faces, [SURFACE, SURFACE, SURFACE, CAP, WALL, WALL]), [Style(color)])
 
     assert not error_counts(glb).keys() - error_counts(data).keys()
     result = Document.from_glb(glb)
@@ -387,7 +387,7 @@ def _strip_of_walls(angle: float) -> tuple[Document, Any]:
 @pytest.mark.parametrize(("angle", "rows"), [(0, 10), (10, 10), (29, 10), (31, 12), (90, 12)])
 def test_walls_along_a_curve_are_shaded_as_one_and_share_their_rows(angle: float, rows: int) -> None:
     document, edit = _strip_of_walls(angle)
-    result = Document.from_glb(write(flatten(document), edit, [None]))
+    result = Document.from_glb(write(flatten(document), edit, [Style()]))
     normals, positions = values(result, "NORMAL"), values(result, "POSITION")
     assert len(positions) == rows
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-6)

@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike
 
 from core.gltf.accessors import read_accessor
 from core.gltf.document import Document
-from core.gltf.edit import Kind
+from core.gltf.edit import Kind, Style
 from core.gltf.scene import Scene, flatten
 from core.gltf.write import write
 from tests.core.gltf.builder import QUAD, QUAD_FACES, Builder
@@ -52,7 +52,7 @@ def _world_of_new_corners(scene: Scene, edit: Any, result: Document) -> float:
 def test_lifted_corners_of_a_skinned_mesh_end_up_where_they_should_in_the_default_pose() -> None:
     scene = flatten(_skinned([[0.5, 0.5, 0, 0], [0.2, 0.3, 0.5, 0], [0.0, 0, 0, 1], [0.25] * 4]))
     edit = centroid_split(scene, [0, 1], [CAP, WALL], lift=1.0)
-    result = Document.from_glb(write(scene, edit, [None]))
+    result = Document.from_glb(write(scene, edit, [Style()]))
     assert _world_of_new_corners(scene, edit, result) < 1e-5
 
 
@@ -76,7 +76,7 @@ def test_integer_weights_keep_their_type_and_sum_exactly(dtype: str) -> None:
     assert (stored.sum(axis=1, dtype=np.int64) == maximum).all()
     scene = flatten(document)
     edit = centroid_split(scene, [0, 1], [CAP, WALL], lift=0.5)
-    assert _world_of_new_corners(scene, edit, Document.from_glb(write(scene, edit, [None]))) < 1e-5
+    assert _world_of_new_corners(scene, edit, Document.from_glb(write(scene, edit, [Style()]))) < 1e-5
 
 
 def test_walls_at_an_untouched_vertex_follow_its_bones_to_the_last_bit() -> None:
@@ -118,7 +118,7 @@ def test_morph_targets_reach_the_new_vertices_of_every_primitive(sparse: bool, c
     np.testing.assert_allclose(centroids, [[0, 0, 1]] * 2, atol=1e-6)
     first = result.json["accessors"][primitives_of(result)[0]["targets"][0]["POSITION"]]
     assert ("sparse" in first) == sparse
-    assert _world_of_new_corners(scene, edit, Document.from_glb(write(scene, edit, [None]))) < 1e-6
+    assert _world_of_new_corners(scene, edit, Document.from_glb(write(scene, edit, [Style()]))) < 1e-6
 
 
 def test_normals_of_walls_turn_with_a_morph_target() -> None:
@@ -140,6 +140,6 @@ def test_walls_on_a_skin_are_shaded_from_their_front_whatever_mirrors_it(node: i
     document.json["nodes"][1]["scale"] = [bone, 1, 1]
     scene = flatten(document)
     edit = centroid_split(scene, [0, 1], [WALL, WALL], lift=1.0)
-    written = flatten(Document.from_glb(write(scene, edit, [None])))
+    written = flatten(Document.from_glb(write(scene, edit, [Style()])))
     normals = values(written.document, "NORMAL")[written.primitives[0].triangles] * (bone, 1, 1)
     assert (np.einsum("fi,fci->fc", written.surface.normals, normals) > 0.8).all()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from core.gltf.document import Document
-from core.gltf.edit import Kind
+from core.gltf.edit import Kind, Style
 from core.gltf.scene import flatten
 from core.gltf.write import write
 from tests.core.gltf.builder import QUAD, QUAD_FACES, Builder
@@ -17,14 +17,14 @@ from tests.validator import error_counts
 UNLIT = "KHR_materials_unlit"
 
 
-def letters(source: dict[str, Any], glowing: set[int] | None = None, declared: bool = True) -> Document:
+def letters(source: dict[str, Any], glows: bool = False, declared: bool = True) -> Document:
     """A square of the material ``source`` with one mark of orange letters."""
     builder = Builder()
     primitive = builder.primitive(QUAD, QUAD_FACES) | {"material": 0}
     used = {"extensionsUsed": [UNLIT]} if declared and UNLIT in source.get("extensions", {}) else {}
     document = builder.document(meshes=[{"primitives": [primitive]}], materials=[source], **used)
     scene = flatten(document)
-    glb = write(scene, centroid_split(scene, [0], [Kind.CAP]), ["#ff8000"], glowing or set())
+    glb = write(scene, centroid_split(scene, [0], [Kind.CAP]), [Style("#ff8000", glows)])
     assert not error_counts(glb)
     return Document.from_glb(glb)
 
@@ -50,14 +50,14 @@ def test_letters_of_a_lit_source_are_lit() -> None:
 
 
 def test_letters_that_glow_give_their_colour_off_as_light_and_reflect_none() -> None:
-    material = material_of_letters(letters({"emissiveFactor": [0.1, 0.1, 0.1], "doubleSided": True}, {0}))
+    material = material_of_letters(letters({"emissiveFactor": [0.1, 0.1, 0.1], "doubleSided": True}, True))
     np.testing.assert_allclose(material["emissiveFactor"], [1, 0.215861, 0], atol=1e-6)
     assert material["pbrMetallicRoughness"]["baseColorFactor"] == [0, 0, 0, 1]
     assert material["doubleSided"]
 
 
 def test_unlit_letters_need_no_light_of_their_own() -> None:
-    assert "emissiveFactor" not in material_of_letters(letters({"extensions": {UNLIT: {}}}, {0}))
+    assert "emissiveFactor" not in material_of_letters(letters({"extensions": {UNLIT: {}}}, True))
 
 
 def test_marks_of_one_colour_share_a_material_only_where_both_glow() -> None:
@@ -66,6 +66,6 @@ def test_marks_of_one_colour_share_a_material_only_where_both_glow() -> None:
     scene = flatten(builder.document(meshes=[mesh]))
     edit = centroid_split(scene, [0, 1], [Kind.CAP, Kind.CAP])
     edit.mark[:] = np.searchsorted([0, 1], edit.source_face)
-    result = Document.from_glb(write(scene, edit, ["#ff8000", "#ff8000"], {1}))
+    result = Document.from_glb(write(scene, edit, [Style("#ff8000"), Style("#ff8000", glows=True)]))
     assert [primitive.get("material") for primitive in primitives_of(result)] == [0, 1]
     assert ["emissiveFactor" in material for material in result.json["materials"]] == [False, True]
