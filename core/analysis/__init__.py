@@ -1,1 +1,2 @@
-"""What of an asset may carry a watermark: which faces count, which side of them is out, which may be cut."""
+"""Facts about a surface that placement weighs: distinct, flipped, opaque and cuttable faces, components, saliency,
+texture, contrast, skin deformation, and the regions of a request."""

@@ -1,4 +1,4 @@
-"""The ground that watermarks are placed on and embossed into."""
+"""The analysis of the surface that watermarks are placed on and embossed into."""
 
 from dataclasses import dataclass, replace
 
@@ -17,7 +17,7 @@ from core.gltf.edit import SurfaceEdit
 from core.gltf.scene import Scene
 from core.gltf.viewer import Viewed, drawn_part
 
-HIDING = 0.25  # share of a face that is opaque, from which on it is ground, and hides what is behind it
+HIDING = 0.25  # share of a face's area; with more than that opaque it may carry marks, and occludes
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,18 +25,17 @@ class SurfaceAnalysis:
     """An asset's surface, as it is seen from outside.
 
     Attributes:
-        surface: the scene's, with the faces in ``flipped`` wound the other way round, so that all normals look out that
-            may: the normals of faces that are drawn from one side only are the file's. Faces that are not drawn are
-            collapsed.
+        surface: the scene's, with the winding of the faces in ``flipped`` reversed, so that normals face outwards.
+            Faces that are drawn from one side only keep the file's winding. Faces that are not drawn are collapsed.
         flipped: (F,) faces that the file winds inside out.
-        component: (F,) number of the part that each distinct face belongs to: what hangs together through edges of
-            exactly two faces. -1 for others.
-        coincident: its layers; faces that are not drawn are not distinct.
+        component: (F,) number of each distinct face's edge-manifold component: faces connected through edges of exactly
+            two. -1 for others.
+        coincident: its coincident faces; faces that are not drawn are not distinct.
         opaque: (F,) distinct faces to place watermarks on.
         cuttable: (F,) distinct faces to fall back to: ``opaque`` and the see-through ones.
-        index: over the distinct faces; it answers with face numbers of ``surface``. Eyes look through what is drawn
-            from one side only, and through what is see-through.
-        glazed: the same, but eyes do not look through what is see-through.
+        index: over the distinct faces; its face numbers are those of ``surface``. View rays pass the undrawn backs of
+            one-sided faces, and see-through faces.
+        glazed: the same, but see-through faces occlude.
         resolution: (V,) the spacing of the file's 32-bit coordinates at each vertex of ``surface``, size-30 units.
     """
 
@@ -79,10 +78,10 @@ def analyse(scene: Scene) -> SurfaceAnalysis:
     layer = _layer(surface, seen, rank, turn_backed=True)
     inner = layer.orientation.flipped & seen.one_sided
     if inner.any():
-        # Of two coincident faces, each drawn from its front only, the one that looks out is the ground.
+        # Of two coincident faces, each drawn from its front only, the one that faces outwards is the distinct one.
         layer = _layer(surface, seen, 2 * rank - inner, turn_backed=False)
     sheets, facing, hides, clear = layer.coincident, layer.orientation, layer.hides.copy(), seen.opacity < HIDING
-    # A closed body shows its fronts and hides its backs: eyes need not be asked about them.
+    # The backs of a closed component cannot be seen: rays need not test the side they meet.
     hides[facing.closed] = Hides.ALWAYS
     if facing.flipped.any():
         faces = np.where(facing.flipped[:, None], surface.faces[:, [0, 2, 1]], surface.faces)
@@ -102,8 +101,8 @@ def analyse(scene: Scene) -> SurfaceAnalysis:
 
 
 def eye_index(scene: Scene, frame: Surface, *, through: bool = True) -> tuple[Surface, SpatialIndex]:
-    """What is drawn of a scene, in the ``frame`` of another surface, and an index over it for the eyes that look at it:
-    from one side only where it is drawn so, and, if they look ``through`` it, behind what is see-through."""
+    """The drawn faces of a scene, in the ``frame`` of another surface, and an index over them for view rays: these pass
+    the undrawn backs of one-sided faces and, where ``through``, see-through faces."""
     seen = scene.viewed
     surface = drawn_part(scene.surface.in_frame_of(frame), seen.drawn)
     one_sided, counts = seen.one_sided & seen.drawn, seen.drawn
@@ -119,8 +118,7 @@ def eye_index(scene: Scene, frame: Surface, *, through: bool = True) -> tuple[Su
 
 @dataclass(frozen=True, eq=False)
 class _Layer:
-    """The faces that make up the ground, and how they are turned; arrays and ``index`` as in
-    :class:`SurfaceAnalysis`."""
+    """The distinct faces and their winding; arrays and ``index`` as in :class:`SurfaceAnalysis`."""
 
     coincident: CoincidentFaces
     orientation: Orientation
@@ -129,8 +127,8 @@ class _Layer:
 
 
 def _layer(surface: Surface, seen: Viewed, rank: Int, *, turn_backed: bool) -> _Layer:
-    """The ground of the coincident faces with the highest ``rank`` (F,); whether faces that are drawn from their front
-    only may be turned where something coincident shows their back."""
+    """The layer of the coincident faces with the highest ``rank`` (F,). Faces that are drawn from their front only may
+    be flipped where ``turn_backed`` and a coincident face shows their back."""
     sheets = find_coincident(surface, rank)
     distinct = sheets.distinct & seen.drawn
     if not distinct.any():
@@ -148,12 +146,12 @@ def _layer(surface: Surface, seen: Viewed, rank: Int, *, turn_backed: bool) -> _
 
 
 def _through(hides: NDArray[np.uint8], clear: Bool) -> NDArray[np.uint8]:
-    """(F,) what faces hide when eyes look through those that are ``clear`` (F,)."""
+    """(F,) the :class:`Hides` of faces for rays that pass those that are ``clear`` (F,)."""
     return np.where(clear, Hides.NEVER, hides).astype(np.uint8)
 
 
 def _backed(surface: Surface, seen: Viewed, sheets: CoincidentFaces) -> Bool:
-    """(F,) distinct faces that something coincident shows the back of: a face that looks the other way, or one that is
+    """(F,) distinct faces with a coincident one that shows their back: a face of opposite orientation, or one that is
     drawn from both sides."""
     of, copy = sheets.copies.T
     opposite = np.einsum("ni,ni->n", surface.normals[of], surface.normals[copy]) < 0

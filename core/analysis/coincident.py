@@ -16,7 +16,7 @@ _MIX = tuple(np.uint64(constant) for constant in (0x9E3779B97F4A7C15, 0xBF58476D
 
 @dataclass(frozen=True, eq=False)
 class CoincidentFaces:
-    """A surface seen as one layer where several coincide.
+    """The coincident faces of a surface, and the one of each group that counts.
 
     Faces are coincident when their corners lie at exactly the same three places, whatever their order and whatever
     node draws them: the two layers of a "double-sided" shell, or duplicates. Edges of such layers have four faces
@@ -26,13 +26,13 @@ class CoincidentFaces:
         distinct: (F,) faces left when collapsed ones (two corners are one welded vertex) and all but one of
             coincident ones are set aside.
         copies: (C, 2) a distinct face, and one that coincides with it and was set aside.
-        duplicates: (D, 2) a distinct face, and one with the same welded corners and winding: nothing is lost when it
-            goes together with the distinct one. Sorted.
+        duplicates: (D, 2) a distinct face, and one with the same welded corners and winding, which may be removed
+            together with the kept face. Sorted.
         has_reversed_copy: (F,) distinct faces with a coincident one of the same welded corners and the opposite
-            winding: a second layer that stays where it is.
-        has_remaining_copy: (F,) distinct faces on which any coincident face stays.
-        not_cuttable: (F,) distinct faces not to be cut: they have duplicates at the rim of a sheet, and where both go,
-            an edge of two faces would be left with one.
+            winding: a second layer that is not removed.
+        has_remaining_copy: (F,) distinct faces with any coincident face that is not removed with them.
+        not_cuttable: (F,) distinct faces not to be cut: they have duplicates and a boundary edge, and with both
+            removed an edge of two faces would be left with one.
     """
 
     distinct: Bool

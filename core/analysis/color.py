@@ -22,14 +22,12 @@ TEXTURES_KEPT = 8  # decoded at a time, 4 MiB each
 
 @dataclass(frozen=True, eq=False)
 class Appearance:
-    """What N points of a surface look like.
+    """Appearance of N points of a surface.
 
     Attributes:
-        lit: (N, 3) linear RGB, 0 to 1, what the light that falls on them is multiplied by: the base colour; 0 where it
-            is shown unlit.
-        glow: (N, 3) linear RGB, what is seen without any light: the base colour of unlit materials, the emission of
-            others. May exceed 1.
-        unlit: (N,) bool, whose materials are unlit.
+        lit: (N, 3) linear RGB, 0 to 1, reflectance: the base colour; 0 where the material is unlit.
+        glow: (N, 3) linear RGB, emitted: the base colour of unlit materials, the emission of others. May exceed 1.
+        unlit: (N,) bool, points of unlit materials.
     """
 
     lit: Float
@@ -41,7 +39,7 @@ class Appearance:
 
     @property
     def shown(self) -> Float:
-        """(N, 3) linear RGB, 0 to 1, what a viewer shows in full light."""
+        """(N, 3) linear RGB, 0 to 1, as a viewer shows it in full light."""
         return np.clip(self.lit + self.glow, 0, 1)
 
 

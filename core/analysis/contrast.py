@@ -1,7 +1,7 @@
-"""Which marks stand on ground that shows no shading, and the colour that their letters need there.
+"""Marks on surface without shading, and the contrast colours of their letters.
 
-Letters without a colour of their own are seen by their light and dark sides alone. An unlit material has none, and
-what glows brightly outshines them.
+Letters without a colour of their own are visible by the shading of their sides alone. Unlit materials have none, and
+bright emission outshines it.
 """
 
 import numpy as np
@@ -21,26 +21,26 @@ from core.gltf.scene import Scene
 
 GRID = (48, 16)  # points under each box, along the text and across it
 SPECULAR = 0.04  # share of the light that a dielectric reflects without its base colour (glTF 2.0, appendix B.3.3)
-DIMMED = 0.5  # light on the dark side of a letter over that on its ground
-SHADING = 5.0  # CIELAB lightness; where ``DIMMED`` light changes less than this, letters cannot be told by it
-FLAT_SHARE = 0.25  # of the ground without shading, from which on a text cannot be read as a whole
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear sRGB
-CONTRAST = 60.0  # CIELAB lightness between letters and their ground: about 7:1 in luminance on white
-QUANTILE = 0.1  # share of the ground that may be closer to the letters than is reckoned with
+DIMMED = 0.5  # light on the dark side of a letter over that on the surface around it
+SHADING = 5.0  # CIELAB lightness; least difference by ``DIMMED`` light at which letters are legible
+FLAT_SHARE = 0.25  # share of the surface under a mark; with more than that unshaded a text is not legible as a whole
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # weights of linear sRGB (ITU-R BT.709)
+CONTRAST = 60.0  # CIELAB lightness between letters and surface: about 7:1 in luminance on white
+QUANTILE = 0.1  # share of the surface under a mark whose lightness may be closer to the letters'
 
 
 def letter_styles(scene: Scene, surface: Surface, index: SpatialIndex, boxes: Boxes, asked: str | None) -> list[Style]:
-    """The style of the letters of each of B marks: the ground's own where shading shows it.
+    """The style of the letters of each of B marks: the surface's own where shading shows them.
 
-    A mark counts as not shaded where a quarter of the ground under it shows less than 5 units of lightness between
+    A mark counts as not shaded where a quarter of the surface in its box shows less than 5 units of lightness between
     full and half light: unlit materials, bright emission. Its letters are :func:`contrasting`.
 
     Args:
         scene: the asset.
         surface: the scene's, in which faces may be wound the other way round.
         index: over the faces that count.
-        boxes: where the marks stand.
-        asked: a colour for all letters, "#rrggbb"; then only whether they glow is decided here.
+        boxes: of the marks.
+        asked: the request's colour for all letters, "#rrggbb"; then only their emission is decided here.
 
     Raises:
         MeshmarkError: as :func:`core.analysis.color.appearance`.
@@ -56,7 +56,7 @@ def letter_styles(scene: Scene, surface: Surface, index: SpatialIndex, boxes: Bo
 
 
 def _outshines(document: Document) -> bool:
-    """Whether any material of a document is unlit or emits light: nothing else hides shading."""
+    """True where any material of a document is unlit or emits light: nothing else hides shading."""
     materials = typed(document.json, "materials", list)
     return any(
         UNLIT in typed(material, "extensions", dict) or any(typed(material, "emissiveFactor", list))
@@ -65,7 +65,7 @@ def _outshines(document: Document) -> bool:
 
 
 def _letter_style(ground: Appearance, asked: str | None) -> Style:
-    """The same for one mark, from the ground under it."""
+    """The style of the letters of one mark, from the appearance of the surface in its box."""
     needed = not_shaded(ground).mean() >= FLAT_SHARE
     if asked is None and not needed:
         return Style()
@@ -76,7 +76,7 @@ def _letter_style(ground: Appearance, asked: str | None) -> Style:
 
 
 def not_shaded(ground: Appearance) -> Bool:
-    """(N,) where the light that falls on the ground hardly changes what is seen of it."""
+    """(N,) points at which the incident light hardly changes the lightness."""
     lit = np.where(ground.unlit, 0, product(ground.lit, LUMINANCE[:, None])[:, 0] + SPECULAR)
     glow = product(ground.glow, LUMINANCE[:, None])[:, 0]
     full, dim = (_lightness(np.clip(glow + share * lit, 0, 1)) for share in (1, DIMMED))
@@ -89,10 +89,11 @@ def _lightness(luminance: Float) -> Float:
 
 
 def contrasting(lab: Float) -> str:
-    """A colour, "#rrggbb", that stands out from ground of the CIELAB colours ``lab`` (N, 3) and has its mean hue.
+    """A colour, "#rrggbb", in contrast to a surface of the CIELAB colours ``lab`` (N, 3), and of its mean hue.
 
-    Its lightness is the one farthest from that of all but a tenth of the ground, as near to it as ``CONTRAST`` allows:
-    darker or lighter than even ground, black or white on busy ground, in between where ground is half and half.
+    Its lightness is the one farthest from that of all but a tenth of the surface, as near to it as ``CONTRAST`` allows:
+    darker or lighter than a surface of even lightness, black or white on a varied one, in between where half of it is
+    dark and half is light.
     """
     levels = np.arange(101.0)
     apart = np.quantile(np.abs(levels[:, None] - lab[:, 0]), QUANTILE, axis=1)

@@ -14,14 +14,14 @@ from core.geometry.surface import Surface
 
 @dataclass(frozen=True, eq=False)
 class Carrier:
-    """A surface and its faces that boxes may stand on.
+    """A surface and its faces that may support boxes.
 
     Attributes:
         surface: the asset.
         index: over ``surface``.
-        cuttable: (F,) the faces that boxes may stand on. The others still stand in the way.
-        component: (F,) number of the component that each face belongs to, -1 for none; text stands on one.
-        opacity: tells where the cuttable faces are opaque; None where they are everywhere.
+        cuttable: (F,) the faces that may support boxes. The others still occlude and obstruct.
+        component: (F,) number of each face's component, -1 for none; a text lies on a single one.
+        opacity: tests points of the cuttable faces for opacity; None where these are opaque everywhere.
     """
 
     surface: Surface

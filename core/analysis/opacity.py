@@ -1,4 +1,4 @@
-"""Where faces that are opaque in part are opaque: a picture with holes leaves places for text between them."""
+"""Opacity at points of faces that are opaque in part: a texture with holes leaves places for text between them."""
 
 from collections.abc import Callable
 
@@ -15,12 +15,13 @@ Opacity = Callable[[Float, Int], Bool]
 
 
 def opacity(scene: Scene, surface: Surface, usable: Bool) -> Opacity | None:
-    """What says whether points (N, 3) on faces (N,) of a scene's surface hide what is behind them.
+    """A test of points (N, 3) on faces (N,) of a scene's surface for opacity; None where all ``usable`` faces are
+    opaque everywhere.
 
     Args:
         scene: the asset.
         surface: the scene's, in which faces may be wound the other way round.
-        usable: (F,) the faces that are asked about; where all of them are opaque everywhere, there is nothing to ask.
+        usable: (F,) the faces to be tested.
     """
     mixed = usable & (scene.viewed.opacity < 1)
     if not mixed.any():

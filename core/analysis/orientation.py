@@ -1,5 +1,5 @@
-"""Which faces that are seen from both sides are wound inside out: neighbours are made to agree, then each part is
-looked at from outside. What is seen from its front only has no other side to turn."""
+"""Orientation of faces that are drawn from both sides: neighbours are made to agree, then each component is flipped
+where rays from outside meet its back. Faces that are drawn from their front only are not flipped."""
 
 from dataclasses import dataclass
 
@@ -12,22 +12,22 @@ from core.geometry.spatial import Eye, SpatialIndex
 from core.geometry.surface import Surface
 from core.geometry.winding import consistent
 
-PARTS, SAMPLES, DIRECTIONS = 1024, 16, 24  # parts asked, the largest first; points on each; rays from each point
-GRAZING = 0.1  # cosine under which a ray tells nothing about a side
-CLEAR = 1e-3  # where rays start off the surface, size-30 units
-# A part is inside out when its back is seen from outside this many times as often as its front. Both sides of an
-# open sheet are seen about equally: its winding is the file's to say.
+PARTS, SAMPLES, DIRECTIONS = 1024, 16, 24  # components tested, the largest first; points on each; rays from each point
+GRAZING = 0.1  # cosine; rays at less than this to the face do not count
+CLEAR = 1e-3  # size-30 units between the surface and the origins of rays
+# Ratio of rays that leave from the back of a component to those from its front, from which on it is inside out. For an
+# open sheet both are about equal: it keeps the file's winding.
 CLEARLY = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Orientation:
-    """Which sides of a surface are out.
+    """Orientation of a surface's faces.
 
     Attributes:
-        flipped: (F,) faces whose winding must be turned for their normals to look out.
-        component: (F,) number of the part that each face belongs to, -1 where it does not count.
-        closed: (F,) faces of parts that have an inside, and show their fronts outside of it.
+        flipped: (F,) faces whose winding must be reversed for their normals to face outwards.
+        component: (F,) number of each face's component, -1 where it does not count.
+        closed: (F,) faces of closed components of positive volume.
     """
 
     flipped: Bool
@@ -40,19 +40,19 @@ def orient(
 ) -> Orientation:
     """The :class:`Orientation` of a surface.
 
-    Parts are faces connected through edges of exactly two. Within a part the winding of most of its area is right,
-    and whoever disagrees with it is turned; then the part as a whole is turned if rays leave the asset from its
-    back rather than from its front. A one-sided (Moebius) part stays as it is. Faces that are drawn from their front
-    only are never turned: the rest of their part follows most of them, and where two of them disagree there is no
-    part that both belong to.
+    Components are faces connected through edges of exactly two. Within a component the winding of most of its area is
+    right, and faces that disagree with it are flipped; then the component as a whole is flipped if rays leave the asset
+    from its back rather than from its front. A one-sided (Moebius) component stays as it is. Faces that are drawn from
+    their front only are never flipped: the rest of their component follows most of them, and two of them that disagree
+    are never in one component.
 
     Args:
         surface: the asset.
-        distinct: (F,) the faces that count (``sheets.distinct``); the others are never turned.
+        distinct: (F,) the faces that count (``CoincidentFaces.distinct``); the others are never flipped.
         one_sided: (F,) the faces that are drawn from their front only.
         clear: (F,) the faces that are see-through.
-        index: over the asset, for which these hide nothing.
-        glazed: the same, for which they do; see-through parts are judged by it.
+        index: over the asset; see-through faces do not occlude.
+        glazed: the same, but they do; see-through components are judged by it.
     """
     ids = np.flatnonzero(distinct)
     first, second, agree = surface.edges.among(distinct).pairs()
@@ -79,7 +79,7 @@ def orient(
 
 
 def _closed(surface: Surface, ids: Int, turned: Bool, part: Int, one: Int, two: Int, agree: Bool) -> Bool:
-    """(F,) faces of parts of which each face has three neighbours that agree with it, and whose volume is positive."""
+    """(F,) faces of components in which each face has three neighbours that agree with it, of positive volume."""
     same = agree == (turned[one] == turned[two])
     beside = np.bincount(np.concatenate([one[same], two[same]]), minlength=len(ids))
     whole = np.bincount(part, weights=beside == 3) == np.bincount(part)
@@ -90,13 +90,13 @@ def _closed(surface: Surface, ids: Int, turned: Bool, part: Int, one: Int, two: 
 
 @dataclass(frozen=True, eq=False)
 class _Parts:
-    """The parts of a surface, within which faces agree.
+    """The components of a surface, within which faces agree.
 
     Attributes:
-        ids: (N,) the faces that belong to parts.
-        part: (N,) the part of each.
-        turned: (N,) which of them are turned so far.
-        undecided: (P,) the area of each part whose winding is not the file's to say; 0 for others.
+        ids: (N,) the faces that belong to components.
+        part: (N,) the component of each.
+        turned: (N,) those that are flipped so far.
+        undecided: (P,) the area of each component whose winding the file does not decide; 0 for others.
     """
 
     ids: Int
@@ -106,7 +106,7 @@ class _Parts:
 
 
 def _inside_out(surface: Surface, parts: _Parts, clear: Bool, index: SpatialIndex, glazed: SpatialIndex) -> Bool:
-    """(P,) undecided parts that are seen by their backs, from the outside, clearly more than by their fronts."""
+    """(P,) undecided components from whose backs clearly more rays leave the asset than from their fronts."""
     ids, part, turned = parts.ids, parts.part, parts.turned
     total = np.asarray(np.bincount(part, weights=surface.areas[ids], minlength=len(parts.undecided)), dtype=np.float64)
     asked = np.argsort(-parts.undecided, kind="stable")[:PARTS]
@@ -114,7 +114,7 @@ def _inside_out(surface: Surface, parts: _Parts, clear: Bool, index: SpatialInde
     by_part = np.argsort(part, kind="stable")
     cumulative = np.cumsum(surface.areas[ids[by_part]])
     ends = np.cumsum(total)
-    # Even steps along each part's area; the golden section spreads the points over their triangles.
+    # Even steps along each component's area; the golden section spreads the points over their triangles.
     along = (ends - total)[asked, None] + (np.arange(SAMPLES) + 0.5) / SAMPLES * total[asked, None]
     picked = by_part[np.minimum(np.searchsorted(cumulative, along.ravel()), len(ids) - 1)]
     picked_part = np.repeat(asked, SAMPLES)

@@ -1,4 +1,4 @@
-"""Where a request keeps watermarks out and where it prefers them: nodes, materials and boxes as faces and boxes."""
+"""Regions that a request keeps free of watermarks or prefers: nodes, materials and boxes as faces and boxes."""
 
 import json
 from collections.abc import Iterable
@@ -20,8 +20,8 @@ from core.gltf.skin import read_influences
 from core.parameters import MAX_NAME_LENGTH, Box, BoxRegion, MaterialRegion, NodeRegion, Parameters
 
 LISTED = 10  # names in an error
-FOLLOWS = 0.5  # weight from which a corner belongs to the joints that move it
-FAR = 1e6  # size-30 units; a box that reaches further is cut off there, the surface ends at 15
+FOLLOWS = 0.5  # sum of skin weights; with at least this a corner belongs to the joints that move it
+FAR = 1e6  # size-30 units; larger coordinates of a box are clamped to this, the surface ends at 15
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ class Regions:
         return left
 
     def touches(self, boxes: Boxes, margin: float = 0.0) -> Bool:
-        """(B,) which oriented boxes reach into one of ``boxes_out``, or come as close as ``margin`` to it."""
+        """(B,) oriented boxes that intersect one of ``boxes_out``, or come as close as ``margin`` to it."""
         grown = self.boxes_out + margin * np.array([[-1.0], [1.0]])
         return np.asarray(boxes_meet(boxes, grown).any(axis=1))
 
@@ -72,7 +72,7 @@ class Regions:
 
 
 def regions(scene: Scene, surface: Surface, parameters: Parameters) -> Regions:
-    """What ``keep_out`` and ``prefer`` mean on ``surface``, which has the faces of ``scene.surface`` in their order.
+    """Resolves ``keep_out`` and ``prefer`` on ``surface``, which has the faces of ``scene.surface`` in their order.
 
     A node's name means all nodes of that name and everything below them; a node without a name goes by that of its
     mesh, as in viewers. A triangle of a skin belongs to a joint, too, if a corner follows that joint and those
@@ -100,7 +100,7 @@ def regions(scene: Scene, surface: Surface, parameters: Parameters) -> Regions:
                 case BoxRegion(box=box):
                     low, high = _corners(surface, box)
                     inside = np.all((surface.positions >= low) & (surface.positions <= high), axis=1)[surface.faces]
-                    # Only where no corner lies in the box it takes a closer look.
+                    # The exact test is needed only where no corner is in the box.
                     if not inside.any() and not triangles_meet(surface.positions[surface.faces], low, high).any():
                         raise _untouched(surface, box, where)
                     mask |= inside.all(axis=1)

@@ -1,4 +1,4 @@
-"""Where an asset has features that a watermark should not cover: what bends in two ways, at several scales."""
+"""Multi-scale normal variance: regions curved in both principal directions, which a watermark should not cover."""
 
 from dataclasses import dataclass
 
@@ -15,12 +15,12 @@ from core.geometry.surface import Surface
 
 SAMPLES = 20_000
 RADII = (0.4, 0.8, 1.6)  # size-30 units: an eye, a finger, an ear
-DIGITS = 6  # of raw saliency, which is 0 to 1
-CELLS = 4  # to a radius: neighbours are summed up in cubes of this share of it
-# Salient parts stand out from the rest by at least this much raw saliency: as a ball of radius 6 does from a plane, or
-# normals that lean by 3 degrees (root mean square) even where they lean least. Less is the shape of a vase (0.06), the
-# facets of a ball of 320 faces (0.07) or the noise of the samples (under 0.01); the shallow bumps of the Stanford bunny
-# reach 0.11, other figures 0.16 and more.
+DIGITS = 6  # decimals of raw saliency, which is 0 to 1
+CELLS = 4  # cells to a radius: neighbours are summed up in cubes of this size
+# Raw saliency; least difference between the means of salient regions and the rest: that of a ball of radius 6 and a
+# plane, or a deviation of normals of 3 degrees (root mean square) in the direction of least variance. Less is the shape
+# of a vase (0.06), the facets of a ball of 320 faces (0.07) or the noise of the samples (under 0.01); the shallow bumps
+# of the Stanford bunny reach 0.11, other figures 0.16 and more (measured).
 CONTRAST = 0.1
 
 
@@ -30,7 +30,7 @@ class Saliency(SurfaceSamples):
 
     Attributes:
         value: (N,) float64, 0 to 1, higher is more salient.
-        threshold: a point is salient where ``value`` is greater (Otsu); 1 where nothing stands out.
+        threshold: a point is salient where ``value`` is greater (Otsu); 1 where nothing is salient.
         face: (N,) int64, the face of the surface that each point lies on.
     """
 
@@ -40,7 +40,7 @@ class Saliency(SurfaceSamples):
 
     @property
     def salient(self) -> NDArray[np.bool_]:
-        """(N,) which points are salient."""
+        """(N,) the salient points."""
         return self.value > self.threshold
 
     def under(self, boxes: Boxes) -> tuple[Float, Float]:
@@ -56,17 +56,17 @@ def saliency(surface: Surface, seed: int) -> Saliency:
     Around each sample the products n n^T of the normals n are averaged over the area samples within a radius, with
     weights 1 - (distance / radius)^2. The least eigenvalue e of this matrix says how much the normals vary in the
     direction in which they vary least. The raw map is the mean of sqrt(3 e) over three radii: 0 where all normals lie
-    in one plane, so on planes, straight edges, pipes and whatever else bends in one way only; close to 0 on cones and
-    limbs; about 0.6 / R on a ball of radius R; 1 where the normals point everywhere. Heads, hands, feet, horns, eyes
-    and corners are salient, the limbs and edges between them are not. n n^T is the same for -n, so neither inverted
-    faces nor the second side of a thin sheet change it.
+    in one plane, so on planes, straight edges, pipes and other developable surface; close to 0 on cones and limbs;
+    about 0.6 / R on a ball of radius R; 1 where the normals point everywhere. Heads, hands, feet, horns, eyes and
+    corners are salient, the limbs and edges between them are not. n n^T is the same for -n, so neither inverted faces
+    nor the second side of a thin sheet change it.
 
     The paper's Saliency Error takes the map of Nousias, Arvanitis, Lalos, Moustakas 2020 ("Mesh Saliency Detection
     Using Convolutional Neural Networks") off the shelf. Of that, this is a variant of the spectral part alone, the
     inverse norm of all three eigenvalues of the covariance of the normals of the faces around each face. The norm
-    tells what bends from what is plain, but not how: a thin limb is as salient as a right-angled edge (both 0.57 of
-    the most there can be), so whole arms, legs and fuselages were, though the paper means "the face, ears, and paws"
-    (Definition 4). So errors by this map are not comparable with those that the paper reports.
+    tells curved surface from plane, but not the number of directions: a thin limb is as salient as a right-angled edge
+    (both 0.57 of the maximum), so whole arms, legs and fuselages were, though the paper means "the face, ears, and
+    paws" (Definition 4). So errors by this map are not comparable with those that the paper reports.
 
     The map is scaled to 0 at its 1st percentile and 1 at its 99th, or at the mean of the salient points if that is
     more (features on less than 1% of a plain body). The threshold is Otsu's (1979), on the unscaled map. It halves a
@@ -94,8 +94,8 @@ def saliency(surface: Surface, seed: int) -> Saliency:
 
 
 def _spread(points: Float, normals: Float, radius: float) -> Float:
-    """(N,) how much the normals around each sample vary in the direction in which they vary least: 0 where all lie in
-    one plane, 1 where they point evenly in all directions."""
+    """(N,) least variation of the normals around each sample over all directions: 0 where they lie in one plane, 1
+    where they point evenly in all directions."""
     moments = [normals[:, i] * normals[:, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
     # Summed up in cubes, so that thin or crumpled shapes, with thousands of samples within a radius, cost no more.
     cube = np.floor((points - points.min(axis=0)) * (CELLS / radius)).astype(np.int64)

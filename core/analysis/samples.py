@@ -1,4 +1,4 @@
-"""SurfaceSamples of a surface that carry values, and what of them lies under a watermark."""
+"""Samples of a surface that carry values, and their means inside boxes."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 from core.arrays import Float, Int
 from core.geometry.boxes import Boxes
 
-FEWEST = 8  # samples that a box is judged by
-NEAREST = 64  # among which those of a box with too few are looked for
+FEWEST = 8  # samples that the mean of a box is taken over, at least
+NEAREST = 64  # samples around a box with too few, among which these are chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,11 +37,11 @@ class SurfaceSamples:
         return np.column_stack(total) / count[:, None]
 
     def pairs_in_boxes(self, boxes: Boxes) -> tuple[Int, Int]:
-        """Pairs of a box and a sample under it: (P,), (P,).
+        """Pairs of a box and a sample inside it: (P,), (P,).
 
-        Points whose normals look away from the box belong to the far side of a thin part and do not count. A box
-        that fewer than 8 points lie in, smaller than the spacing of the samples, is judged by the 8 nearest to its
-        centre that look at it.
+        Points whose normals point away from the box are on the far side of thin geometry and do not count. A box with
+        fewer than 8 points inside, smaller than the spacing of the samples, has the 8 nearest to its centre whose
+        normals point towards it.
         """
         owner, which = self._inside(boxes)
         count = np.bincount(owner, minlength=len(boxes))
@@ -54,13 +54,14 @@ class SurfaceSamples:
         return owner, which
 
     def _inside(self, boxes: Boxes) -> tuple[Int, Int]:
-        """Pairs of a box and a point inside it that looks at it: (P,), (P,)."""
+        """Pairs of a box and a point inside it whose normal points towards it: (P,), (P,)."""
         owner, which, _ = boxes.contained(self._tree)
         toward = np.einsum("ni,ni->n", self.normals[which], boxes.axes[owner, 2]) > 0
         return owner[toward], which[toward]
 
     def _nearest(self, boxes: Boxes) -> Int:
-        """(B, 8) the points nearest to each centre that look at the box; others only where there are too few."""
+        """(B, 8) the points nearest to each centre whose normals point towards the box; others only where these are too
+        few."""
         _, near = self._tree.query(boxes.center, k=min(NEAREST, len(self.points)))
         toward = np.einsum("bni,bi->bn", self.normals[near], boxes.axes[:, 2])
         order = np.argsort(toward <= 0, axis=1, kind="stable")  # each group stays sorted by distance

@@ -1,4 +1,4 @@
-"""Where a skinned mesh bends: letters there are squeezed and stretched with the skin in every other pose."""
+"""Articulation of skinned meshes: letters over several joints are deformed with the skin in every other pose."""
 
 from dataclasses import dataclass
 
@@ -15,21 +15,20 @@ from core.gltf.skin import influence_sets, read_influences
 
 @dataclass(frozen=True, eq=False)
 class SkinDeformation(SurfaceSamples):
-    """What moves each of some samples of a surface.
+    """Skin influences of samples of a surface.
 
     Attributes:
         joints: (N, K) int64, the nodes that move each sample; one may be named several times.
-        weights: (N, K) float64, each row sums to 1: how much of a sample follows each of these.
+        weights: (N, K) float64, the weight of each of these; each row sums to 1.
     """
 
     joints: Int
     weights: Float
 
     def under(self, boxes: Boxes) -> Float:
-        """(B,) how much several joints move the surface inside each of B boxes, 0 to 1: the Gini impurity of the mean
-        weights. 0 where all of the text follows one joint. Where two share it half and half it is 0.5, whether one
-        moves the left half and the other the right (the text breaks) or both move all of it (blended rotations
-        shrink)."""
+        """(B,) articulation of the surface inside each of B boxes, 0 to 1: the Gini impurity of the mean weights. 0
+        where all of the text follows one joint. Where two share it half and half it is 0.5, whether one moves the left
+        half and the other the right (the text breaks) or both move all of it (blended rotations shrink)."""
         owner, which = self.pairs_in_boxes(boxes)
         box = np.repeat(owner, self.joints.shape[1])
         joint, weight = self.joints[which].ravel(), self.weights[which].ravel()
@@ -45,7 +44,7 @@ def skin_deformation(scene: Scene, surface: Surface, points: Float, face: Int) -
     """The :class:`SkinDeformation` at ``points`` (N, 3) of a scene's ``surface``, on its faces ``face`` (N,), size-30
     units.
 
-    What has no skin follows its node. ``None`` where nothing of the asset is skinned.
+    Primitives without a skin follow their node. ``None`` where nothing of the asset is skinned.
     """
     skinned = [_influences(scene, drawn) for drawn in scene.primitives]
     if not any(found is not None for found in skinned):

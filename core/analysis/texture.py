@@ -1,4 +1,4 @@
-"""Where the base colour of an asset has details (eyes, faces, logos, print) that a watermark should not cover."""
+"""Saliency of an asset's base colour: details (eyes, faces, logos, print) that a watermark should not cover."""
 
 from dataclasses import dataclass
 
@@ -15,20 +15,20 @@ from core.geometry.surface import Surface
 from core.gltf.scene import Scene
 
 RADIUS = 1.0  # size-30 units: an eye, a line of print, about the height of a watermark's letters
-NEIGHBOURS = 32  # at most; more than this lie within the radius only on assets of little area
-PARALLEL = 0.5  # cosine between the normals of neighbours: the two sides of a cape are not one picture
-TILT = 0.35  # tangent of the angle between a sample's plane and its neighbours: nor are a cape and the back below it
-BUSIEST = 30.0  # CIELAB units of spread: half of the surface black, half grey (L* 60); more is no busier
-# What stands out is busier than the rest by this much, and by this factor: less is shading, grain or the noise of the
-# samples.
+NEIGHBOURS = 32  # samples at most; there are more within the radius only on assets of little area
+PARALLEL = 0.5  # cosine between the normals of neighbours, at least: the two sides of a cape are not one picture
+TILT = 0.35  # tangent between a sample's plane and its neighbours, at most: nor are a cape and the back below it
+BUSIEST = 30.0  # CIELAB units of standard deviation that count as 1: half of the surface black, half grey (L* 60)
+# Least difference, in ``BUSIEST``, and least ratio between the variance of details and of the rest: less is shading,
+# grain or the noise of the samples.
 CONTRAST, FACTOR = 0.25, 2.0
-RARE = 0.25  # the most of a surface that can stand out from the rest of it
+RARE = 0.25  # share of the surface that can be salient, at most
 
 _XYZ = np.array(
     [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
 )
 
-# Its inverse, as Lindbloom gives both: the same numbers whatever library there is to invert it.
+# Its inverse, as Lindbloom gives both: the same numbers with every linear algebra library.
 _RGB = np.array(
     [[3.2404542, -1.5371385, -0.4985314], [-0.9692660, 1.8760108, 0.0415560], [0.0556434, -0.2040259, 1.0572252]]
 )
@@ -39,12 +39,12 @@ class TextureSaliency(SurfaceSamples):
     """The detail of an asset's base colour, on samples of its surface.
 
     Attributes:
-        saliency: (N,) float64, 0 to 1: how much the colours around a sample vary beyond what is usual on the asset.
-            0 everywhere where no part does.
-        color_variance: (N,) float64, 0 to 1: how much they vary at all. Letters without a colour of their own are lost
-            on busy ground.
+        saliency: (N,) float64, 0 to 1: variation of the colours around a sample beyond the asset's usual one. 0
+            everywhere where no region exceeds it.
+        color_variance: (N,) float64, 0 to 1: variation of these colours. Letters without a colour of their own are
+            illegible where it is high.
         color: (N, 3) float64, linear sRGB 0 to 1, the base colour at each sample.
-        threshold: a sample belongs to a detail where ``saliency`` is greater; 1 where nothing stands out.
+        threshold: a sample belongs to a detail where ``saliency`` is greater; 1 where nothing is salient.
     """
 
     saliency: Float
@@ -68,11 +68,11 @@ def texture_saliency(scene: Scene, surface: Surface, points: Float, face: Int) -
     """The :class:`TextureSaliency` of an asset's base colour at ``points`` (N, 3), spread evenly over its surface.
 
     Around each sample the spread of colour, the root mean square distance from the mean in CIELAB, is taken over its
-    nearest samples within one size-30 unit on the same sheet of the surface, nearer ones weighing more; so neither UV
+    nearest samples within one size-30 unit on the same side of the surface, nearer ones weighing more; so neither UV
     layout nor tessellation matters, and noise finer than the samples counts in full. The mean of these spreads over
-    the same neighbours tells a place full of detail from the plain border of a large patch. Otsu's threshold (1979)
-    parts details from the rest, once more among the details while these are more than a quarter of the surface; they
-    count where they stand out from the asset's own texture. (Centre-surround differences of colour, as of Itti, Koch,
+    the same neighbours tells a region full of detail from the plain border of a large patch. Otsu's threshold (1979)
+    separates details from the rest, once more among the details while these are more than a quarter of the surface;
+    they count where they exceed the asset's own texture. (Centre-surround differences of colour, as of Itti, Koch,
     Niebur 1998, were tried: they find parts of an eye, and the middles of plain patches just as well.)
 
     Args:
@@ -112,7 +112,7 @@ def from_cielab(lab: Float) -> Float:
 
 
 def _busy(points: Float, normals: Float, lab: Float) -> tuple[Float, Float]:
-    """(N,) the spread of colour around each sample, 0 to 1 for the busiest, and (N,) its mean around each sample."""
+    """(N,) the spread of colour around each sample, 0 to 1 at ``BUSIEST``, and (N,) its mean around each sample."""
     number = np.arange(len(points))
     distance, near = cKDTree(points).query(points, k=min(NEIGHBOURS, len(points)), distance_upper_bound=RADIUS)
     found = near < len(points)
@@ -130,7 +130,8 @@ def _busy(points: Float, normals: Float, lab: Float) -> tuple[Float, Float]:
 
 
 def _standing_out(busy: Float) -> tuple[Float, float]:
-    """(N,) 0 at the mean of the usual values to 1 at that of the large ones, and what parts these on that scale."""
+    """(N,) saliency, 0 at the mean of the usual values to 1 at that of the large ones, and the threshold between these
+    on that scale."""
     cut = otsu(busy)
     while (busy > cut).mean() > RARE:
         cut = otsu(busy[busy > cut])

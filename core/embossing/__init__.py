@@ -1,1 +1,1 @@
-"""How a watermark gets into the surface: patch, cut, lift, check - local surgery, never a whole-mesh boolean."""
+"""Embossing of letters into the surface: patch, cut, draft, lift, check. Local, never a whole-mesh boolean."""

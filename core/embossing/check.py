@@ -7,11 +7,11 @@ from core.geometry.edges import directed_edges
 
 
 def is_closed(removed: Int, boundary: Int, added: Int) -> bool:
-    """Whether (M, 3) ``added`` triangles replace (K, 3) ``removed`` ones without changing the topology around them.
+    """True where (M, 3) ``added`` triangles replace (K, 3) ``removed`` ones without changing the topology around them.
 
-    True iff every edge is left as often in each direction by the added faces, net of its opposite, as by the removed
-    ones; the removed patch's ``boundary`` edges (E, 2) keep their number of faces; and every other edge of the
-    added faces has exactly two. All arguments are in the mesh's topological vertices.
+    Each edge has the same number of directed uses, net of its opposite, in the added as in the removed faces; the
+    removed patch's ``boundary`` edges (E, 2) keep their number of faces; and every other edge of the added faces has
+    exactly two. All arguments are in the mesh's topological vertices.
     """
     size = int(max(removed.max(), added.max())) + 1
     old, new = directed_edges(removed), directed_edges(added)

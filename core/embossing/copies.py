@@ -22,11 +22,11 @@ from core.parameters import Parameters, UnmarkedCopies
 
 @dataclass(frozen=True)
 class MarkedCopy:
-    """What became of a copy.
+    """Outcome of embossing a copy.
 
     Attributes:
-        copy: which.
-        watermarks: how many of the asset's stand in it; those of meshes that it shares with the asset not counted.
+        copy: nodes or meshes beside the asset.
+        watermarks: number of the asset's marks in it, without those of meshes that it shares with the asset.
         outcome: "marked", "shared" (its meshes are the asset's own), "unmarked" (kept as it is) or "left_out".
     """
 
@@ -41,10 +41,10 @@ class AssetMarks:
 
     Attributes:
         surface: the asset's, whose size-30 frame the boxes are in.
-        boxes: where its marks stand.
+        boxes: of its marks.
         letters: the islands in text widths.
         styles: as for :func:`core.gltf.write.write`, by number of the box.
-        parameters: relief, mode, and what to do with copies that cannot be marked.
+        parameters: relief, mode, and the policy for copies that cannot be marked.
     """
 
     surface: Surface
@@ -58,15 +58,15 @@ def mark_copies(model: bytes, marks: AssetMarks) -> tuple[bytes, list[MarkedCopy
     """Embosses the asset's marks into every other copy of it in its file.
 
     Nodes that draw a mesh which the default scene shows are as it is; hidden nodes, levels of detail, other scenes and
-    nodes in no scene are embossed where the same boxes fit. What no box fits into, and meshes that no node draws, are
-    left out, unless the parameters keep them; hidden nodes stay, for they may be shown later.
+    nodes in no scene are embossed where the same boxes fit. Copies that no box fits into, and meshes that no node
+    draws, are left out, unless the parameters keep them; hidden nodes stay, for they may be shown later.
 
     Args:
         model: the marked GLB.
-        marks: what stands in it.
+        marks: the marks in it.
 
     Returns:
-        The GLB, and what became of each copy.
+        The GLB, and the outcome for each copy.
     """
     document = Document.from_glb(model)
     copies = find_copies(document)
@@ -96,14 +96,14 @@ def _meshes(document: Document, nodes: Collection[int]) -> set[int]:
 
 
 def _embossed(document: Document, copy: Copy, marks: AssetMarks) -> tuple[Document, int]:
-    """The document with the marks that fit into a copy, and how many these are."""
+    """The document with the marks that fit into a copy, and their number."""
     if not copy.nodes:
         return document, 0
     try:
         scene = scene_of(document, copy)
         scene = replace(scene, surface=scene.surface.in_frame_of(marks.surface))
         ground = analyse(scene)
-    except MeshmarkError as error:  # what cannot be read or has no faces cannot be marked, and is treated so
+    except MeshmarkError as error:  # a copy that cannot be read or has no faces counts as one without fitting boxes
         if error.code is ErrorCode.DEVICE_UNAVAILABLE:
             raise
         return document, 0

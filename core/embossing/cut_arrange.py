@@ -1,6 +1,6 @@
 """The fallback cut: the outlines are inserted into the projected patch as a planar arrangement.
 
-Every outline is walked from triangle to triangle; inside each triangle it meets, the cells between the triangle's
+Every outline is traced from triangle to triangle; inside each triangle it meets, the cells between the triangle's
 sides and the outlines are traced and triangulated. Points on a shared side are computed once, so that neighbours fit.
 """
 
@@ -17,12 +17,12 @@ from core.embossing.pieces import Pieces
 from core.geometry.edges import directed_edges
 from core.geometry.triangles import doubled_area, ring_area
 
-DEGENERATE = 1e-13  # signed areas below this (square text widths) do not tell left from right in float64
+DEGENERATE = 1e-13  # square text widths; the sign of smaller signed areas is rounding noise of float64
 
 
 @dataclass
 class _Triangle:
-    """What the outlines do inside one triangle."""
+    """Points and segments of the outlines inside one triangle."""
 
     on_sides: dict[tuple[int, int], list[tuple[float, int]]] = field(default_factory=lambda: defaultdict(list))
     segments: list[tuple[int, int]] = field(default_factory=list)
@@ -197,7 +197,7 @@ def _on_plane(point: Float, triangle: Float) -> Float:
 
 
 def _inside(points: Float, rings: list[Float]) -> Bool:
-    """Whether (N, 2) ``points`` lie inside ``rings`` by the even-odd rule."""
+    """(N,) true for the (N, 2) ``points`` inside ``rings`` by the even-odd rule."""
     result = np.zeros(len(points), dtype=bool)
     for ring in rings:
         for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):

@@ -11,8 +11,8 @@ from core.embossing.patch import Patch
 from core.embossing.pieces import Pieces, mend_t_vertices, number_points
 from core.geometry.edges import boundary_edges
 
-DEPTH = 0.2  # of the slab below the lowest point, in text widths: the prism ends half way down
-SLACK = 0.1
+DEPTH = 0.2  # text widths from the lowest point to the bottom of the slab: the prism ends half way down
+SLACK = 0.1  # text widths
 
 
 def split(patch: Patch, letters: CrossSection) -> Pieces | None:

@@ -1,7 +1,7 @@
-"""The draft of moulded and minted letters: their tops are a little smaller than their feet, so that walls lean.
+"""The draft of moulded and minted letters: caps are a little smaller than bases, so that walls are inclined.
 
-A vertical wall seen head-on is not there at all, and a top is shaded as the ground around it. A leaning wall turns to
-the light on one side of a stroke and away from it on the other, so that letters have a bright and a dark contour.
+Seen head-on, a vertical wall has no area, and a cap is shaded as the surface around it. An inclined wall faces the
+light on one side of a stroke and away from it on the other, so that letters have a bright and a dark contour.
 """
 
 from dataclasses import dataclass
@@ -14,20 +14,20 @@ from core.arrays import Float, Int
 from core.geometry.spatial import SpatialIndex
 from core.geometry.triangles import doubled_area
 
-# Of the strokes' mean width. OCR of uncoloured letters in the paper's views, mean of five assets: 0.64 upright, 0.72 at
-# 0.2, 0.73 at 0.25 and 0.3, 0.72 at 0.4; of eight assets: 0.69 upright, 0.79 at 0.25.
+# Mean stroke widths; inset of the caps. OCR of uncoloured letters in the paper's views, mean of five assets: 0.64
+# upright, 0.72 at 0.2, 0.73 at 0.25 and 0.3, 0.72 at 0.4; of eight assets: 0.69 upright, 0.79 at 0.25.
 INSET = 0.25
 MITRE = 2.0  # insets that a corner moves at most: a sharp one would run far along its bisector
-# Triangles keep these shares of their area on the way: those of the letters themselves, and those cut from a surface.
+# Share of their area that triangles keep under the draft: those of the letters, and those cut from a surface.
 LETTER_ROOM, CUT_ROOM = 0.1, 0.05
-SLIVER = 1e-8  # square text widths; what is smaller may do as it likes
-# Where a triangle has no room, the corner opposite its longest side moves this much less, the others only that much.
+SLIVER = 1e-8  # square text widths; smaller triangles are not tested
+# Factors of the shift at the corner opposite a failing triangle's longest side, and at its others; rounds at most.
 EASE_APEX, EASE, ROUNDS = 0.7, 0.9, 120
 
 
 @dataclass(frozen=True, eq=False)
 class Draft:
-    """How the points of letters move inwards, linearly over each triangle of the letters; in text widths.
+    """Inward shift of the points of letters, linear over each triangle of the letters; in text widths.
 
     Attributes:
         shift: (N, 2) of the outlines' points.
@@ -40,9 +40,9 @@ class Draft:
     index: SpatialIndex
 
     def of(self, points: Float, triangles: Int) -> Float:
-        """(T, 2) how far the corners ``points`` (T, 2) of ``triangles`` (L, 3) move, which were cut from a surface
-        along the outlines. None of the triangles turns over. What lies on one side of an outline stays on one line,
-        in the same order, and strokes are compressed evenly between their two sides."""
+        """(T, 2) shift of the corners ``points`` (T, 2) of ``triangles`` (L, 3) that were cut from a surface along the
+        outlines. No triangle is inverted. Points on one side of an outline stay collinear and in order, and strokes
+        are compressed evenly between their two sides."""
         _, face, nearest = self.index.closest(np.column_stack([points, np.zeros(len(points))]))
         corners = self.triangles[face]
         a, b, c = (self.index.positions[corners[:, k], :2] for k in range(3))
@@ -66,7 +66,7 @@ def draft(islands: tuple[CrossSection, ...]) -> Draft:
 
 
 def _mitres(ring: Float) -> Float:
-    """(N, 2) where the corners of a ``ring`` (N, 2), the letter on its left, go when its sides move inwards by 1."""
+    """(N, 2) shift of the corners of a ``ring`` (N, 2), the letter on its left, when its sides move inwards by 1."""
     along = np.roll(ring, -1, axis=0) - ring
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     after = np.column_stack([-along[:, 1], along[:, 0]])
@@ -76,8 +76,8 @@ def _mitres(ring: Float) -> Float:
 
 
 def _eased(points: Float, shift: Float, triangles: Int, room: float) -> Float:
-    """``shift`` (T, 2) of ``points`` (T, 2), made shorter where one of the ``triangles`` (L, 3) would keep less than
-    ``room`` of its area on the way; nothing moves where that does not help."""
+    """``shift`` (T, 2) of ``points`` (T, 2), shortened where one of the ``triangles`` (L, 3) would keep less than
+    ``room`` of its area under any part of it; zero where that does not help."""
     a, b, c = _corners(points, triangles)
     opposite = np.stack([np.sum((c - b) ** 2, axis=1), np.sum((a - c) ** 2, axis=1), np.sum((b - a) ** 2, axis=1)])
     apex = np.take_along_axis(triangles, opposite.argmax(axis=0)[:, None], axis=1)[:, 0]
@@ -96,9 +96,9 @@ def _eased(points: Float, shift: Float, triangles: Int, room: float) -> Float:
 
 
 def _is_tight(points: Float, shift: Float, triangles: Int, room: float) -> NDArray[np.bool_]:
-    """(L,) whether a triangle has less than ``room`` of its area left while its corners move by any part of ``shift``.
+    """(L,) triangles that keep less than ``room`` of their area while their corners move by any part of ``shift``.
 
-    The area is quadratic in the part of the way: it is least at an end or at the vertex of the parabola.
+    The area is quadratic in that part: it is least at an end or at the vertex of the parabola.
     """
     start = doubled_area(*_corners(points, triangles))
     end = doubled_area(*_corners(points + shift, triangles))

@@ -1,4 +1,4 @@
-"""The check of the written file, before anybody gets it: which marks a viewer draws, read back from its bytes."""
+"""The check of the written file: visibility of its marks in a viewer, read back from its bytes."""
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -9,22 +9,22 @@ from core.geometry.surface import Surface
 from core.gltf.edit import Kind, SurfaceEdit
 from core.gltf.scene import Scene
 
-ENOUGH = 0.95  # of the area of a mark's letter tops
-ROUNDED = 8  # spacings of the file's coordinates that a triangle may have moved by
+ENOUGH = 0.95  # share of the area of a mark's caps that must be drawn
+ROUNDED = 8  # spacings of the file's coordinates by which rounding may have moved a triangle
 
 
 def drawn_marks(
     edit: SurfaceEdit, count: int, surface: Surface, resolution: Float, written: Scene, opaque: float
 ) -> Bool:
-    """(``count``,) whether the letters of each mark are in the written file, and drawn from where they are to be seen.
+    """(``count``,) marks whose letters are in the written file, and are drawn from outside.
 
-    The tops of a mark's letters are looked up among the triangles of the file. They count where these are drawn,
-    opaque, and seen from outside: they face it in the file's own winding, or their material is double-sided.
+    The caps of a mark are looked up among the triangles of the file. They count where these are drawn, opaque, and
+    visible from outside: they face outwards in the file's own winding, or their material is double-sided.
 
     Args:
-        edit: what was written, with its triangles facing outside.
-        count: how many marks it has.
-        surface: what it was an edit of.
+        edit: the written edit, with its triangles facing outwards.
+        count: number of its marks.
+        surface: that it is an edit of.
         resolution: (V,) the spacing of the file's coordinates at the vertices of ``surface``, size-30 units.
         written: the file, read back from its bytes.
         opaque: the share of a face that must be opaque.
@@ -40,7 +40,7 @@ def drawn_marks(
         corners = edit.position[mine]
         slack = ROUNDED * float(resolution[surface.faces[edit.source_face[mine]]].max())
         low, high = corners.min(axis=(0, 1)) - slack, corners.max(axis=(0, 1)) + slack
-        # What is not drawn may lie in the same place: a hidden node that shows the same mesh.
+        # Undrawn triangles may be in the same place: of a hidden node with the same mesh.
         near = np.flatnonzero(seen.drawn & (x >= low[0]) & (x <= high[0]))
         for axis, number in ((y, 1), (z, 2)):
             near = near[(axis[near] >= low[number]) & (axis[near] <= high[number])]

@@ -1,4 +1,4 @@
-"""One watermark into the working mesh: patch, stand, cut, draft, lift, check."""
+"""Embosses one watermark into the working mesh: patches, islands assigned to them, cut, draft, lift, check."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -27,11 +27,11 @@ from core.gltf.edit import Kind
 
 Cut = Callable[[Patch, CrossSection], Pieces | None]
 CUTS: tuple[tuple[str, Cut], ...] = (("split", split), ("arrangement", arrange))
-# In-plane shifts in text heights, far below what an eye sees: they break coincidences of outline and mesh.
+# Text heights, in the plane of the box; imperceptible shifts that break coincidences of outline and mesh.
 SHIFTS = ((0.0, 0.0), (0.0104, 0.0072), (-0.0088, 0.0136))
 
-EASE_ROUNDS = 6  # in which tops are put half way back to where they would stand upright
-FINEST = 4  # spacings of the file's coordinates that an edge must be long
+EASE_ROUNDS = 6  # rounds in which the draft of caps that would be inverted is halved
+FINEST = 4  # spacings of the file's coordinates; least length of a new edge
 
 
 @dataclass(frozen=True)
@@ -39,9 +39,9 @@ class Mark:
     """A watermark that passed its check.
 
     Attributes:
-        box: where it stands (a single box).
-        cut: which way of cutting succeeded, "split" or "arrangement".
-        faces: how many triangles it added, less those it replaced.
+        box: a single box.
+        cut: the method of cutting that succeeded, "split" or "arrangement".
+        faces: number of triangles added, less those replaced.
     """
 
     box: Boxes
@@ -50,7 +50,7 @@ class Mark:
 
 
 def emboss(mesh: WorkingMesh, box: Boxes, letters: LetterIslands, relief: float, index: SpatialIndex) -> Mark | Refusal:
-    """Embosses ``letters`` at the one ``box``, or leaves ``mesh`` exactly as it was and says why not.
+    """Embosses ``letters`` at the one ``box``, or leaves ``mesh`` exactly as it was and returns the reason.
 
     Args:
         mesh: changed in place on success only.
@@ -92,7 +92,7 @@ def emboss(mesh: WorkingMesh, box: Boxes, letters: LetterIslands, relief: float,
 
 
 def _injective(mesh: WorkingMesh, box: Boxes, index: SpatialIndex) -> list[Patch] | Refusal:
-    """The patches under ``box``, none of which covers itself; what is hidden behind another layer is left out."""
+    """The patches in ``box``, each single-valued along its normal; faces hidden behind another layer are left out."""
     found = patches(mesh, box)
     if found is None:
         return Refusal.TOO_DENSE
@@ -128,7 +128,7 @@ class _PatchCut:
     letter_source: Int
     feet: Int  # (T,) the vertices of ``letters``
     normals: Float  # (T, 3) smooth normals there
-    shift: Float  # (T, 3) along the surface, where the draft moves them
+    shift: Float  # (T, 3) along the surface, of the draft
 
 
 def _cut_patches(
@@ -201,9 +201,9 @@ def _lift_letters(
 def _caps(
     feet: Float, shift: Float, normals: Float, normal: Float, caps: Int, relief: float, index: SpatialIndex
 ) -> Float | Refusal:
-    """(T, 3) tops of the ``feet`` (T, 3), set in by ``shift`` (T, 3): lifted along their ``normals`` (T, 3) or, where
-    these diverge too much, along the box ``normal``; upright where both fail, so that no watermark is refused because
-    of its draft."""
+    """(T, 3) cap vertices of the bases ``feet`` (T, 3), drafted by ``shift`` (T, 3): lifted along their ``normals``
+    (T, 3) or, where these diverge too much, along the box ``normal``; without draft where both fail, so that no
+    watermark is refused because of its draft."""
     for way in (shift, np.zeros_like(shift)):
         for along in (normals, np.broadcast_to(normal, normals.shape)):
             below, tops = _draft_and_lift(feet, way, along, normal, caps, relief, index)
@@ -220,8 +220,8 @@ def _caps(
 def _draft_and_lift(
     feet: Float, shift: Float, along: Float, normal: Float, caps: Int, relief: float, index: SpatialIndex
 ) -> tuple[Float, Float]:
-    """(T, 3) each: the ``feet`` moved by ``shift``, by less where one of the ``caps`` (L, 3) would turn over, and
-    the tops above them."""
+    """(T, 3) each: the bases ``feet`` moved by ``shift``, by less where one of the ``caps`` (L, 3) would be inverted,
+    and the cap vertices above them."""
     below = feet + shift
     tops = lift(below, along, relief, index)
     for _ in range(EASE_ROUNDS if shift.any() else 0):
@@ -291,8 +291,8 @@ def _positions(mesh: WorkingMesh, new: Float, vertices: Int) -> Float:
 
 
 def _too_fine(points: Float, corners: Int, removed_corners: Int, resolution: float) -> bool:
-    """Whether a new edge of triangles with ``points`` (M, 3, 3) is so short that its ends may round to one point in
-    the file."""
+    """True where a new edge of triangles with ``points`` (M, 3, 3) is so short that its ends may round to one point
+    in the file."""
     was_there = among(directed_edges(corners).ravel(), removed_corners.ravel()).reshape(-1, 2)
     is_new = ~was_there.all(axis=1)
     length = np.linalg.norm(points - np.roll(points, -1, axis=1), axis=2).ravel()

@@ -1,4 +1,4 @@
-"""The letters as manifold3d wants them: one cross-section an island, with points to feel the surface under it."""
+"""The letters as manifold3d's cross-sections, one an island, with sample points to find the surface under it."""
 
 from dataclasses import dataclass
 
@@ -14,10 +14,10 @@ from core.geometry.boxes import Boxes
 from core.geometry.products import product
 from core.geometry.spatial import Eye, SpatialIndex
 
-CLEARANCE = 0.032  # text heights kept between an outline and the edge of its patch, so that outlines never cross one
-LOST_AREA = 1e-9  # square text widths: rounding of the clipper, far under a letter's serif
-COINCIDENT = 8e-4  # text heights between two layers that are one to the eye; a ray meets either of them
-AGREEMENT = 0.9  # share of an island's sample rays that must name one patch; a ray along an edge may slip through
+CLEARANCE = 0.032  # text heights between an outline and the boundary of its patch, so that outlines never cross one
+LOST_AREA = 1e-9  # square text widths: rounding of the clipper, far smaller than a letter's serif
+COINCIDENT = 8e-4  # text heights between two layers that coincide; a ray may hit either of them
+AGREEMENT = 0.9  # share of an island's sample rays that must hit one patch; a ray along an edge may miss it
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +28,7 @@ class LetterIslands:
         islands: one cross-section for each connected shape, holes included.
         samples: for each island (N, 2) points of its outlines.
         finest: the length of the shortest side of any outline.
-        draft: how their tops are set in.
+        draft: of their caps.
     """
 
     islands: tuple[CrossSection, ...]
@@ -51,15 +51,15 @@ def assign_to_patches(
     """Puts every island on the patch that is uppermost under it; raised ones on either of two that coincide.
 
     Args:
-        letters: what is to stand.
-        found: the patches under the one ``box``.
+        letters: to be assigned.
+        found: the patches in the one ``box``.
         sources: for each patch the surface faces it consists of.
         box: a single box.
         index: of the original surface.
         raised: the letters rise; sunken ones would lie behind the second of two layers.
 
     Returns:
-        For each patch its letters (empty where none stand on it); or ``not_whole`` if an island does not lie wholly on
+        For each patch its letters (empty where it has none); or ``not_whole`` if an island does not fit wholly into
         one patch, ``CLEARANCE`` from its edge, and ``second_layer`` where sunken letters would not be seen.
     """
     owner = {face: k for k, faces in enumerate(sources) for face in faces.tolist()}
@@ -95,6 +95,6 @@ def assign_to_patches(
 
 
 def _level(patch: Patch, points: Float, height: Float, aspect: float) -> Bool:
-    """(N,) where the patch is as high, in text widths, as what was met at the ``points`` of a text ``aspect`` times as
-    high as wide."""
+    """(N,) ``points`` at which the patch is as high, in text widths, as the hits of their rays; the text is ``aspect``
+    times as high as wide."""
     return np.asarray(np.abs(patch.height(points) - height) < COINCIDENT * aspect)

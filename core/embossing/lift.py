@@ -6,18 +6,18 @@ from core.arrays import Bool, Float, Int
 from core.geometry.products import cross, product
 from core.geometry.spatial import Eye, SpatialIndex
 
-FIT_ROUNDS = 2  # two are enough: the variance of the distance is then near 1e-14
-MIN_AGREEMENT = 0.3  # cosine; a smooth normal further away from the box normal than this is not trusted
+FIT_ROUNDS = 2  # rounds: the variance of the distance is then near 1e-14
+MIN_AGREEMENT = 0.3  # cosine; a smooth normal further away from the box normal than this is not used
 SAME_GROUND = 0.5  # cosine between a letter's normal and that of the surface its height is measured from
 FOLD_TOLERANCE = 1e-4  # share of the letters' area that may face away after lifting: slivers of rounding errors
 
 
 def lift(feet: Float, normals: Float, relief: float, index: SpatialIndex) -> Float:
-    """(N, 3) tops of the ``feet`` (N, 3): ``relief`` along the unit ``normals`` (N, 3), then moved so that their
-    distance to the surface is ``|relief|`` exactly. A negative relief sinks. Size-30 frame.
+    """(N, 3) cap vertices of the bases ``feet`` (N, 3): ``relief`` along the unit ``normals`` (N, 3), then moved so
+    that their distance to the surface is ``|relief|`` exactly. A negative relief sinks. Size-30 frame.
 
-    Surface that faces elsewhere is not what the letters stand on: a step beside them, the back of a wall, or a shell
-    around the asset that is drawn from within only.
+    Distances count only to surface of about the letters' normal: not to a step beside them, the back of a wall, or a
+    shell around the asset that is drawn from within only.
     """
     tops = feet + relief * normals
     for _ in range(FIT_ROUNDS):
@@ -31,13 +31,13 @@ def lift(feet: Float, normals: Float, relief: float, index: SpatialIndex) -> Flo
 
 
 def folded(tops: Float, triangles: Int, normal: Float) -> bool:
-    """Whether lifted letter ``triangles`` (L, 3) into ``tops`` turn away from the box ``normal`` (3,)."""
+    """True where lifted letter ``triangles`` (L, 3) into ``tops`` face away from the box ``normal`` (3,)."""
     area = _facing(tops, triangles, normal)
     return bool(-area[area < 0].sum() > FOLD_TOLERANCE * np.abs(area).sum())
 
 
 def turned(tops: Float, triangles: Int, normal: Float) -> Bool:
-    """(L,) which of the ``triangles`` (L, 3) into ``tops`` turn away from the box ``normal`` (3,)."""
+    """(L,) those of the ``triangles`` (L, 3) into ``tops`` that face away from the box ``normal`` (3,)."""
     return _facing(tops, triangles, normal) < 0
 
 
@@ -48,12 +48,12 @@ def _facing(tops: Float, triangles: Int, normal: Float) -> Float:
 
 
 def obstructed(feet: Float, tops: Float, relief: float, index: SpatialIndex) -> bool:
-    """Whether other surface lies within one and a half reliefs of the letters: above raised ones, behind sunken."""
+    """True where other surface is within one and a half reliefs of the letters: above raised ones, behind sunken."""
     direction = tops - feet
     direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), np.finfo(float).tiny)
     reach = 1.5 * abs(relief)
     if relief > 0:
-        # Looking back from above, the first surface must be the one the letter stands on.
+        # The first hit of a ray back from above must be the letter's own base.
         distance, _ = index.first_hit(feet + reach * direction, -direction, Eye.ORIGIN)
         return bool(np.any(distance < 0.95 * reach))
     start = 0.05 * abs(relief)

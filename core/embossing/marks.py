@@ -22,24 +22,24 @@ from core.placement.objective import Placement
 from core.placement.place import search_again
 from core.placement.selection import select
 
-FAILED_CUTS = 10  # for each mark that is asked for: a cut is the costly part; after so many the rest is no better
+FAILED_CUTS = 10  # refused cuts a requested mark, at most: cuts are the costly step, and further boxes are no better
 MAX_SEARCHES = 4
-# Of what the marks were to be worth. Where refused cuts leave less than the first, places are searched for again, and
-# once more while the last search regained the second.
+# Shares of the target objective. Search again if refused cuts leave less than the first, and repeat as long as a search
+# recovers at least the second.
 ACCEPTED_SHARE, MIN_IMPROVEMENT = 0.9, 0.02
-DOUBTS = 4  # refused doubtful places for each mark that is asked for, after which the others are not tried
-SAME_SIDE = 0.8  # cosine between boxes from which on the same edges are in their way
-ALONG = np.linspace(0, 1, 9)  # where an edge is looked at
+DOUBTS = 4  # refused doubtful boxes a requested mark, after which the other doubtful ones are not tried
+SAME_SIDE = 0.8  # cosine between the normals of boxes, from which on the same edges obstruct both
+ALONG = np.linspace(0, 1, 9)  # parameters of the sample points on an edge
 
 
 @dataclass(frozen=True, eq=False)
 class Marks:
-    """What was embossed.
+    """Embossed marks of an asset.
 
     Attributes:
-        placement: the boxes there were to choose from, those of later searches included.
+        placement: the candidate boxes, those of later searches included.
         marks: each watermark by the number of its box in ``placement``.
-        refusals: how many boxes were refused, by reason.
+        refusals: number of refused boxes, by reason.
     """
 
     placement: Placement
@@ -50,7 +50,7 @@ class Marks:
 def emboss_boxes(
     mesh: WorkingMesh, boxes: Boxes, letters: LetterIslands, parameters: Parameters, index: SpatialIndex
 ) -> Iterator[Mark | Refusal]:
-    """Embosses ``letters`` at each of the ``boxes`` in turn and says what came of it.
+    """Embosses ``letters`` at each of the ``boxes`` in turn and yields each outcome.
 
     Args:
         mesh: changed by each watermark that succeeds.
@@ -74,13 +74,13 @@ def emboss_marks(
 ) -> Marks:
     """Embosses the best choice of boxes.
 
-    Where one is refused, the choice is made again among those not tried yet, and of these first among such as have no
-    edge under them that was under a refused one. When these are used up, more are searched for where nothing is seen,
-    while much of what the marks were to be worth is missing and each search regains some of it.
+    Where one is refused, the choice is made again among those not tried yet, and of these first among boxes without
+    an edge that was in a refused one. When these are used up, more are searched for in directions without coverage,
+    while much of the target objective is missing and each search recovers some of it.
 
     Args:
         mesh: the asset, changed in place.
-        context: where ``placement`` was found, and where more is searched for.
+        context: the inputs of the search that found ``placement``, and of further ones.
         placement: the boxes to choose from.
         letters: the islands in text widths.
         rng: the source of the searches' draws.
@@ -134,8 +134,8 @@ def emboss_marks(
 
 
 def _obstacles(mesh: WorkingMesh, box: Boxes) -> tuple[Float, Float]:
-    """What may have kept the one ``box`` from being embossed: (K, 3) points on the edges under it at which a piece of
-    surface ends, its own middle among them, size-30 units; and (3,) the side that they were seen from."""
+    """Possible obstacles to embossing the one ``box``: (K, 3) points on boundary edges of patches in it, and its own
+    centre, size-30 units; and (3,) its normal."""
     found = [box.center]
     for patch in patches(mesh, box) or []:
         start, end = patch.points[patch.boundary].transpose(1, 0, 2)
@@ -146,8 +146,7 @@ def _obstacles(mesh: WorkingMesh, box: Boxes) -> tuple[Float, Float]:
 
 
 def _over(boxes: Boxes, points: Float, normal: Float) -> set[int]:
-    """The boxes that any of the ``points`` (K, 3) lies under, on the side of ``normal`` (3,): letters can hardly stand
-    there."""
+    """The boxes that contain any of the ``points`` (K, 3), on the side of ``normal`` (3,): letters hardly fit there."""
     beside = np.flatnonzero(product(boxes.axes[:, 2], normal[:, None])[:, 0] > SAME_SIDE)
     local = np.einsum("bki,bji->bkj", points - boxes.center[beside, None], boxes.axes[beside])
     inside = (np.abs(local) <= boxes.size[beside, None] / 2).all(axis=2).any(axis=1)

@@ -1,4 +1,4 @@
-"""The mesh under surgery: original faces that can be retired, and the faces that replaced them."""
+"""The mesh that is cut: original faces, some of them removed, and the faces that replace them."""
 
 from typing import Any
 
@@ -20,7 +20,7 @@ class FaceGrid:
 
     Args:
         low, high: (F, 3) bounding boxes of the faces, size-30 frame.
-        counts: (F,) bool, the faces that are ever found; all if None.
+        counts: (F,) bool, the faces that queries return; all if None.
     """
 
     def __init__(self, low: Float, high: Float, counts: Bool | None = None) -> None:
@@ -54,7 +54,7 @@ class FaceGrid:
 
 
 class Rows:
-    """Rows of three numbers with room to grow, so that a watermark costs its own points and not all of them."""
+    """Rows of three numbers with spare capacity, so that a watermark costs its own points and not all of them."""
 
     def __init__(self, rows: Float) -> None:
         self._buffer, self._length = rows, len(rows)
@@ -78,14 +78,14 @@ class Rows:
 class WorkingMesh:
     """An asset's triangles by topological vertex: original rows welded, new vertices appended.
 
-    Faces below ``original_faces`` are the surface's own; later ones were cut by a watermark. ``feet`` is where a
-    vertex stands on the original surface: its own position, except for lifted letter tops.
+    Faces below ``original_faces`` are the surface's own; later ones were cut by a watermark. ``feet`` is the base of a
+    vertex on the original surface: its own position, except for lifted cap vertices.
 
     Args:
         surface: the asset.
         editable: (F,) bool, faces that may carry a watermark.
-        sheets: faces that are not distinct stay in the file as they are and no query finds them, but for duplicates,
-            which go with the face they duplicate. A single layer if None.
+        sheets: coincident faces. Those that are not distinct stay in the file and no query returns them, but
+            duplicates are removed with the face they duplicate. A single layer if None.
         resolution: (V,) the spacing of the file's coordinates at each vertex of ``surface``, size-30 units; closer
             points may become one in the file. If None, that of float32 at the largest world coordinate.
     """
@@ -125,11 +125,11 @@ class WorkingMesh:
 
     @property
     def feet(self) -> Float:
-        """(N, 3) where the vertices stand on the original surface."""
+        """(N, 3) bases of the vertices on the original surface."""
         return self._feet.rows
 
     def near(self, low: Float, high: Float) -> Int:
-        """Ids of the living faces whose bounding box meets ``low``-``high``."""
+        """Ids of the faces, removed ones excluded, whose bounding box meets ``low``-``high``."""
         old = self._grid.overlapping(low, high)
         old = old[self._alive[old] & self._sheets.distinct[old]]
         new = np.flatnonzero(self._new_alive)
@@ -142,23 +142,23 @@ class WorkingMesh:
         return self._read(ids, self._corners, self._new_corners)
 
     def source(self, ids: Int) -> Int:
-        """(N,) the surface face that each of ``ids`` is, or was cut from."""
+        """(N,) the surface face of each of ``ids``: itself, or the one it was cut from."""
         return self._read(ids, np.arange(self.original_faces), self._new_source)
 
     def editable(self, ids: Int) -> Bool:
-        """(N,) whether a watermark may cut these faces: never letters or their walls."""
+        """(N,) true for faces that a watermark may cut: never letters or their walls."""
         return self._read(ids, self._editable, self._new_kind == Kind.SURFACE)
 
     def twinned(self, ids: Int) -> Bool:
-        """(N,) whether a second layer with the opposite winding lies on these faces, sharing their vertices."""
+        """(N,) true for faces with a coincident copy of the opposite winding that shares their vertices."""
         return np.asarray(self._sheets.has_reversed_copy[self.source(ids)])
 
     def covered(self, ids: Int) -> Bool:
-        """(N,) whether another layer stays exactly on these faces when they are cut."""
+        """(N,) true for faces with a coincident copy that remains when they are cut."""
         return np.asarray(self._sheets.has_remaining_copy[self.source(ids)])
 
     def resolution(self, ids: Int) -> float:
-        """The spacing of the file's coordinates where it is widest on the faces ``ids`` (N,), size-30 units."""
+        """The widest spacing of the file's coordinates on the faces ``ids`` (N,), size-30 units."""
         return float(self._resolution[self.surface.faces[self.source(ids)]].max(initial=0.0))
 
     def _read(self, ids: Int, old: NDArray[Any], new: NDArray[Any]) -> NDArray[Any]:
@@ -176,8 +176,8 @@ class WorkingMesh:
         return np.arange(first, first + len(points))
 
     def replace(self, removed: Int, corners: Int, source: Int, kind: NDArray[np.int8]) -> None:
-        """Retire the faces ``removed`` and add the (M, 3) ``corners`` of one mark, cut from the surface faces
-        ``source``. What an earlier mark added and this one cuts again counts as this one's."""
+        """Remove the faces ``removed`` and add the (M, 3) ``corners`` of one mark, cut from the surface faces
+        ``source``. Faces of an earlier mark that this one cuts again count as this one's."""
         original = removed[removed < self.original_faces]
         self._alive[original] = False
         duplicated, duplicate = self._sheets.duplicates.T
@@ -193,7 +193,7 @@ class WorkingMesh:
         self._new_low, self._new_high = np.concatenate([self._new_low, low]), np.concatenate([self._new_high, high])
 
     def edit(self) -> SurfaceEdit:
-        """Everything that changed, as the lossless writer wants it."""
+        """All changes, as the input of the lossless writer."""
         living = self._new_alive
         corners, source = self._new_corners[living], self._new_source[living]
         rows = self.surface.faces[source]

@@ -1,4 +1,4 @@
-"""The pieces of surface under a watermark, seen along its normal: none may cover itself in that projection."""
+"""The components of surface in a watermark's box, projected along its normal: each must be single-valued there."""
 
 from dataclasses import dataclass
 
@@ -13,12 +13,12 @@ from core.geometry.grouping import among
 from core.geometry.products import cross, product
 from core.geometry.triangles import doubled_area
 
-MIN_FACING = 0.15  # cosine between the box normal and a face's normal
-MARGIN = 0.16  # how far beyond the text's rectangle faces are taken in, in text heights
-# More faces or pieces under a box are refused: half a second's work (measured: 20 microseconds a face, 100 a piece);
-# and more faces whose bounding boxes come near it, one microsecond each.
+MIN_FACING = 0.15  # cosine between the box normal and a face's normal, at least
+MARGIN = 0.16  # text heights around the text's rectangle within which faces belong to a patch
+# Faces and patches in a box, and faces whose bounding boxes meet it, at most: half a second (measured: 20 microseconds
+# a face, 100 a patch, 1 a face nearby).
 MAX_FACES, MAX_PIECES, MAX_NEAR = 25_000, 1_000, 400_000
-AREA_TOLERANCE = 1e-6  # relative; projected triangles that cover more than their silhouette lie on top of each other
+AREA_TOLERANCE = 1e-6  # relative; projected triangles overlap where their areas exceed their silhouette by more
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +31,8 @@ class Patch:
         points: (V, 3) in the box's frame, in units of the text's width; z along the box normal.
         triangles: (K, 3) into ``points``, counter-clockwise seen from +z.
         pairs: (P, 2) indices into ``triangles`` of faces that share an edge the patch is connected through.
-        boundary: (E, 2) directed edges the patch ends at, itself on their left. Both directions of an edge are
-            there where two of its faces belong to the patch but a third one does not.
+        boundary: (E, 2) directed boundary edges, the patch on their left. Both directions of an edge are included
+            where two of its faces belong to the patch but a third one does not.
     """
 
     faces: Int
@@ -47,7 +47,7 @@ class Patch:
         return CrossSection(_loops(self.boundary, self.points[:, :2]), FillRule.Positive)
 
     def inset_silhouette(self, clearance: float) -> CrossSection:
-        """Where letters may stand: the silhouette without what is closer than ``clearance`` to a boundary edge."""
+        """The region for letters: the silhouette without points closer than ``clearance`` to a boundary edge."""
         room = self.silhouette().offset(-clearance, JoinType.Miter)
         size = len(self.points)
         forward = self.boundary[:, 0] * size + self.boundary[:, 1]
@@ -104,10 +104,10 @@ def _loops(edges: Int, points: Float) -> list[Float]:
 
 
 def patches(mesh: WorkingMesh, box: Boxes, hidden: Int | None = None) -> list[Patch] | None:
-    """Every edge-connected piece of surface that meets the one ``box`` and faces it.
+    """Every edge-connected component of surface that meets the one ``box`` and faces it.
 
-    Pieces end where an edge has no neighbour, has more than two faces, where a coincident layer ends, or where
-    neighbours disagree on which side is out; a watermark never crosses such an edge.
+    They end at edges with one face or more than two, at the boundary of a coincident layer, and between neighbours of
+    inconsistent winding; a watermark never crosses such an edge.
 
     Args:
         mesh: the working mesh.
@@ -115,7 +115,7 @@ def patches(mesh: WorkingMesh, box: Boxes, hidden: Int | None = None) -> list[Pa
         hidden: ids of faces to leave out.
 
     Returns:
-        The pieces; None where they are more than can be cut in reasonable time.
+        The patches; None where they are more than can be cut in reasonable time.
     """
     center, axes, size = box.center[0], box.axes[0], box.size[0]
     width = size[0]
@@ -139,10 +139,10 @@ def patches(mesh: WorkingMesh, box: Boxes, hidden: Int | None = None) -> list[Pa
     if np.count_nonzero(chosen) > MAX_FACES:
         return None
 
-    # How often each edge is used is counted over all faces near, also those that look away.
+    # The uses of each edge are counted over all faces near, also those that face away.
     first, second, agree = edge_table(triangles).pairs()
     one, two = first // 3, second // 3
-    # A second layer below stays where it is, so that its rim must be the rim of a patch too.
+    # A second layer below is not removed, so that its boundary must be the boundary of a patch too.
     twinned = mesh.twinned(ids)
     joined = agree & chosen[one] & chosen[two] & (twinned[one] == twinned[two])
     joined = np.flatnonzero(joined)[np.argsort(first[joined])]  # side by side, as the faces come

@@ -1,4 +1,4 @@
-"""What a cut makes of a patch: the triangles of the letters and those of the rest."""
+"""The pieces of a cut patch: the triangles of the letters and those of the rest."""
 
 from dataclasses import dataclass
 

@@ -1,10 +1,10 @@
-"""Why a watermark could not be embossed at a place."""
+"""Reasons for which a watermark cannot be embossed at a box."""
 
 from enum import StrEnum
 
 
 class Refusal(StrEnum):
-    """A place that does not work is a value, not an exception: the next candidate is tried."""
+    """Reason for which a box is refused: a value, not an exception, for the next candidate is tried."""
 
     NOT_WHOLE = "not_whole"
     """A letter would cross the edge of the surface, of a part, or a fold."""

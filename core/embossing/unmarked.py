@@ -1,4 +1,4 @@
-"""Which parts of an asset carry no watermark, by the share of the pictures that they fill."""
+"""Parts of an asset without a watermark, by the share of the pictures that they fill."""
 
 import numpy as np
 
@@ -10,28 +10,29 @@ from core.geometry.surface import Surface
 from core.gltf.scene import Scene
 from core.notices import Notice, NoticeCode
 
-LOOKED_AT = 4  # every so manieth of the surface's samples is looked at
-CLEAR = 0.01  # where rays start off the surface, size-30 units
-MISSING, NAMED = 0.25, 8  # share of what is seen that is worth a word, and how many parts it names
-# A part counts from this share of what is seen. Marks crowd where they stand on at most so many of the parts, in the
-# mean so many on each: on a stage and nothing else.
+LOOKED_AT = 4  # every fourth of the surface's samples is tested for visibility
+CLEAR = 0.01  # size-30 units between the surface and the origins of rays
+MISSING, NAMED = 0.25, 8  # share of the visible surface without marks from which on a warning is given; parts it names
+# Share of the visible surface from which on a part counts. Marks are concentrated where at most the second share of the
+# parts has any, and these have the third number each in the mean: as on a stage and nothing else.
 SOME, FEW, CROWD = 0.01, 0.25, 2
 
 
 def unmarked_parts(
     scene: Scene, surface: Surface, samples: Saliency, index: SpatialIndex, marked: Int
 ) -> Notice | None:
-    """A warning where the marks crowd on a few parts of many, such as a stage or the ground, and much of what is seen
-    of the asset carries none: somebody who takes it apart has that clean.
+    """A warning where the marks are concentrated on a few parts of many, such as a stage or the ground, and much of the
+    visible surface carries none: taken apart from the asset, it is unmarked.
 
-    Parts are what its nodes draw; where there is one node only, what its materials cover.
+    Parts are the faces of each node; where there is one node only, those of each material.
 
     Args:
         scene: the asset.
-        surface: the scene's, with all normals that may looking out.
+        surface: the scene's, with normals facing outwards: see
+            :attr:`core.analysis.analyse.SurfaceAnalysis.surface`.
         samples: of ``surface``, evenly.
-        index: over it, for the eyes that look at it.
-        marked: (N,) the drawn primitive that each mark stands on.
+        index: over it, for view rays.
+        marked: (N,) the drawn primitive under each mark.
     """
     names = _names(scene)
     if len(set(names)) < 2:
@@ -62,7 +63,7 @@ def unmarked_parts(
 
 
 def _names(scene: Scene) -> list[str]:
-    """The part that each drawn primitive belongs to, as the file calls it."""
+    """The name in the file of each drawn primitive's part."""
     document = scene.document
     if len({drawn.node for drawn in scene.primitives}) > 1:
         return [_name(document.entry("nodes", drawn.node), f"nodes[{drawn.node}]") for drawn in scene.primitives]
@@ -80,8 +81,8 @@ def _name(entry: dict[str, object], number: str) -> str:
 
 
 def _seen(scene: Scene, surface: Surface, samples: Saliency, index: SpatialIndex) -> Float:
-    """(S,) how much of the paper's views the surface around each sample fills, that is not hidden in them; glass fills
-    nothing."""
+    """(S,) relative area in the paper's views of the surface around each sample, where visible; see-through surface
+    has none."""
     faces = samples.face[::LOOKED_AT]
     points, normals, solid = samples.points[::LOOKED_AT], surface.normals[faces], scene.viewed.opacity[faces]
     directions, _ = view_directions()

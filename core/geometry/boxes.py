@@ -1,4 +1,4 @@
-"""Oriented boxes: the stand-ins for watermarks until they are embossed."""
+"""Oriented boxes: the bounds of watermarks before they are embossed."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Where cameras stand: the paper's 24 views and an even cover of the sphere."""
+"""Camera directions: the paper's 24 views and an even cover of the sphere."""
 
 import numpy as np
 

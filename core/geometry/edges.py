@@ -22,10 +22,10 @@ class EdgeTable:
     Attributes:
         sides: (S,) numbers of sides, edge by edge, ascending within each; edges come in the order of their lower
             vertex, then of their higher one.
-        first: (E,) where the sides of each edge begin in ``sides``.
-        uses: (E,) how many sides each edge has.
+        first: (E,) offset in ``sides`` of each edge's first side.
+        uses: (E,) number of sides on each edge.
         ends: (E, 2) its vertices, the lower number first.
-        upward: (S,) by row of ``sides``, whether the side runs from the lower vertex to the higher one.
+        upward: (S,) by row of ``sides``, true where the side runs from the lower vertex to the higher one.
         faces: the number of faces.
     """
 
@@ -44,8 +44,8 @@ class EdgeTable:
         return result
 
     def pairs(self) -> tuple[Int, Int, Bool]:
-        """The two sides (P,), (P,) on each edge of exactly two, and whether they run opposite ways (P,), as those of
-        faces do that agree on their outer side."""
+        """The two sides (P,), (P,) on each edge of exactly two; (P,) true where they run opposite ways, as in faces of
+        consistent winding."""
         row = self.first[self.uses == 2]
         return self.sides[row], self.sides[row + 1], self.upward[row] != self.upward[row + 1]
 

@@ -33,7 +33,7 @@ def weld(values: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def among(values: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """(N,) which ``values`` (N,) are among ``others``: ``np.isin``, in a fifth of the time."""
+    """(N,) those of ``values`` (N,) that are among ``others``: ``np.isin``, in a fifth of the time."""
     if not len(others):
         return np.zeros(len(values), dtype=bool)
     others = np.sort(others)

@@ -1,9 +1,9 @@
-"""Order along a space-filling curve: neighbours in space are neighbours in the file, whoever made them."""
+"""Order along a space-filling curve: neighbours in space are neighbours in the file."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-BITS = 21  # an axis; three fit 63 bits
+BITS = 21  # bits an axis; three fit 63
 
 
 def morton_order(points: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -1,4 +1,4 @@
-"""Whether triangles and oriented boxes meet an upright box, by separating axes.
+"""Intersection of triangles and oriented boxes with axis-aligned boxes, by separating axes.
 
 Two convex bodies are apart if and only if their projections are apart on a face normal of either or on the cross
 product of an edge of each (Gottschalk, Lin, Manocha 1996; for triangles Akenine-Moeller 2001).
@@ -10,13 +10,13 @@ from core.arrays import Bool, Float
 from core.geometry.boxes import Boxes
 from core.geometry.products import cross, product
 
-# Bodies this close, size-30 units, meet. The cross product of parallel edges is rounding noise; its projections lie
+# Size-30 units; bodies this close intersect. The cross product of parallel edges is rounding noise; its projections are
 # far below this, so it separates nothing.
 TOUCH = 1e-9
 
 
 def triangles_meet(triangles: Float, low: Float, high: Float) -> Bool:
-    """(T,) which (T, 3, 3) triangles have a point in common with the box from ``low`` (3,) to ``high`` (3,)."""
+    """(T,) those of (T, 3, 3) triangles that intersect the box from ``low`` (3,) to ``high`` (3,)."""
     meet = (triangles.min(axis=1) <= high + TOUCH).all(axis=1) & (triangles.max(axis=1) >= low - TOUCH).all(axis=1)
     near = np.flatnonzero(meet)
     half = (high - low) / 2
@@ -31,7 +31,7 @@ def triangles_meet(triangles: Float, low: Float, high: Float) -> Bool:
 
 
 def boxes_meet(boxes: Boxes, upright: Float) -> Bool:
-    """(B, K) which oriented boxes have a point in common with each upright one (K, 2, 3: lowest, highest corner)."""
+    """(B, K) oriented boxes that intersect each axis-aligned one (K, 2, 3: lowest, highest corner)."""
     middle, half = upright.mean(axis=1), (upright[:, 1] - upright[:, 0]) / 2
     crosses = cross(np.eye(3)[:, None], boxes.axes[:, None]).reshape(-1, 9, 3)
     world = np.broadcast_to(np.eye(3), boxes.axes.shape)

@@ -1,4 +1,4 @@
-"""Closest points and rays on one fixed triangle mesh: built once per job, asked by every stage."""
+"""Closest points and ray casts on one fixed triangle mesh: built once per job, used by every stage."""
 
 from copy import copy
 from enum import IntEnum
@@ -14,32 +14,32 @@ from numpy.typing import NDArray
 from core.arrays import Float, Int
 from core.geometry.products import cross
 
-LONG = 1 / 15  # edge over extent
-PIECES = 50_000  # made of long triangles, unless there are more faces
-# A ray that passes a face starts anew this share of the mesh's extent behind it (3e-5 size-30 units); after so many
-# faces the next one is in the way, whatever it hides.
+LONG = 1 / 15  # edge length over the mesh's extent, from which on a triangle is long
+PIECES = 50_000  # triangles that long ones are subdivided into, unless there are more faces
+# Share of the mesh's extent (3e-5 size-30 units) behind a passed face at which the ray is cast anew; and faces that a
+# ray passes at most: the next one occludes, whatever its :class:`Hides`.
 PASSED, PASSES = 1e-6, 64
 
 
 class Eye(IntEnum):
-    """From which end of a ray somebody looks along it."""
+    """End of a ray that the viewer is at."""
 
     ORIGIN = 1
     FAR = -1
 
 
 class Hides(IntEnum):
-    """What a face hides of what is behind it, from an eye."""
+    """Sides from which a face occludes."""
 
     ALWAYS = 0
     FROM_FRONT = 1
     """Its back is not drawn."""
     NEVER = 2
-    """It is seen through."""
+    """It is see-through."""
 
 
 class _Hierarchies:
-    """The hierarchies over ``positions[faces]``, each built when first asked, and shared by all indices over them.
+    """The hierarchies over ``positions[faces]``, each built at its first use, and shared by all indices over them.
 
     Args:
         positions: (V, 3) float64, contiguous.
@@ -109,7 +109,7 @@ class SpatialIndex:
         hides: (F,) uint8, a :class:`Hides` of each face; all hide always if None.
 
     Attributes:
-        device: where it answers, as torch names it; what asks often does best to calculate there as well.
+        device: that queries run on, as torch names it; callers of many queries best calculate there as well.
     """
 
     device = "cpu"
@@ -124,7 +124,7 @@ class SpatialIndex:
         self._built = _Hierarchies(self.positions, self.faces)
 
     def hiding(self, hides: NDArray[np.uint8] | None) -> Self:
-        """The same index for faces that hide something else; what is built once is shared."""
+        """The same index with other ``hides``; the hierarchies are shared."""
         other = copy(self)
         other._hides = self._mask(hides)
         return other
@@ -150,7 +150,7 @@ class SpatialIndex:
         Args:
             origins: (N, 3).
             directions: (N, 3).
-            eye: rays pass through what hides nothing from this eye; through no face if None.
+            eye: rays pass the faces that do not occlude from this end; none if None.
         """
         if len(origins) == 0:
             return np.empty(0), np.empty(0, dtype=np.int64)
@@ -162,7 +162,7 @@ class SpatialIndex:
     def _pass(
         self, hides: NDArray[np.uint8], origins: Float, directions: Float, eye: Eye, distance: Float, face: Int
     ) -> None:
-        """Take hits, ``distance`` (N,) and ``face`` (N,), of what hides nothing on to what lies behind, in place."""
+        """Continue rays whose hits, ``distance`` (N,) and ``face`` (N,), do not occlude to the next hit, in place."""
         which = np.flatnonzero(face >= 0)
         for _ in range(PASSES):
             which = which[hides[face[which]] != Hides.ALWAYS]
@@ -188,7 +188,7 @@ class SpatialIndex:
         return np.where(face >= 0, np.asarray(result["tfar"], dtype=np.float64), np.inf), face
 
     def normals(self, face: Int) -> Float:
-        """(N, 3) unit normals of the faces ``face`` (N,), as answers name them; zero for collapsed ones."""
+        """(N, 3) unit normals of the faces ``face`` (N,), numbered as in hits; zero for collapsed ones."""
         mine = face if self._ids is None else np.searchsorted(self._ids, face)
         a, b, c = (self.positions[self.faces[mine, corner]] for corner in range(3))
         normal = cross(b - a, c - a)

@@ -1,8 +1,7 @@
-"""The same questions as :mod:`core.geometry.spatial`, answered by NVIDIA warp: on a CUDA device, or by
-the same kernels on the CPU.
+"""The queries of :mod:`core.geometry.spatial` in NVIDIA warp: on a CUDA device, or by the same kernels on the CPU.
 
-Warp's hierarchies are float32. They only say which triangles are in question; what is nearest and what is hit is
-decided between those in float64, so that answers are as exact as the CPU's.
+Warp's hierarchies are float32 and give candidate triangles only; the nearest and the first hit among these are
+decided in float64, so that results are as exact as the CPU's.
 """
 
 from functools import cached_property
@@ -19,7 +18,7 @@ from core.geometry.spatial import Eye, SpatialIndex
 
 wp.config.log_level = wp.LOG_WARNING  # no banner, and no line for each kernel that is compiled
 
-# Of a mesh of unit extent: many times what rounding to float32 moves its coordinates, and rays near it, by.
+# In extents of the mesh: many times the error of its coordinates, and of rays near it, rounded to float32.
 SLACK = np.float32(2e-6)
 
 
@@ -41,7 +40,7 @@ class WarpIndex(SpatialIndex):
 
     @cached_property
     def _on_device(self) -> tuple[wp.Mesh, wp.Bvh, Any]:
-        """At unit extent: what finds a triangle nearby, what finds all whose boxes are near, and all their corners.
+        """At unit extent: the mesh for closest points, the hierarchy of bounding boxes, and all corners.
 
         Raises:
             MeshmarkError: ``device_unavailable`` where the compiled kernels cannot be kept.
@@ -78,7 +77,7 @@ class WarpIndex(SpatialIndex):
             return super().first_hit(origins, directions, eye)
         _, tree, corners = self._on_device
         length = np.linalg.norm(directions, axis=1)
-        length[length == 0] = 1.0  # such a ray goes nowhere and meets nothing
+        length[length == 0] = 1.0  # a ray without direction hits nothing
         distance, faces = self._room(origins, wp.float64), self._room(origins, wp.int32)
         start, unit = self._inwards(origins), directions / length[:, None]
         rays = self._sent(start, wp.vec3d), self._sent(unit, wp.vec3d)
@@ -92,7 +91,7 @@ class WarpIndex(SpatialIndex):
         return self._sent(hides, wp.uint8)
 
     def _inwards(self, points: Float) -> Float:
-        """Into the frame in which the mesh lies about the origin with unit extent."""
+        """Points in the frame in which the mesh is centred at the origin with unit extent."""
         return np.asarray((points - self._middle) / self._built.extent)
 
     def _sent(self, values: NDArray[Any], kind: Any) -> Any:

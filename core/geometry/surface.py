@@ -22,8 +22,8 @@ class Surface:
         faces: (F, 3) int64 into ``positions``.
         weld: (V,) int64, the same number for vertices of one node at exactly equal positions; topology is read
             through ``weld[faces]``.
-        face_primitive: (F,) int64, which drawn primitive (node x mesh primitive) a face belongs to.
-        face_triangle: (F,) int64, which triangle of that primitive it is.
+        face_primitive: (F,) int64, number of each face's drawn primitive (node x mesh primitive).
+        face_triangle: (F,) int64, number of its triangle in that primitive.
         scale: size-30 units per world unit.
         offset: (3,) world position of the size-30 origin.
     """
@@ -59,7 +59,7 @@ class Surface:
 
     @property
     def reach(self) -> float:
-        """How far from the origin the frame goes along each axis, rounding included."""
+        """Largest absolute coordinate in the frame, rounding included; size-30 units."""
         return MODEL_SIZE / 2 * (1 + 1e-6)
 
     def to_world(self, points: Float) -> Float:

@@ -1,4 +1,4 @@
-"""A surface as discs: closest points to within the discs' spacing, ten times as fast as on the triangles."""
+"""A proxy surface of discs: closest points to within the discs' spacing, ten times as fast as on the triangles."""
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -8,21 +8,21 @@ from core.geometry.sampling import sample
 from core.geometry.surface import Surface
 
 COUNT = 20_000
-OVERLAP = 3.0  # radius of a disc over that of its share of the area: random samples leave gaps of that size
+OVERLAP = 3.0  # radius of a disc over that of a disc of its share of the area: random samples leave gaps of that size
 
 
 class Surfels:
     """Discs tangent to even area samples of a surface (Pfister et al. 2000, "Surfels").
 
     A query takes the disc whose centre is nearest and the nearest point on that disc, so that over smooth ground the
-    distance is that to the tangent plane, and beyond an edge it grows. Good for finding where to look closer.
+    distance is that to the tangent plane, and beyond an edge it grows. Exact queries decide near its result.
 
     Args:
         surface: with area.
         rng: the source of the samples.
 
     Attributes:
-        normals: (20000, 3) of the discs, each for the same share of the area.
+        normals: (20000, 3) of the discs, each of the same share of the area.
     """
 
     def __init__(self, surface: Surface, rng: np.random.Generator) -> None:

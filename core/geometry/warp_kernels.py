@@ -1,8 +1,8 @@
-"""What :mod:`core.geometry.spatial_warp` runs on the device. The mesh lies about the origin with unit extent."""
+"""Kernels of :mod:`core.geometry.spatial_warp`. The mesh is centred at the origin and has unit extent."""
 
 import warp as wp
 
-# Barycentric: rays along the edge between two triangles must not slip through for rounding.
+# Barycentric units; rays along the edge between two triangles must not pass between them by rounding.
 EDGE = wp.constant(wp.float64(1e-12))
 FAR = wp.constant(wp.float32(1e18))  # its square is still a float32
 
@@ -54,7 +54,7 @@ def closest(
     nearest: wp.array[wp.vec3d],
     faces: wp.array[wp.int32],
 ) -> None:
-    """Of the triangles that reach into the sphere to the nearest one that float32 finds, the nearest one."""
+    """Nearest of the triangles that intersect the sphere around the point through float32's nearest one."""
     i = wp.tid()
     point = points[i]
     face = wp.int32(0)  # warp passes slivers over; where there is nothing else, any triangle gives the sphere
@@ -91,7 +91,7 @@ def first_hit(
     """Moeller and Trumbore, Fast, Minimum Storage Ray/Triangle Intersection, 1997; ``directions`` have length 1.
 
     The volume is negative where the ray meets the back of a triangle. From an ``eye`` at the ray's origin (1) or at its
-    far end (-1) a triangle may hide nothing (2), or nothing from behind (1); without one (0) all are met.
+    far end (-1) a triangle may not occlude at all (2), or not from behind (1); without one (0) all are hit.
     """
     i = wp.tid()
     origin = origins[i]

@@ -1,4 +1,4 @@
-"""How faces are wound: which of them agree with their neighbours, which parts are closed, and which side looks out."""
+"""Winding of faces: agreement with neighbours, closed components, and their outer side."""
 
 from dataclasses import dataclass
 
@@ -9,20 +9,20 @@ from core.geometry.edges import EdgeTable, connected, edge_table
 from core.geometry.grouping import weld
 from core.geometry.products import cross
 
-FLAT = 1e-9  # volume over area^1.5 (a sphere: 0.09) under which a closed part has no inside
-# What is asked about parts that lie in others: the largest so many may hold some, and so many pairs are tested in all.
+FLAT = 1e-9  # volume over area^1.5 (a sphere: 0.09); a closed component with less has no inside
+# Bounds of the nesting test: components that may contain others, the largest first; and pairs tested in all.
 HOLDERS, PAIRS = 1024, 1_000_000
-ROUNDS = 4  # in which closed parts are told from the rest
+ROUNDS = 4  # rounds in which closed components are separated from the rest
 
 
 @dataclass(frozen=True, eq=False)
 class Outward:
-    """How to wind triangles so that closed parts look out.
+    """Winding with which closed components face outwards.
 
     Attributes:
-        turned: (T,) those to reverse.
-        part: (T,) the part that each belongs to; -1 for triangles of fewer than three different corners.
-        closed: (T,) whether that part is closed and has two sides; True for -1.
+        turned: (T,) triangles to flip.
+        part: (T,) the component of each; -1 for triangles of fewer than three different corners.
+        closed: (T,) true where that component is closed and two-sided, and for -1.
     """
 
     turned: Bool
@@ -31,13 +31,14 @@ class Outward:
 
 
 def outward(positions: Float, triangles: Int) -> Outward:
-    """What to turn in the triangles (T, 3) into ``positions`` (V, 3), equal positions being one vertex if need be.
+    """The :class:`Outward` winding of triangles (T, 3) into ``positions`` (V, 3). Equal positions count as one vertex
+    where some component is not closed without.
 
-    Parts are faces connected through edges of exactly two. In a closed part single faces that disagree with the rest
-    are turned, then all of it if its volume is negative. A part inside another one is the wall of a cavity, and looks
-    into it, or a solid of its own, and looks out. The file decides where both are wound consistently in it: one that
-    is wound against its holder is a cavity. Else the number of parts around it does: odd for a cavity. Open and
-    one-sided parts stay as they are.
+    Components are faces connected through edges of exactly two. In a closed component single faces that disagree with
+    the rest are flipped, then all of it if its volume is negative. A component inside another one is the wall of a
+    cavity, and faces into it, or a solid of its own, and faces outwards. The file decides where both are wound
+    consistently in it: one that is wound against the component around it is a cavity. Else the number of components
+    around it does: odd for a cavity. Open and one-sided components stay as they are.
     """
     found = _outward(positions, triangles)
     if found.closed.all():
@@ -47,10 +48,10 @@ def outward(positions: Float, triangles: Int) -> Outward:
 
 
 def consistent(count: int, one: Int, two: Int, agree: Bool) -> tuple[Int, Bool]:
-    """The part (F,) of each of ``count`` faces, and which (F,) to turn for the faces of a part to agree."""
+    """The component (F,) of each of ``count`` faces, and those (F,) to flip for the faces of a component to agree."""
     if agree.all():
         return connected(count, one, two), np.zeros(count, dtype=bool)
-    # Every face twice, as it is and turned: neighbours that disagree connect crosswise. An orientable part then
+    # Every face twice, as it is and flipped: neighbours that disagree connect crosswise. An orientable component then
     # falls into two mirror images, of which one is chosen.
     across = np.where(agree, 0, count)
     both = connected(
@@ -74,16 +75,16 @@ def _outward(positions: Float, triangles: Int) -> Outward:
         turned[left] = shells.turned() & done
         if not done.any():
             break
-        left = left[~done]  # where closed parts touch along edges, the others may have edges of two faces without them
+        left = left[~done]  # components that touch closed ones along edges may have edges of two faces without these
     return Outward(turned, part, closed)
 
 
 class _Shells:
-    """The parts of a mesh.
+    """The components of a mesh.
 
     Attributes:
         part: (F,) of each face.
-        closed: (P,) whether a part is closed and has two sides.
+        closed: (P,) components that are closed and two-sided.
     """
 
     def __init__(self, positions: Float, corners: Int) -> None:
@@ -93,7 +94,7 @@ class _Shells:
         one, two = first // 3, second // 3
         self.part, against = consistent(len(corners), one, two, agree)
         size = np.bincount(self.part)
-        against ^= (np.bincount(self.part, against) > size / 2)[self.part]  # the fewest faces are turned
+        against ^= (np.bincount(self.part, against) > size / 2)[self.part]  # the fewest faces are flipped
         self._against = against
         self._as_in_file = np.bincount(self.part[one], ~agree, len(size)) == 0
         self.closed = np.ones(len(size), bool)
@@ -105,22 +106,22 @@ class _Shells:
         volume = np.bincount(self.part, side * np.einsum("ni,ni->n", a - origin, cross(b - origin, c - origin))) / 6
         area = np.bincount(self.part, np.linalg.norm(cross(b - a, c - a), axis=1)) / 2
         self._volume = np.where(np.abs(volume) > FLAT * area**1.5, volume, 0.0)
-        self.closed &= (self._volume != 0) | self._as_in_file  # of two faces back to back there is nothing to turn
+        self.closed &= (self._volume != 0) | self._as_in_file  # of two faces back to back there is nothing to flip
 
     def turned(self) -> Bool:
-        """(F,) the faces to turn for all closed parts to look where they should."""
+        """(F,) the faces to flip for all closed components to have the right orientation."""
         sign, told = np.sign(self._volume), self._as_in_file
         turn = (sign < 0) & self.closed
         if turn.any() or not told[self.closed].all():
-            # Parts that are all wound the same way are turned together; else it matters what lies in what.
+            # Components of one winding are flipped together; else their nesting decides.
             same = told[self.closed].all() and turn[self.closed & (sign != 0)].all()
             turn = turn if same else sign * self._wanted() < 0
         return self._against ^ turn[self.part]
 
     def _at_boundary(self, edges: EdgeTable) -> Int:
-        """The parts whose faces do not pass each edge as often one way as the other, once they are made to agree.
+        """The components whose faces, once they agree, do not run along each edge equally often in both directions.
 
-        Edges of exactly two faces are not looked at.
+        Edges of exactly two faces are not tested.
         """
         row = np.flatnonzero(np.repeat(edges.uses != 2, edges.uses))
         face, number = edges.sides[row] // 3, edges.edge[edges.sides[row]]
@@ -129,7 +130,7 @@ class _Shells:
         return np.asarray(used[np.bincount(place, way) != 0] // max(len(edges.uses), 1))
 
     def _wanted(self) -> Float:
-        """(P,) 1 for parts that look out, -1 for cavities."""
+        """(P,) 1 for components that face outwards, -1 for cavities."""
         count = len(self.closed)
         sign = np.sign(self._volume)
         depth, holder = self._nesting()
@@ -143,7 +144,7 @@ class _Shells:
         return wanted
 
     def _nesting(self) -> tuple[Int, Int]:
-        """(P,) in how many closed parts each closed part lies, and the smallest of them."""
+        """(P,) number of closed components around each closed one, and the smallest of them."""
         import igl  # the native library is loaded only for files that need it
 
         order = np.argsort(self.part, kind="stable")
@@ -152,7 +153,7 @@ class _Shells:
         points = self._positions[self._corners]
         low = np.minimum.reduceat(points.min(axis=1)[order], start)
         high = np.maximum.reduceat(points.max(axis=1)[order], start)
-        # Three places on each part, so that one on the holder's very surface does not decide.
+        # Three probes on each component, so that one exactly on the surface around it does not decide.
         probes = points[order[np.stack([start, (start + end) // 2, end - 1], axis=1)]].mean(axis=2)
         size = np.abs(self._volume)
         depth, holder = np.zeros(len(size), np.int64), np.full(len(size), -1)

@@ -1,1 +1,1 @@
-"""The glTF document: its container, accessors, scene, materials and textures, and the edit that marks it."""
+"""The glTF document: its container, accessors, scene, materials and textures, and the edit that embosses it."""

@@ -15,7 +15,7 @@ def read_accessor(document: Document, index: int) -> NDArray[Any]:
 
     Args:
         document: the GLB.
-        index: which accessor.
+        index: of the accessor.
 
     Returns:
         (count,) for SCALAR, (count, n) for VECn, (count, n * n) column-major for MATn. ``byteStride``, sparse

@@ -1,4 +1,4 @@
-"""Vertex attributes at points inside triangles: what the corners of new triangles carry."""
+"""Vertex attributes at points inside triangles, interpolated for the corners of new triangles."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -13,7 +13,7 @@ from core.gltf.accessors import dequantize, read_accessor
 from core.gltf.document import Document
 from core.gltf.skin import influence_sets, merge, quantize_weights, read_influences
 
-# Always stored as floats in what is written: integers would round new rows visibly, or off the surface.
+# Always written as floats: integers would round new rows visibly, or off the surface.
 GEOMETRIC = ("POSITION", "NORMAL", "TANGENT")
 
 
@@ -37,13 +37,13 @@ class Points:
         return np.asarray(np.einsum("ck,ckn->cn", self.barycentric, values[self.rows]))
 
     def nearest(self, values: NDArray[Any]) -> NDArray[Any]:
-        """(C, n) values of the triangle corner that weighs most at each point."""
+        """(C, n) values of the triangle corner of the largest barycentric coordinate at each point."""
         strongest = self.barycentric.argmax(axis=1)
         return np.asarray(values[self.rows[np.arange(len(self.rows)), strongest]])
 
 
 def read_rows(document: Document, name: str, accessor: int) -> NDArray[Any]:
-    """(V, n) accessor rows in the component type they are written back in: see ``GEOMETRIC``."""
+    """(V, n) accessor rows in the component type that they are written in: see ``GEOMETRIC``."""
     rows = read_accessor(document, accessor)
     rows = rows.reshape(len(rows), -1)
     if name in GEOMETRIC:
@@ -52,8 +52,8 @@ def read_rows(document: Document, name: str, accessor: int) -> NDArray[Any]:
 
 
 def interpolate_attribute(document: Document, name: str, accessor: int, points: Points) -> Float:
-    """(C, n) float64 values of an attribute or a morph target's change of it; integers that are names (feature
-    identifiers and the like) are taken from the nearest corner instead."""
+    """(C, n) float64 values of an attribute or a morph target's change of it; integer identifiers (of features and the
+    like) are taken from the nearest corner instead."""
     rows = read_accessor(document, accessor)
     rows = rows.reshape(len(rows), -1)
     entry = document.entry("accessors", accessor)
@@ -73,7 +73,7 @@ def encode(values: Float, dtype: np.dtype[Any], normalized: bool) -> NDArray[Any
 
 
 def interpolate_influences(document: Document, attributes: dict[str, Any], points: Points) -> tuple[Int, Float]:
-    """SkinDeformation (C, K) and weights (C, K), K = 4 per set, exactly as the file will hold them.
+    """Joints (C, K) and weights (C, K), K = 4 per set, exactly as they are written.
 
     The influences of the three corners are merged, weighted by the barycentric coordinates, and the strongest K
     are kept. The weights are rounded to the coarsest component type of the primitive's sets, in which they sum to

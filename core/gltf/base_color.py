@@ -15,12 +15,12 @@ _ENCODED = np.arange(256) / 255
 LINEAR = np.where(_ENCODED <= 0.04045, _ENCODED / 12.92, ((_ENCODED + 0.055) / 1.055) ** 2.4)  # IEC 61966-2-1
 
 
-@np.errstate(over="ignore", invalid="ignore")  # factors and transforms that no picture survives
+@np.errstate(over="ignore", invalid="ignore")  # factors and transforms of any size
 def base_color(document: Document, material: Material, attributes: dict[str, int], points: Points) -> Float:
     """(C, 4) linear RGBA, 0 to 1, at points of primitives with one material and the same attributes.
 
     Factor x texture (KHR_texture_transform, wrap modes, its own UV set) x COLOR_0; a texture that cannot be shown, or
-    whose UV set is missing, counts as white. Alpha is what the file says, whatever ``alphaMode`` makes of it.
+    whose UV set is missing, counts as white. Alpha is the file's, before ``alphaMode`` applies.
 
     Raises:
         MeshmarkError: ``malformed_file`` for vertex attributes of too few components.
@@ -38,7 +38,7 @@ def base_color(document: Document, material: Material, attributes: dict[str, int
 
 @np.errstate(over="ignore", invalid="ignore")
 def emitted(document: Document, emission: Emission, attributes: dict[str, int], points: Points) -> Float:
-    """(C, 3) linear light that points of such primitives give off; 0 where the UV set of its texture is missing.
+    """(C, 3) linear RGB emission at points of such primitives; 0 where the UV set of its texture is missing.
 
     Raises:
         MeshmarkError: as :func:`base_color`.
@@ -54,7 +54,7 @@ def emitted(document: Document, emission: Emission, attributes: dict[str, int], 
 
 
 def _attribute(document: Document, name: str, attributes: dict[str, int], points: Points, columns: int) -> Float | None:
-    """(C, ``columns`` to 4) values at the points, what is not finite as 0; ``None`` where there are none."""
+    """(C, ``columns`` to 4) values at the points, 0 where they are not finite; ``None`` where there are none."""
     if name not in attributes:
         return None
     values = interpolate_attribute(document, name, attributes[name], points)

@@ -10,18 +10,18 @@ from core.gltf.document import COMPONENT_TYPES, ELEMENT_TYPES, Document
 from core.gltf.prune import ARRAY_BUFFER, prune
 
 ELEMENT_ARRAY_BUFFER = 34963
-SPARSE = 0.5  # share of rows that are not zero, up to which storing these alone is smaller
+SPARSE = 0.5  # share of rows that are not zero; up to it a sparse accessor is smaller
 
 _COMPONENT_CODES = {dtype: code for code, dtype in COMPONENT_TYPES.items()}
 
 
 class Builder:
-    """A document on its way to another, or made from an empty one; the original stays as it is.
+    """A document being edited, or made from an empty one; the original stays as it is.
 
     Attributes:
         document: as it was read.
-        json: a deep copy of its JSON, to be changed in place. New accessors and buffer views stand behind the old ones
-            until :meth:`to_document` gives them the places of those that went.
+        json: a deep copy of its JSON, to be changed in place. New accessors and buffer views follow the old ones until
+            :meth:`to_document` gives them the numbers of removed ones.
     """
 
     def __init__(self, document: Document) -> None:
@@ -36,7 +36,7 @@ class Builder:
         return len(entries) - 1
 
     def is_new(self, accessor: int) -> bool:
-        """Whether an accessor was added here."""
+        """True where an accessor was added here."""
         return accessor >= len(self.document.json.get("accessors", []))
 
     def add_attribute(self, values: NDArray[Any], like: int, bounded: bool) -> int:
@@ -44,9 +44,9 @@ class Builder:
 
         Args:
             values: one row a vertex, matrices column by column.
-            like: the accessor it stands in for: element type, normalisation, and whether it was all zeros but for
-                sparse rows, so that rows which are not zero are stored alone while they are few.
-            bounded: whether to declare ``min`` and ``max``, which positions need.
+            like: the accessor it replaces, of the same element type and normalisation; where that was all zeros but
+                for sparse rows, so is the new one while few rows are not zero.
+            bounded: declare ``min`` and ``max``, which positions need.
         """
         source = self.json["accessors"][like]
         rows = values.reshape(len(values), -1)
@@ -75,8 +75,8 @@ class Builder:
         Args:
             values: one row a vertex.
             kind: "SCALAR", "VEC2" and so on.
-            bounded: whether to declare ``min`` and ``max``, which positions need.
-            normalized: whether integers stand for fractions.
+            bounded: declare ``min`` and ``max``, which positions need.
+            normalized: integers represent fractions.
         """
         view = self.add_view(values.tobytes(), {"target": ARRAY_BUFFER})
         code = _COMPONENT_CODES[values.dtype]
@@ -105,7 +105,7 @@ class Builder:
         return number
 
     def to_document(self) -> Document:
-        """The edited document, without what nothing in it refers to: see :func:`core.gltf.prune.prune`."""
+        """The edited document without unreferenced entries: see :func:`core.gltf.prune.prune`."""
         return prune(self.json, self.document, self._payloads)
 
     def _add_vertex_view(self, rows: NDArray[Any], columns: int, height: int) -> int:
@@ -115,7 +115,7 @@ class Builder:
 
 
 def _column_aligned(rows: NDArray[Any], columns: int, height: int) -> tuple[NDArray[Any], bool]:
-    """Rows with every column (a vector is one) filled up to a multiple of four bytes, and whether that added any."""
+    """Rows with every column (a vector is one) padded to a multiple of four bytes; True where that added any."""
     padding = -height * rows.itemsize % 4 // rows.itemsize
     split = rows.reshape(len(rows), columns, height)
     aligned = np.pad(split, ((0, 0), (0, 0), (0, padding))).reshape(len(rows), -1)

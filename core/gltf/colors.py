@@ -1,4 +1,4 @@
-"""Colours as files write them (sRGB) and as glTF reckons with them (linear)."""
+"""Colours as files write them (sRGB) and as glTF calculates with them (linear)."""
 
 import numpy as np
 

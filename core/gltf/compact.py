@@ -1,4 +1,4 @@
-"""Vertex rows that no primitive draws, taken out of the accessors that hold them."""
+"""Removal of vertex rows that no primitive draws from their accessors."""
 
 import json
 from typing import Any
@@ -18,8 +18,8 @@ def drop_unused_rows(editor: Builder) -> None:
     """Give primitives of an edited document whose accessors hold rows that none draws accessors of their own, with
     the rows they draw in the order and the component types of before.
 
-    These may be rows that a touched primitive shared with them, or that nothing drew in the input either. What was
-    added is not looked at, and what lies in a Draco stream cannot hold others.
+    These may be rows that a touched primitive shared with them, or that no primitive of the input drew. New accessors
+    are passed over, and so are Draco streams, which hold no unused rows.
     """
     rest = [
         primitive

@@ -1,8 +1,7 @@
 """Geometry that a GLB stores compressed, decoded: KHR_draco_mesh_compression and EXT/KHR_meshopt_compression.
 
-The native decoders are imported on first use, inside the engine: whoever only looks at headers does not load them.
-Both check their input against its end and raise on damage; what they might miss ends a worker's child, not the
-service.
+The native decoders are imported on first use, inside the engine: reading headers does not load them. Both check their
+input against its end and raise on damage; damage that they might miss ends a worker's child, not the service.
 """
 
 from typing import Any
@@ -19,7 +18,7 @@ _DRACO_HEADER_BYTES, _DRACO_METADATA_FLAG, _DRACO_METADATA_LIMIT = 11, 0x8000, 1
 
 
 def meshopt_of(entry: dict[str, Any]) -> dict[str, Any] | None:
-    """What a buffer view or a buffer says about its meshopt compression; ``None`` where it has none."""
+    """The meshopt extension object of a buffer view or a buffer; ``None`` where it has none."""
     extensions = entry.get("extensions", {})
     return next((extensions[name] for name in MESHOPT if name in extensions), None)
 
@@ -33,7 +32,7 @@ def decode_meshopt(data: bytes, declared: dict[str, Any], where: str) -> bytes:
         where: names the view in errors.
 
     Raises:
-        MeshmarkError: ``malformed_file`` where the bytes are not what ``declared`` says.
+        MeshmarkError: ``malformed_file`` where the bytes are not as ``declared``.
     """
     import meshopt
 
@@ -62,7 +61,7 @@ def decode_draco(data: bytes, faces: int, where: str) -> tuple[NDArray[np.uint32
 
     Args:
         data: the stream.
-        faces: how many triangles the file declares; a stream that claims others is refused before it is
+        faces: number of triangles that the file declares; a stream that declares another is refused before it is
             decoded, for a few kilobytes can hold millions.
         where: names the stream in errors.
 
@@ -89,7 +88,7 @@ def decode_draco(data: bytes, faces: int, where: str) -> tuple[NDArray[np.uint32
 
 
 def _draco_faces(data: bytes, where: str) -> int:
-    """The triangles that a Draco stream claims (Draco bitstream specification, sections 4 and 5)."""
+    """The number of triangles that a Draco stream declares (Draco bitstream specification, sections 4 and 5)."""
     if data[:7] != _DRACO_2_2:
         raise malformed(f"{where} is not in version 2.2 of the Draco format, the one that a glTF may contain.")
     head = _DracoHead(data, where)

@@ -1,6 +1,6 @@
-"""What else a file draws, or could: other scenes, levels of detail, and nodes and meshes that no scene shows.
+"""Copies of the asset beside its default scene: other scenes, levels of detail, nodes and meshes that no scene shows.
 
-Whoever marks what the default scene shows and leaves these as they are ships the clean asset along.
+With only the default scene marked, they hold the unmarked asset.
 """
 
 from collections.abc import Collection, Iterator
@@ -28,7 +28,7 @@ class Copy:
         name: of the scene, or of the level's node; empty where it has none.
         nodes: those with a mesh that no earlier copy has, ascending.
         root: the level's node; ``None`` for other kinds.
-        of: the node that the level stands in for.
+        of: the node that the level replaces.
     """
 
     kind: str
@@ -39,8 +39,8 @@ class Copy:
 
 
 def find_copies(document: Document) -> list[Copy]:
-    """Everything beside what the default scene shows that holds meshes: what is hidden in it, levels of detail, other
-    scenes, what is in none, each in the order of the file.
+    """All copies with meshes beside those that the default scene shows: its hidden nodes, levels of detail, other
+    scenes, nodes and meshes in no scene, each in the order of the file.
 
     Raises:
         MeshmarkError: ``malformed_file``.
@@ -76,7 +76,7 @@ def unused_meshes(document: Document) -> list[int]:
 
 
 def scene_of(document: Document, copy: Copy) -> Scene:
-    """The surface of a copy alone, a level of detail in the place of the node that it stands in for.
+    """The surface of a copy alone, a level of detail in the place of the node that it replaces.
 
     Raises:
         MeshmarkError: as :func:`core.gltf.scene.flatten`.
@@ -97,7 +97,7 @@ def scene_of(document: Document, copy: Copy) -> Scene:
 
 def leave_out(document: Document, copies: Collection[Copy]) -> Document:
     """The document without the meshes of some copies: their nodes stay, but draw nothing, and levels of detail are
-    taken off their nodes."""
+    removed from their nodes."""
     editor = Builder(document)
     nodes = editor.json["nodes"]
     bare = {node for copy in copies for node in copy.nodes}
@@ -123,7 +123,7 @@ def _levels(document: Document, owner: int) -> list[int]:
 
 
 def _mesh_references(json_: Json) -> Iterator[tuple[Json, str]]:
-    """Every reference to a mesh: of nodes, and what extensions call ``mesh``, as avatars and colliders do."""
+    """Every reference to a mesh: of nodes, and the ``mesh`` properties of extensions, as of avatars and colliders."""
     for node in json_.get("nodes", []):
         if "mesh" in node:
             yield node, "mesh"
@@ -139,7 +139,7 @@ def _mesh_references(json_: Json) -> Iterator[tuple[Json, str]]:
 
 
 def _drop_level(node: Json, level: int) -> None:
-    """Take one level of detail off a node, with its share of the screen coverages."""
+    """Remove one level of detail from a node, with its entry of the screen coverages."""
     extension = node["extensions"][LOD]
     place = extension["ids"].index(level)
     extension["ids"] = [number for number in extension["ids"] if number != level]
@@ -158,7 +158,7 @@ def _drop_extension(owner: Json, name: str) -> None:
 
 
 def _drop_weight_channels(json_: Json, nodes: Collection[int]) -> None:
-    """Take the animations of morph weights off nodes that have no mesh any more; an animation of nothing goes."""
+    """Remove the animations of morph weights of nodes without a mesh, and animations left without channels."""
     for animation in json_.get("animations", []):
         animation["channels"] = [
             channel

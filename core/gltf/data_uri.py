@@ -13,7 +13,7 @@ _BLANKS = b" \t\r\n\f\v"
 
 
 def is_data_uri(uri: Any) -> TypeGuard[str]:
-    """Whether a URI holds its bytes itself."""
+    """True where a URI holds its bytes itself."""
     return isinstance(uri, str) and _SCHEME.match(uri) is not None
 
 
@@ -21,7 +21,7 @@ def decode_data_uri(uri: str) -> bytes:
     """The bytes in a data URI: percent-encoded, or base64 of either alphabet, padded or not, blanks in it or not.
 
     Raises:
-        ValueError: for what is none of it.
+        ValueError: for any other content.
     """
     header, comma, payload = uri.partition(",")
     if not comma:

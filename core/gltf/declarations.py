@@ -11,7 +11,7 @@ _LARGEST = sys.float_info.max
 
 
 def entries(json: Json, kind: str) -> list[Json]:
-    """The objects of a top-level array, empty where it is missing; the gate has looked at each."""
+    """The objects of a top-level array, empty where it is missing; the gate has checked each."""
     values: list[Json] = json.get(kind, [])
     return values
 
@@ -62,6 +62,6 @@ def _is_finite(value: Any) -> bool:
 
 
 def quote(value: Any) -> str:
-    """A value as it is put into a sentence, cut short."""
+    """A value as quoted in a sentence, cut short."""
     text = "missing" if value is None else str(value)
     return text if len(text) <= 40 else text[:40] + "..."

@@ -1,4 +1,4 @@
-"""A GLB as its chunks, and what its JSON refers to (glTF 2.0 specification, sections 3.6 and 4.4)."""
+"""A GLB as its chunks, and the bytes that its JSON refers to (glTF 2.0 specification, sections 3.6 and 4.4)."""
 
 import json
 import math
@@ -54,9 +54,9 @@ class Document:
     Attributes:
         json: the JSON chunk, keys in file order.
         binary: the payload of the BIN chunk, empty where there is none.
-        warnings: what of the file could not be carried into this document, or is carried unread.
+        warnings: content of the file that could not be carried into this document, or is carried unread.
         chunks: the type and payload of each further chunk, in file order; they are carried as they are.
-        undecoded: the textures whose pixels were asked for in vain.
+        undecoded: the textures whose pixels could not be decoded.
     """
 
     json: dict[str, Any]
@@ -161,9 +161,9 @@ class Document:
         return self.binary
 
     def view(self, index: Any) -> tuple[bytes, int, int]:
-        """Where the bytes of a buffer view are: what holds them, their start and their length.
+        """The bytes of a buffer view: those of its buffer, its start and its length in them.
 
-        A compressed view is decoded when first asked for.
+        A compressed view is decoded at its first use.
 
         Raises:
             MeshmarkError: ``malformed_file``, ``external_reference``.
@@ -200,7 +200,7 @@ class Document:
         """(count, n) values of every accessor whose only bytes are in a Draco stream; all are decoded at once.
 
         Raises:
-            MeshmarkError: ``malformed_file`` for a stream that is damaged or not what the accessors declare.
+            MeshmarkError: ``malformed_file`` for a stream that is damaged or contradicts its accessors.
         """
         return _decode_draco(self)
 

@@ -1,4 +1,4 @@
-"""What embossing hands to the writer: which faces go and which triangles take their place."""
+"""The edit that embossing passes to the writer: removed faces, and the triangles in their place."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -10,7 +10,7 @@ from core.arrays import Bool, Float, Int
 
 
 class Kind(IntEnum):
-    """What a new triangle is part of."""
+    """Part of a mark that a new triangle belongs to."""
 
     SURFACE = 0
     CAP = 1
@@ -19,7 +19,7 @@ class Kind(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class SurfaceEdit:
-    """A change of a :class:`~core.geometry.surface.Surface`: F faces of which some go, and M new triangles.
+    """A change of a :class:`~core.geometry.surface.Surface`: F faces, some of them removed, and M new triangles.
 
     Attributes:
         keep: (F,) bool, the faces that stay exactly as they are.

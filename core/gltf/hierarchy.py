@@ -12,7 +12,7 @@ VISIBILITY = "KHR_node_visibility"
 
 
 def world_matrices(document: Document) -> Float:
-    """(N, 4, 4) local -> world matrix of every node, whether or not a scene shows it.
+    """(N, 4, 4) local -> world matrix of every node, also of those in no scene.
 
     Raises:
         MeshmarkError: ``malformed_file`` for a node with two parents, a cycle, or a malformed transform.
@@ -107,7 +107,7 @@ def transforms(translation: Float, rotation: Float, scale: Float) -> Float:
     """(N, 4, 4) matrices of (N, 3) translations, (N, 4) quaternions (x, y, z, w) and (N, 3) scales."""
     matrices = np.zeros((len(scale), 4, 4))
     x, y, z, w = rotation.T
-    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused where it is used
+    with np.errstate(over="ignore", invalid="ignore"):  # overflowing matrices are refused where they are used
         turned = [
             [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
             [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],

@@ -3,7 +3,7 @@
 import struct
 
 _PNG = b"\x89PNG\r\n\x1a\n"
-_JPEG_SEGMENTS = 1000  # before the frame; a colour profile or a thumbnail takes a few dozen at most
+_JPEG_SEGMENTS = 1000  # segments before the frame, at most; a colour profile or a thumbnail takes a few dozen
 _KTX2 = b"\xabKTX 20\xbb\r\n\x1a\n"
 
 

@@ -36,7 +36,7 @@ def split_off(editor: Builder, document: Document, index: int, meshes: dict[int,
     """Make some instances of a node ordinary children, each with a mesh of its own; the others stay instances.
 
     Args:
-        editor: what is written; its node is replaced.
+        editor: of the written document; its node is replaced.
         document: as it was read.
         index: the node.
         meshes: instance -> the mesh that it draws from now on.

@@ -18,9 +18,9 @@ def decode_ktx2(data: bytes, limit: int, max_pixels: int) -> NDArray[np.uint8] |
     """(H, W, 4) pixels of the smallest mip level that is at least ``limit`` pixels wide or high, else of the largest.
 
     Returns:
-        ``None`` for what is damaged, of more than ``max_pixels`` in that level, of other texels than ETC1S and UASTC,
-        or no plain picture: KHR_texture_basisu knows no cubes, arrays and volumes. Nothing is decompressed before the
-        sizes that the file declares are found to agree with each other.
+        ``None`` for images that are damaged, of more than ``max_pixels`` in that level, of other texels than ETC1S and
+        UASTC, or not two-dimensional: KHR_texture_basisu has no cubes, arrays and volumes. Nothing is decompressed
+        before the declared sizes are checked against each other.
     """
     if len(data) < _HEADER.size:
         return None
@@ -35,12 +35,12 @@ def decode_ktx2(data: bytes, limit: int, max_pixels: int) -> NDArray[np.uint8] |
     try:
         image = opengl_basisu.open(data)
         return np.asarray(image.transcode(opengl_basisu.Target.RGBA8, level).data, dtype=np.uint8)
-    except ValueError:  # what the transcoder finds damaged, and texels that it does not know
+    except ValueError:  # raised by the transcoder for damaged files and unknown texels
         return None
 
 
 def _is_consistent(data: bytes, sizes: list[tuple[int, int]]) -> bool:
-    """Whether the bytes of each mip level are in the file, and no more when decompressed than its pixels can be."""
+    """True where the bytes of each mip level are in the file, and decompress to no more than its pixels take."""
     if len(data) < _HEADER.size + len(sizes) * _LEVEL.size:
         return False
     for number, (width, height) in enumerate(sizes):

@@ -1,4 +1,4 @@
-"""glTF materials, reduced to what a preview shows."""
+"""glTF materials, reduced to the properties that a preview shows."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,18 +14,18 @@ SPECULAR_GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"
 UNLIT = "KHR_materials_unlit"
 EMISSIVE_STRENGTH = "KHR_materials_emissive_strength"
 
-_BRIGHTEST = 1e4  # of emission: far beyond what any picture tells from white
-_INVISIBLE = 1 / 512  # alpha that rounds to nothing: dropped, so that it hides nothing behind it
+_BRIGHTEST = 1e4  # linear emission, at most: far beyond white in any picture
+_INVISIBLE = 1 / 512  # alpha that rounds to 0 in 8 bits: faces of less are dropped, so that they occlude nothing
 
 
 @dataclass(frozen=True, eq=False)
 class Emission:
-    """Light that a surface gives off by itself; vertex colours do not change it.
+    """Light that a surface emits; vertex colours do not change it.
 
     Attributes:
         color: (3,) linear RGB factor, its strength included (KHR_materials_emissive_strength): may exceed 1.
         texture: multiplies ``color``.
-        uv_set: which TEXCOORD_n the texture uses.
+        uv_set: number n of the texture's TEXCOORD_n.
         uv_transform: (2, 3), applied to (u, v, 1) (KHR_texture_transform).
     """
 
@@ -42,12 +42,12 @@ class Material:
     Attributes:
         color: (4,) linear RGBA factor.
         texture: multiplies ``color``.
-        uv_set: which TEXCOORD_n the texture uses.
+        uv_set: number n of the texture's TEXCOORD_n.
         uv_transform: (2, 3), applied to (u, v, 1) (KHR_texture_transform).
         alpha_mode: "OPAQUE", "MASK" or "BLEND".
         alpha_cutoff: alpha below which nothing is drawn.
         double_sided: back faces are drawn as well.
-        unlit: the base colour is shown as it is, whatever light there is (KHR_materials_unlit).
+        unlit: the base colour is shown as it is, independent of lights (KHR_materials_unlit).
         emission: added to the lit colour; ``None`` where there is none.
     """
 
@@ -65,8 +65,8 @@ class Material:
 def read_material(document: Document, index: int | None, read_texture: Callable[[int], Texture | None]) -> Material:
     """``materials[index]``, or the default material for ``None``.
 
-    Where KHR_materials_pbrSpecularGlossiness is given, its diffuse colour is the base colour. An unlit material emits
-    nothing, whatever else it says (KHR_materials_unlit).
+    Where KHR_materials_pbrSpecularGlossiness is given, its diffuse colour is the base colour. The emission of an unlit
+    material is ignored (KHR_materials_unlit).
 
     Raises:
         MeshmarkError: ``malformed_file``.

@@ -1,4 +1,4 @@
-"""What an edited GLB no longer refers to is not written: no accessor, no buffer view, no byte."""
+"""Removal of accessors, buffer views and bytes that an edited GLB no longer refers to."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
@@ -19,13 +19,13 @@ ARRAY_BUFFER = 34962
 
 
 def prune(json: Json, document: Document, payloads: dict[int, bytes]) -> Document:
-    """The edited document with nothing in it that nothing refers to.
+    """The edited document without unreferenced accessors, buffer views and bytes.
 
-    Accessors and buffer views without a reference go; what replaced them takes their numbers, so that the others keep
-    theirs as long as as many come as go. Of a view that only some of its bytes are still referred to in, these are
-    written alone, compressed again where they were. All bytes end up in the BIN chunk, padded with zeros; a fallback
-    buffer of meshopt stays while a view refers to it. Extensions that nothing uses any more are taken off both lists.
-    Objects of other kinds keep their numbers, used or not: extensions may count them.
+    Unreferenced accessors and buffer views are removed; new ones take their numbers, so that the others keep theirs
+    while as many are added as removed. Of a partly referenced view only the referenced bytes are written, compressed
+    again where they were. All bytes end up in the BIN chunk, padded with zeros; a fallback buffer of meshopt stays
+    while a view refers to it. Unused extensions are removed from both lists. Objects of other kinds keep their numbers,
+    used or not: extensions may count them.
 
     Args:
         json: of the edited document, changed in place; its own.
@@ -54,7 +54,8 @@ def prune(json: Json, document: Document, payloads: dict[int, bytes]) -> Documen
 
 
 def unreferenced_bytes(document: Document) -> int:
-    """How many bytes other than 0 of a document's own buffers nothing in it refers to, whole views counted."""
+    """Number of bytes other than 0 in a document's own buffers that nothing refers to; a reference to a view covers
+    all of its bytes."""
     views = {container[key] for container, key in _all_view_references(document.json)}
     covered: dict[int, list[tuple[int, int]]] = defaultdict(list)
     for number in views:
@@ -66,7 +67,7 @@ def unreferenced_bytes(document: Document) -> int:
     count = 0
     for number, buffer in enumerate(document.json.get("buffers", [])):
         if number and "uri" not in buffer:
-            continue  # stands for the decoded bytes of compressed views
+            continue  # the fallback of compressed views has no bytes
         data, end = np.frombuffer(document.buffer(number), np.uint8), 0
         for start, stop in [*sorted(covered[number]), (len(data), len(data))]:
             count += int(np.count_nonzero(data[end : max(start, end)]))
@@ -86,12 +87,12 @@ def _all_view_references(json: Json) -> Iterator[Reference]:
 
 
 def renumber(json: Json, kind: str, old: int, references: Callable[[Json], Iterable[Reference]]) -> dict[int, int]:
-    """Take the entries of a document's JSON that nothing refers to out of one of its lists.
+    """Remove the unreferenced entries of one of the lists of a document's JSON.
 
     Args:
         json: changed in place.
-        kind: which list.
-        old: entries from here on are new: they first fill the places of older ones that go.
+        kind: name of the list.
+        old: entries from here on are new: they first take the numbers of removed older ones.
         references: gives every reference to such an entry; these are renumbered.
 
     Returns:
@@ -115,7 +116,7 @@ def renumber(json: Json, kind: str, old: int, references: Callable[[Json], Itera
 
 
 def _cut_views(json: Json, document: Document, payloads: dict[int, bytes]) -> None:
-    """Give every accessor a view of its own that shares one with bytes which nothing refers to."""
+    """Give every accessor a view of its own that shares one with unreferenced bytes."""
     whole = {container[key] for container, key in view_references(json)}
     users: dict[int, list[tuple[Json, Json]]] = defaultdict(list)  # view -> accessors, and their parts that lie in it
     for accessor in json.get("accessors", []):
@@ -146,7 +147,7 @@ def _cut_views(json: Json, document: Document, payloads: dict[int, bytes]) -> No
 
 
 def _extent(accessor: Json, part: Json) -> tuple[int, np.dtype[Any], tuple[int, int]]:
-    """How many elements of which type and (columns, rows) lie in a view: of an accessor, or of its sparse part."""
+    """Number, component type and (columns, rows) of the elements in a view: of an accessor, or of its sparse part."""
     count = accessor["count"] if part is accessor else accessor["sparse"]["count"]
     if "componentType" in part and part is not accessor:
         return count, COMPONENT_TYPES[part["componentType"]], (1, 1)
@@ -156,8 +157,8 @@ def _extent(accessor: Json, part: Json) -> tuple[int, np.dtype[Any], tuple[int, 
 def _recompress(
     json: Json, document: Document, payloads: dict[int, bytes], number: int, covered: Bool, parts: list[Json]
 ) -> None:
-    """Compress the rows of a compressed view that are still referred to into a view of their own, and lead the
-    ``parts`` of accessors that refer to it there. Nothing is filtered, and no triangle turned: every byte stays."""
+    """Compress the rows of a compressed view that are still referred to into a view of their own, and make the
+    ``parts`` of accessors refer to it. Without filters, and without rotation of triangles: every byte stays."""
     view = json["bufferViews"][number]
     declared = meshopt_of(view)
     assert declared is not None
@@ -207,7 +208,7 @@ def _plain(
 
 
 def _stored_bytes(document: Document, number: int) -> bytes:
-    """The bytes of a view as they lie in its buffer, compressed or not."""
+    """The bytes of a view as stored in its buffer, compressed or not."""
     view = document.entry("bufferViews", number)
     owner = meshopt_of(view) or view
     start = owner.get("byteOffset", 0)
@@ -223,7 +224,7 @@ def _set_buffers(json: Json, document: Document, length: int) -> None:
             view["buffer"] = new[view["buffer"]]
     old = document.json.get("buffers", [{}])
     first = {key: value for key, value in old[0].items() if key != "uri"} | {"byteLength": length}
-    # Whatever a compressed view offered to readers without a decoder was a second copy of it.
+    # The uncompressed copy of a compressed view, for readers without a decoder, is left out.
     rest = [{key: value for key, value in old[number].items() if key != "uri"} for number in fallbacks]
     for buffer in rest:
         extensions = buffer.get("extensions", {})
@@ -234,7 +235,7 @@ def _set_buffers(json: Json, document: Document, length: int) -> None:
 
 
 def _drop_extensions(json: Json) -> None:
-    """Take the names of the extensions of geometry that nothing uses any more out of both lists."""
+    """Remove the names of unused extensions of geometry from both lists."""
     views, buffers = json.get("bufferViews", []), json.get("buffers", [])
     owners = {
         DRACO: [primitive for mesh in json.get("meshes", []) for primitive in mesh["primitives"]],

@@ -1,10 +1,10 @@
-"""Where a glTF's JSON refers to its accessors and buffer views, extensions included."""
+"""References of a glTF's JSON to its accessors and buffer views, extensions included."""
 
 from collections.abc import Iterator
 from typing import Any
 
 Json = dict[str, Any]
-Reference = tuple[Json, str]  # an object, and which of its properties holds the number
+Reference = tuple[Json, str]  # an object, and its property that holds the number
 
 INSTANCING, LOD, OUTLINE = "EXT_mesh_gpu_instancing", "MSFT_lod", "CESIUM_primitive_outline"
 # Extensions whose properties name buffer views by other words than `bufferView` (EXT_structural_metadata; its
@@ -43,7 +43,7 @@ def primitive_references(primitive: Json) -> Iterator[Reference]:
 def view_references(json: Json) -> Iterator[Reference]:
     """Every reference to a buffer view that is not an accessor's: of images, Draco streams and other extensions.
 
-    What an unknown extension calls ``bufferView`` is taken for one.
+    The ``bufferView`` properties of unknown extensions count.
     """
     yield from ((image, "bufferView") for image in json.get("images", []) if "bufferView" in image)
     yield from _within({key: value for key, value in json.items() if key not in _OWN}, metadata=False)

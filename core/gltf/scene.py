@@ -21,9 +21,8 @@ from core.gltf.skin import blend, influence_sets, joint_matrices, read_influence
 from core.gltf.viewer import Look, Viewed, has_area, viewed
 
 TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN = 4, 5, 6
-# |det| over the product of the column lengths, below which a matrix cannot be inverted in any useful sense
-SINGULAR = 1e-6
-BEYOND = 1e6  # size-30 units: vertices of what is not drawn are kept this near, so that nothing overflows
+SINGULAR = 1e-6  # |det| over the product of the column lengths; matrices of less count as singular
+BEYOND = 1e6  # size-30 units; coordinates of undrawn vertices are clamped to this, so that nothing overflows
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,16 +31,16 @@ class DrawnPrimitive:
 
     Attributes:
         node, mesh, primitive: glTF indices.
-        instance: which of the node's instances (EXT_mesh_gpu_instancing); ``None`` where it has none.
+        instance: number of the node's instance (EXT_mesh_gpu_instancing); ``None`` where it has none.
         triangles: (T, 3) int64 accessor rows in the file's winding; strips and fans as triangle lists.
         first_vertex: row of ``Surface.positions`` where accessor row 0 lies. Primitives of one mesh that share all
             their vertex attributes share these rows.
         matrices: (V, 3, 4) for a skinned primitive, else (1, 3, 4): local -> world at the default pose.
         joint_matrices: (J, 3, 4) bind pose -> world, for a skinned primitive.
         morph_weights: (K,) the default weights of its morph targets.
-        mirrored: the transform of its node turns it inside out, so its faces in the surface have the opposite winding.
-            Of a skin no other transform counts either (3.7.4): where only its joints mirror, viewers show its inside.
-        invertible: every vertex in use can be taken back from world to local.
+        mirrored: the transform of its node has a negative determinant, so its faces in the surface are flipped. Of a
+            skin no other transform counts either (3.7.4): where only its joints mirror, viewers show its inside.
+        invertible: every vertex in use can be transformed back from world to local.
     """
 
     node: int
@@ -67,7 +66,7 @@ class Scene:
 
     @cached_property
     def viewed(self) -> Viewed:
-        """What a viewer draws of the faces of ``surface``."""
+        """Visibility of the faces of ``surface`` in a viewer."""
         return viewed(self.document, self.surface, self.primitives)
 
 
@@ -104,7 +103,7 @@ def flatten(document: Document) -> Scene:
 
     Node transforms, instances, skins, default morph weights, strips, fans and quantised positions are applied.
     Points, lines and instances that a skin or an animation of morph weights moves are left out: they stay in the file
-    as they are. The frame is that of what a viewer draws: the faces that are hidden or have no area do not count.
+    as they are. The frame is that of the faces that a viewer draws: hidden ones and those without area do not count.
 
     Raises:
         MeshmarkError: ``no_faces``, ``non_finite_positions``, ``index_out_of_range``, ``malformed_file``,
@@ -179,7 +178,7 @@ def _read_mesh(document: Document, node: int, worlds: Float) -> tuple[dict[str, 
     return shapes, drawn
 
 
-@np.errstate(over="ignore", invalid="ignore")  # what overflows is refused once it is placed
+@np.errstate(over="ignore", invalid="ignore")  # overflowing vertices are refused once they are placed
 def _read_shape(document: Document, node: int, primitive: dict[str, Any], weights: list[Any], worlds: Float) -> _Shape:
     attributes, targets = primitive["attributes"], typed(primitive, "targets", list)
     if not all(isinstance(target, dict) for target in targets) or not all(_is_number(weight) for weight in weights):
@@ -201,9 +200,9 @@ def _read_shape(document: Document, node: int, primitive: dict[str, Any], weight
     return _Shape(local.astype(np.float32), morphed, matrices, joints, morph_weights, deformed)
 
 
-@np.errstate(over="ignore", invalid="ignore")  # what overflows is refused at the end
+@np.errstate(over="ignore", invalid="ignore")  # overflowing vertices are refused at the end
 def _place(shape: _Shape, owner: int, node: int, instance: int | None, world: Float, first: int) -> _Vertices:
-    """Take the vertices of a shape to the world."""
+    """Transform the vertices of a shape to the world."""
     matrices = world[None, :3] if shape.matrices is None else shape.matrices
     # Not a matrix product: it must round the same for equal rows.
     placed = matrices[:, :, 3] + sum(matrices[:, :, axis] * shape.morphed[:, axis, None] for axis in range(3))
@@ -303,7 +302,7 @@ def _surface(document: Document, blocks: list[_Vertices], primitives: list[Drawn
     offset = low + (high - low) / 2
     scale = MODEL_SIZE / side
     counts = [len(drawn.triangles) for drawn in primitives]
-    with np.errstate(over="ignore"):  # outside the frame is only what nobody sees
+    with np.errstate(over="ignore"):  # only undrawn vertices are outside the frame
         positions = (world - offset) * scale
     positions = np.clip(positions, -BEYOND, BEYOND, out=positions)
     return Surface(
@@ -323,7 +322,7 @@ def _bounds(document: Document, world: Float, faces: Int, primitives: list[Drawn
     used = np.zeros(len(world), dtype=bool)
     used[faces] = True
     low, high = world[used].min(axis=0), world[used].max(axis=0)
-    # Nearly always faces that count reach all six sides, and nobody has to look at the others.
+    # Nearly always drawn faces reach all six sides, and the others need no test.
     outermost = ((world == low) | (world == high)).any(axis=1)
     rim = world[faces[_counting(document, world, faces, primitives, outermost[faces].any(axis=1))]].reshape(-1, 3)
     if len(rim) and (rim.min(axis=0) == low).all() and (rim.max(axis=0) == high).all():
@@ -338,7 +337,7 @@ def _bounds(document: Document, world: Float, faces: Int, primitives: list[Drawn
 
 
 def _counting(document: Document, world: Float, faces: Int, primitives: list[DrawnPrimitive], asked: Bool) -> Int:
-    """Those of the faces ``asked`` (F,) for that are drawn and have an area."""
+    """Those of the faces ``asked`` (F,) that are drawn and have an area."""
     look, first = Look(document), 0
     found = []
     for drawn in primitives:

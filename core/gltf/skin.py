@@ -13,7 +13,7 @@ from core.gltf.document import Document, malformed, typed
 
 
 def influence_sets(attributes: dict[str, Any]) -> int:
-    """How many JOINTS_n/WEIGHTS_n pairs a primitive has."""
+    """Number of JOINTS_n/WEIGHTS_n pairs of a primitive."""
     sets = 0
     while f"JOINTS_{sets}" in attributes and f"WEIGHTS_{sets}" in attributes:
         sets += 1
@@ -21,7 +21,7 @@ def influence_sets(attributes: dict[str, Any]) -> int:
 
 
 def read_influences(document: Document, attributes: dict[str, Any]) -> tuple[Int, Float]:
-    """SkinDeformation (V, K) and weights (V, K) of a primitive, K = 4 per set, ordered by joint, each row summing to 1.
+    """Joints (V, K) and weights (V, K) of a primitive, K = 4 per set, ordered by joint, each row summing to 1.
 
     The order makes rows that list the same influences differently equal. Weights are normalised, and a row without
     any follows its first joint, as viewers do.
@@ -79,7 +79,7 @@ def merge(joints: Int, weights: Float, keep: int) -> tuple[Int, Float]:
     Args:
         joints: (N, L) joint indices, repetitions allowed: their weights add up. L >= keep.
         weights: (N, L), may be zero or slightly negative.
-        keep: how many to keep.
+        keep: number of influences to keep.
 
     Returns:
         (N, keep) joints in descending order of weight, without repetitions; an unused slot is joint 0, weight 0.
@@ -109,6 +109,6 @@ def quantize_weights(weights: Float, dtype: np.dtype[Any]) -> NDArray[Any]:
     scaled = weights * maximum
     floor = np.floor(scaled).astype(np.int64)
     missing = maximum - floor.sum(axis=1)
-    # The largest remainders get what is missing.
+    # The missing units go to the largest remainders.
     rank = np.argsort(np.argsort(floor - scaled, axis=1, kind="stable"), axis=1, kind="stable")
     return np.asarray(floor + (rank < missing[:, None]), dtype)

@@ -16,7 +16,7 @@ from core.gltf.ktx2 import MAGIC, decode_ktx2
 from core.gltf.validate import is_beside
 from core.notices import Notice
 
-MAX_PIXELS = 2**26  # what is larger is not decoded
+MAX_PIXELS = 2**26  # pixels; larger images are not decoded
 
 LISTED = 5  # textures that a warning names
 WEBP, BASISU = "EXT_texture_webp", "KHR_texture_basisu"
@@ -28,7 +28,7 @@ _NEAREST = 9728
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """An image and how it is sampled.
+    """An image and its sampler.
 
     Attributes:
         pixels: (H, W, 4) uint8 sRGB with straight alpha, first row on top.
@@ -48,7 +48,7 @@ def read_texture(document: Document, index: int, limit: int) -> Texture | None:
 
     Returns:
         ``None`` where none can: damaged, of another kind than PNG, JPEG, WebP and KTX2 with ETC1S or UASTC, in another
-        file, or beyond ``MAX_PIXELS``. The document then notes the texture as undecoded.
+        file, or of more than ``MAX_PIXELS``. The document then lists the texture as undecoded.
 
     Raises:
         MeshmarkError: ``malformed_file`` for references to objects that do not exist.
@@ -115,7 +115,7 @@ def _decode(data: memoryview | None, limit: int) -> NDArray[np.uint8] | None:
             return None
         image.draft("RGB", (limit, limit))  # lets a JPEG be decoded at a fraction of its size
         image = image.convert("RGBA")
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):  # what Pillow raises on damaged files
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):  # raised by Pillow for damaged files
         return None
     # Band by band: Pillow would blacken texels of alpha 0, whose colour opaque materials show. One at a time: those of
     # the largest image take 64 MiB each.

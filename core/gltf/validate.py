@@ -109,7 +109,7 @@ def check_version(json: Json) -> None:
     asset = mapping(json, "asset", "glTF")
     wanted = asset.get("minVersion", asset.get("version"))
     if wanted is None and any(isinstance(json.get(kind), dict) for kind in _ARRAYS):
-        wanted = "1.0"  # which keeps its objects by name, and need not say what it is
+        wanted = "1.0"  # its objects are kept by name, and it need not declare its version
     if isinstance(wanted, bool) or not isinstance(wanted, str | int | float):
         raise malformed("asset.version of the GLB is missing.")
     number = str(wanted)
@@ -138,7 +138,7 @@ def _check_extensions(json: Json) -> None:
 
 
 def _has_fallback(json: Json, extension: str) -> bool:
-    """Whether all textures that name an image of a kind that is not read have another one beside it."""
+    """True where all textures with an image of a kind that is not read have another one beside it."""
     textures = [
         texture for texture in entries(json, "textures") if extension in mapping(texture, "extensions", "texture")
     ]
@@ -198,7 +198,7 @@ def _check_accessors(json: Json, budgets: Budgets) -> None:
         if "sparse" in accessor:
             total += _check_sparse(json, accessor, count, component, element, where)
         total += count * _element_bytes(component, element)
-    # bytes that no buffer view backs cost memory all the same, so does one buffer view behind many accessors
+    # accessors without a buffer view cost memory all the same, and so do many accessors over one buffer view
     within(total, budgets.bytes, "bytes of accessor values")
 
 
@@ -238,7 +238,7 @@ def _check_sparse(json: Json, accessor: Json, count: int, component: int, elemen
 
 
 def _check_images(document: Document, budgets: Budgets) -> None:
-    """Of all images whose kind is known; others are carried unread, and cost nothing."""
+    """Refuse images of known kinds beyond the budgets; others are carried unread, and cost nothing."""
     pixels = 0
     for number, image in enumerate(entries(document.json, "images")):
         where = f"images[{number}]"
@@ -260,7 +260,7 @@ def _check_images(document: Document, budgets: Budgets) -> None:
 
 
 def is_beside(image: Json) -> bool:
-    """Whether an image of a GLB is a file in or below the GLB's own folder. It is never opened, only carried."""
+    """True where an image of a GLB is a file in or below the GLB's own folder. It is never opened, only carried."""
     uri = image.get("uri")
     if "bufferView" in image or not isinstance(uri, str) or is_data_uri(uri):
         return False
@@ -309,7 +309,7 @@ def _mesh_counts(json: Json, number: int) -> tuple[int, int]:
 
 
 def _corner_count(json: Json, primitive: Json, where: str) -> int:
-    """How many vertices a primitive draws, one after another; its references and types are checked."""
+    """Number of vertices that a primitive draws, repetitions counted; its references and types are checked."""
     accessors = entries(json, "accessors")
     if integer(primitive, "mode", where, TRIANGLES) > TRIANGLE_FAN:
         raise malformed(f"{where}.mode is {primitive['mode']}, which glTF does not know.")
@@ -339,7 +339,7 @@ def _corner_count(json: Json, primitive: Json, where: str) -> int:
 
 
 def _draws(document: Document) -> list[tuple[int, int]]:
-    """(mesh, how often) for each node that the scene draws.
+    """(mesh, number of draws) for each node that the scene draws.
 
     Raises:
         MeshmarkError: ``malformed_file`` where the nodes are not a forest.
@@ -378,7 +378,7 @@ def _checked_node(json: Json, number: int) -> list[int]:
 
 
 def _instances(json: Json, node: Json) -> int:
-    """How often a node draws its mesh (EXT_mesh_gpu_instancing)."""
+    """Number of times that a node draws its mesh (EXT_mesh_gpu_instancing)."""
     extension = mapping(node.get("extensions", {}), "EXT_mesh_gpu_instancing", "node")
     attributes = mapping(extension, "attributes", "EXT_mesh_gpu_instancing")
     numbers = [reference(value, json, "accessors", "EXT_mesh_gpu_instancing") for value in attributes.values()]

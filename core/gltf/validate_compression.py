@@ -1,4 +1,4 @@
-"""What a GLB declares about its compressed geometry; nothing is decoded here, and no decoder is loaded."""
+"""Checks of a GLB's declarations of compressed geometry; nothing is decoded here, and no decoder is loaded."""
 
 from typing import Any
 
@@ -24,10 +24,10 @@ _STRIDES: dict[str, dict[str, Any]] = {
 
 
 def check_fallback(buffer: Json, number: int) -> bool:
-    """Whether a buffer only stands for the decoded bytes of compressed views, and has none itself.
+    """True for a fallback buffer: it represents the decoded bytes of compressed views, and has none itself.
 
     Raises:
-        MeshmarkError: ``malformed_file``; ``unsupported_feature`` where it stands in the place of the BIN chunk.
+        MeshmarkError: ``malformed_file``; ``unsupported_feature`` where it is in the place of the BIN chunk.
     """
     where = f"buffers[{number}]"
     extensions = mapping(buffer, "extensions", where)
@@ -52,7 +52,7 @@ def check_meshopt(view: Json, json: Json, buffers: list[bytes], where: str) -> i
         where: names the view in errors.
 
     Raises:
-        MeshmarkError: ``malformed_file`` for a contradiction in what it declares.
+        MeshmarkError: ``malformed_file`` for contradictory declarations.
     """
     where = f"{where}.extensions"
     if len(view["extensions"].keys() & set(MESHOPT)) > 1:
@@ -80,7 +80,7 @@ def check_meshopt(view: Json, json: Json, buffers: list[bytes], where: str) -> i
 
 
 def check_draco(primitive: Json, json: Json, where: str) -> None:
-    """Refuse a Draco primitive whose stream, attributes or indices cannot be what it says.
+    """Refuse a Draco primitive whose stream, attributes or indices contradict its declarations.
 
     Raises:
         MeshmarkError: ``malformed_file``; ``unsupported_feature`` for a strip.

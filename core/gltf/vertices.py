@@ -1,4 +1,4 @@
-"""The new corners of an edited surface, taken back to accessor rows: where they lie and what they carry."""
+"""The new corners of an edited surface as accessor rows: local positions and attributes."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -24,10 +24,10 @@ from core.gltf.edit import Kind, SurfaceEdit
 from core.gltf.scene import SINGULAR, DrawnPrimitive, Scene, determinants
 from core.gltf.skin import blend, influence_sets
 
-# Corners of one point share a row where their attributes agree to this fraction of the attribute's largest value;
-# those of a wall, whose two triangles are never quite coplanar, where their normals agree to a sixteenth of a degree.
+# Fractions of an attribute's largest value to which the attributes of corners of one point agree that share a row; and
+# normals of a wall, whose two triangles are never quite coplanar: a sixteenth of a degree.
 SAME_ATTRIBUTE, SAME_WALL = 2.0**-20, 2.0**-10
-SMOOTH = np.cos(np.radians(30))  # between walls that meet at less than 30 degrees shading runs on: they are a curve
+SMOOTH = np.cos(np.radians(30))  # cosine; walls that meet at less than 30 degrees are a curve, and shaded smoothly
 
 
 @dataclass(eq=False)
@@ -37,13 +37,13 @@ class Patch:
     Attributes:
         drawn: indices into ``scene.primitives``, ascending.
         maps: semantic -> accessor, of the base mesh and then of each morph target.
-        triangles: (M,) int64, which triangles of the edit these are.
-        points: where the corners lie in their source faces.
+        triangles: (M,) int64, their numbers in the edit.
+        points: the corners in their source faces.
         vertex: (C,) int64 point ids.
-        original: (C,) int64, the accessor row that a corner is, or -1.
+        original: (C,) int64, the accessor row of a corner at an untouched vertex, or -1.
         wall: (C,) bool.
-        winding: (M,) float64, -1 where what takes the triangle to the world mirrors it, else 1. A skin may, whatever
-            its node does.
+        winding: (M,) float64, -1 where the transform of the triangle to the world mirrors it, else 1. That of a skin
+            may, independent of its node's.
         local: (C, 3) float32 positions in the mesh's own frame; equal ids have equal positions in all of a node.
         values: one dictionary for each of ``maps``: semantic -> (C, n) float64.
     """
@@ -64,7 +64,7 @@ def cut_patches(scene: Scene, edit: SurfaceEdit) -> list[Patch]:
     """The touched primitives of an edit, together where they share their vertex attributes.
 
     Raises:
-        MeshmarkError: ``unsupported_feature`` where a vertex cannot be taken back to its node's frame.
+        MeshmarkError: ``unsupported_feature`` where a vertex cannot be transformed back to its node's frame.
     """
     surface = scene.surface
     owner = surface.face_primitive[edit.source_face]
@@ -127,14 +127,14 @@ def row_labels(patch: Patch, corners: Int) -> Int:
 
 
 def has_normals(patch: Patch) -> bool:
-    """Whether vertices carry normals, so that walls need rows of their own."""
+    """True where vertices carry normals, so that walls need rows of their own."""
     return any("NORMAL" in attributes for attributes in patch.maps)
 
 
 def _place(scene: Scene, world: Float, patch: Patch) -> None:
-    """Local positions of the corners, with the influences and morphs that take them to where they belong.
+    """Set the local positions of the corners, with the influences and morphs that transform them to the world.
 
-    All corners of one point take these from the first of them, so that it stays one point in every pose.
+    All corners of one point have those of the first of them, so that it stays one point in every pose.
     """
     document, drawn = scene.document, scene.primitives[patch.drawn[0]]
     first = _first_of_each(patch.vertex, patch.original)
@@ -172,8 +172,8 @@ def _keep_influences(document: Document, patch: Patch, original: Int) -> None:
 
 
 def _share_points(scene: Scene, patches: list[Patch]) -> None:
-    """Give the corners of one point one position across all primitives of their node, and one way of moving across
-    those that store their influences and morphs alike."""
+    """Give the corners of one point one position across all primitives of their node, and the same influences and
+    morphs across those that store these alike."""
     nodes: dict[tuple[int, int | None], list[Patch]] = {}
     alike: dict[tuple[tuple[int, int | None], str], list[Patch]] = {}
     for patch in patches:
@@ -227,7 +227,7 @@ def _require_invertible(drawn: DrawnPrimitive, matrices: Float) -> None:
 
 
 def _interpolate(document: Document, patch: Patch) -> None:
-    """Fill ``patch.values`` with what :func:`_place` has not put there already."""
+    """Fill ``patch.values`` with the attributes that :func:`_place` has not set."""
     for attributes, values in zip(patch.maps, patch.values, strict=True):
         for name, accessor in attributes.items():
             if name not in values:
@@ -256,7 +256,7 @@ def _interpolate(document: Document, patch: Patch) -> None:
 
 def _curves(patch: Patch, flat: Float, local: Float) -> tuple[Int, Int, Float]:
     """Pairs (P,), (P,) of wall corners at one point that are shaded as one curve, each with itself too, and the angle
-    (P,) of the triangle at the second: how much its normal counts."""
+    (P,) of the triangle at the second: the weight of its normal."""
     wall = np.flatnonzero(patch.wall & flat.any(axis=1))
     wall = wall[np.argsort(patch.vertex[wall], kind="stable")]
     _, start, which, size = np.unique(patch.vertex[wall], return_index=True, return_inverse=True, return_counts=True)

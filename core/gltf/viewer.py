@@ -1,16 +1,16 @@
-"""What a viewer draws of a scene (glTF 2.0): which faces at all, from which sides, and which it looks through.
+"""Visibility of a scene's faces in a viewer (glTF 2.0): drawn or not, one-sided or not, and their opacity.
 
-Everything that asks what is seen asks here: the frame of the surface, the ground that watermarks stand on, the rays of
-placement, embossing and metrics, and the check of the written file.
+This is the one source of visibility: for the frame of the surface, the analysis, the rays of placement, embossing and
+metrics, and the check of the written file.
 
-- A node that KHR_node_visibility hides, or that hangs below one, draws nothing.
+- A node that KHR_node_visibility hides, or one below it, draws nothing.
 - A material that is not ``doubleSided`` shows the front of its faces only (3.9.5): counter-clockwise, and clockwise
   where the node's determinant is negative (3.7.4). A :class:`~core.geometry.surface.Surface` has its faces wound so.
-- Effective alpha, factor x texture x COLOR_0, counts where ``alphaMode`` says so (3.9.4), not what ``alphaMode`` says:
-  exporters write BLEND on opaque bodies. What is clear everywhere is not drawn.
+- Where ``alphaMode`` is not OPAQUE (3.9.4), effective alpha, factor x texture x COLOR_0, decides: exporters write BLEND
+  on opaque bodies. Faces that are clear everywhere are not drawn.
 - A node that flattens its mesh to a line or a point, as a scale of 0 does, draws nothing.
 
-What lights do to a colour is no matter of this module: see :mod:`core.gltf.materials`.
+Shading is outside this module: see :mod:`core.gltf.materials`.
 """
 
 from collections.abc import Sequence
@@ -34,22 +34,22 @@ if TYPE_CHECKING:
     from core.gltf.scene import DrawnPrimitive
 
 
-# Alpha from which a blended surface hides what is behind it, and from which on it is seen at all.
+# Alpha from which on a blended surface occludes, and from which on it is visible.
 OPAQUE, CLEAR = 0.9, 0.02
-# Points that a primitive's alpha is looked at, at least and at most so many on each triangle, so many at a time.
+# Samples of a primitive's alpha: in all, at least and at most on each triangle, and at a time.
 SAMPLES, FEWEST, MOST, AT_A_TIME = 100_000, 3, 200, 200_000
 TEXTURE_LIMIT, TEXTURES_KEPT = 1024, 8  # pixels a side; decoded at a time, 4 MiB each
-NEEDLE = 1e-7  # height over length below which a triangle is a line: it has no area but that of rounding errors
+NEEDLE = 1e-7  # height over length; a triangle of less is a line, whose area is rounding errors
 
 
 @dataclass(frozen=True, eq=False)
 class Viewed:
-    """What a viewer draws of F faces.
+    """Visibility of F faces in a viewer.
 
     Attributes:
-        drawn: (F,) bool, faces that are there to be seen. Where the file hides all of them, all are.
+        drawn: (F,) bool, visible faces. Where the file hides all of them, all are.
         one_sided: (F,) bool, faces that are drawn from their front only.
-        opacity: (F,) share of each face's area that hides what is behind it, 0 to 1.
+        opacity: (F,) share of each face's area that occludes, 0 to 1.
     """
 
     drawn: Bool
@@ -58,7 +58,7 @@ class Viewed:
 
 
 def viewed(document: Document, surface: "Surface", primitives: "Sequence[DrawnPrimitive]") -> Viewed:
-    """What a viewer draws of the faces of a scene's ``surface``, those of one of ``primitives`` after the other.
+    """Visibility of the faces of a scene's ``surface``, those of one of ``primitives`` after the other.
 
     Raises:
         MeshmarkError: ``malformed_file`` for materials that are not well formed or refer to what does not exist.
@@ -69,7 +69,7 @@ def viewed(document: Document, surface: "Surface", primitives: "Sequence[DrawnPr
     for number in [number for number, one in enumerate(primitives) if not one.invertible]:
         mine = np.flatnonzero(surface.face_primitive == number)
         drawn[mine] &= has_area(surface.positions[surface.faces[mine]]).any()
-    # Beyond the frame lies only what has no area.
+    # Only faces without area reach beyond the frame.
     if np.abs(surface.positions).max() > surface.reach:
         drawn &= (np.abs(surface.positions[surface.faces]) <= surface.reach).all(axis=(1, 2))
     if not drawn.any():
@@ -80,22 +80,22 @@ def viewed(document: Document, surface: "Surface", primitives: "Sequence[DrawnPr
 
 def drawn_part(surface: "Surface", drawn: Bool) -> "Surface":
     """The surface with the faces that are not ``drawn`` (F,) collapsed to their first corner: no face changes its
-    number, but samples, areas and rays find only those that are there to be seen."""
+    number, but samples, areas and rays find only drawn ones."""
     if drawn.all():
         return surface
     return replace(surface, faces=np.where(drawn[:, None], surface.faces, surface.faces[:, :1]))
 
 
-@np.errstate(over="ignore", invalid="ignore")  # what overflows is no triangle to be seen
+@np.errstate(over="ignore", invalid="ignore")  # an overflowing triangle is not drawn
 def has_area(corners: Float) -> Bool:
-    """(F,) which of the triangles ``corners`` (F, 3, 3) are more than points and lines."""
+    """(F,) those of the triangles ``corners`` (F, 3, 3) that are not points or lines."""
     a, b, c = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 1], corners[:, 0] - corners[:, 2]
     longest = np.maximum(np.maximum((a * a).sum(axis=1), (b * b).sum(axis=1)), (c * c).sum(axis=1))
     return np.asarray(np.linalg.norm(cross(a, b), axis=1) > NEEDLE * longest)
 
 
 class Look:
-    """The looks of a document's primitives; materials and textures are read once, when first asked for."""
+    """Materials and alpha of a document's primitives; materials and textures are read once, at their first use."""
 
     def __init__(self, document: Document) -> None:
         self._document = document
@@ -110,7 +110,7 @@ class Look:
         return self._plain(self._entry(one).get("material"))
 
     def drawn(self, one: "DrawnPrimitive", triangles: Int) -> tuple[Bool, Float]:
-        """Which of some ``triangles`` (T, 3: accessor rows) of a primitive are drawn (T,), and the opacity of each
+        """Those (T,) of some ``triangles`` (T, 3: accessor rows) of a primitive that are drawn, and the opacity of each
         (T,): see :class:`Viewed`. Collapsed ones count as drawn."""
         if one.node in self._hidden:
             return np.zeros(len(triangles), dtype=bool), np.ones(len(triangles))
@@ -122,11 +122,11 @@ class Look:
         return self._whole[key]
 
     def opaque_at(self, one: "DrawnPrimitive", points: Points) -> Bool:
-        """(C,) whether a primitive hides what is behind it at each of ``points``."""
+        """(C,) those of ``points`` at which a primitive occludes."""
         return self._opaque(self.material(one), self._alpha(one, points))
 
     def may_be_seen_through(self, one: "DrawnPrimitive") -> bool:
-        """Whether alpha matters to a primitive at all."""
+        """True where the material of a primitive has an alpha mode other than OPAQUE."""
         return self.material(one).alpha_mode != "OPAQUE"
 
     def _by_alpha(self, one: "DrawnPrimitive", triangles: Int) -> tuple[Bool, Float]:

@@ -1,4 +1,4 @@
-"""An edited surface back into its GLB: what was touched is written anew, and nothing is left of what it was."""
+"""Writes an edited surface back into its GLB: touched primitives get new accessors, and their old bytes are removed."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -24,10 +24,10 @@ from core.gltf.references import OUTLINE
 from core.gltf.scene import TRIANGLES, Scene
 from core.gltf.vertices import Patch, cut_patches, has_normals, primitive_json, row_labels
 
-Owner = tuple[int, int | None]  # a node, and which of its instances
+Owner = tuple[int, int | None]  # a node, and the number of its instance
 Replacement = tuple[dict[str, Any] | None, list[dict[str, Any]]]  # the surface and the coloured letters of a primitive
 
-# What a plain material has no use for, and what would tint it.
+# Attributes that a plain material does not use, or that would tint it.
 TEXTURING = ("TANGENT", "TEXCOORD_", "COLOR_")
 
 
@@ -35,20 +35,20 @@ def write(scene: Scene, edit: SurfaceEdit, styles: Sequence[Style]) -> bytes:
     """The scene's GLB with ``edit`` applied.
 
     A touched primitive gets new accessors with the rows that it draws and no others, old and new ones alike in the
-    order of a space-filling curve. Of its old accessors, and of all else that nothing refers to, no byte is written:
-    see :func:`core.gltf.prune.prune`. Untouched primitives keep their exact values, images their exact bytes. A mesh
-    that other nodes of the scene draw too is cloned for the node that was touched; nodes that the scene does not show
-    draw the edited one. Same input, same bytes.
+    order of a space-filling curve. Its old accessors, and all other unreferenced bytes, are removed: see
+    :func:`core.gltf.prune.prune`. Untouched primitives keep their exact values, images their exact bytes. A mesh that
+    other nodes of the scene draw too is cloned for the node that was touched; nodes that the scene does not show draw
+    the edited one. Same input, same bytes.
 
     Args:
-        scene: what the edit refers to.
-        edit: the faces that go and the triangles that come.
+        scene: that the edit refers to.
+        edit: removed faces and new triangles.
         styles: of each mark that ``edit.mark`` counts. A colour puts its caps and walls into a primitive with a plain
             material, which is unlit where the source is, and then need not glow; without one they stay in the source
             primitive.
 
     Raises:
-        MeshmarkError: ``unsupported_feature`` where a touched vertex cannot be taken back to its node's frame.
+        MeshmarkError: ``unsupported_feature`` where a touched vertex cannot be transformed back to its node's frame.
     """
     if edit.keep.all() and not len(edit.source_face):
         return scene.document.to_glb()
@@ -127,8 +127,8 @@ class _Vertices:
     """The accessors that some primitives of a patch share: the rows that their triangles use, in spatial order.
 
     Args:
-        editor: where they are added.
-        patch: what the primitives belong to.
+        editor: that they are added to.
+        patch: of the primitives.
         table: its rows.
         triangles: (T, 3) rows of ``table``, of each primitive.
         names: the attributes that are kept; all of them if None.
@@ -170,7 +170,7 @@ class _Vertices:
         return primitive | ({"extensions": extensions} if extensions else {})
 
     def _indices(self, source: dict[str, Any], triangles: Int) -> int:
-        """The index accessor of some triangles, each from its first row on, in spatial order; where the material is
+        """The index accessor of some triangles, each from its lowest row on, in spatial order; where the material is
         blended, which viewers do triangle by triangle, in the order of the triangles they were cut from."""
         if not _is_blended(self._editor.document, source):
             triangles = triangles[morton_order(self._local[triangles].mean(axis=1))]
@@ -183,14 +183,14 @@ def _from_lowest(rows: Int) -> Int:
 
 
 def _is_blended(document: Document, primitive: dict[str, Any]) -> bool:
-    """Whether what is seen of a primitive depends on the order of its triangles."""
+    """True where the material of a primitive is blended: its picture depends on the order of its triangles."""
     if "material" not in primitive:
         return False
     return bool(document.entry("materials", primitive["material"]).get("alphaMode") == "BLEND")
 
 
 class _Paint:
-    """Plain materials of some colours, made when first needed, and primitives that wear them."""
+    """Plain materials of some colours, made at their first use, and primitives with them."""
 
     def __init__(self, editor: Builder) -> None:
         self._editor = editor
@@ -199,7 +199,7 @@ class _Paint:
     def primitive(
         self, source: dict[str, Any], patch: Patch, table: _Rows, triangles: Int, style: Style
     ) -> dict[str, Any]:
-        """A primitive of ``triangles`` (T, 3), rows of ``table``, without what only the textures of ``source`` need."""
+        """A primitive of ``triangles`` (T, 3), rows of ``table``, without the attributes that only textures need."""
         kept = {name for name in patch.maps[0] if not name.startswith(TEXTURING)}
         for target in patch.maps[1:]:
             if kept.isdisjoint(target):
@@ -215,13 +215,13 @@ class _Paint:
         if key not in self._materials:
             self._materials[key] = self._editor.append("materials", letter_material(*key))
             used = self._editor.json.get("extensionsUsed", [])
-            if unlit and UNLIT not in used:  # the file had forgotten to say so
+            if unlit and UNLIT not in used:  # a file may use the extension without declaring it
                 self._editor.json["extensionsUsed"] = [*used, UNLIT]
         return self._materials[key]
 
 
 def letter_material(double_sided: bool, unlit: bool, glows: bool, color: str) -> dict[str, Any]:
-    """A plain material of the colour ``"#rrggbb"``; one that ``glows`` is black but for the light it gives off."""
+    """A plain material of the colour ``"#rrggbb"``; one that ``glows`` is black but for its emission."""
     rgb = hex_linear(color).round(6).tolist()
     base = {
         "baseColorFactor": [*([0.0] * 3 if glows else rgb), 1.0],
@@ -241,7 +241,7 @@ def letter_material(double_sided: bool, unlit: bool, glows: bool, color: str) ->
 def _replace_primitives(editor: Builder, changes: dict[Owner, dict[int, Replacement]]) -> None:
     """Put the rewritten primitives (by their number) into the meshes of their nodes; an instance becomes a node.
 
-    Nodes that the default scene does not show follow one that it does: they draw the edited mesh, too.
+    Nodes that the default scene does not show draw the edited mesh, too.
     """
     json = editor.json
     shown = set(scene_nodes(editor.document)) - hidden_nodes(editor.document)
