@@ -195,7 +195,7 @@ def main() -> None:
     options = parser.parse_args()
     mp.set_start_method("fork")
     with tempfile.TemporaryDirectory(prefix="meshmark-attacks-") as folder:
-        service = Service(Path(folder), auth="keys", requests_per_minute="0")
+        service = Service(Path(folder), auth="keys", log_level="WARNING")
         with service.running(API_COMMAND):
             ledger = Ledger(Settings(data_dir=Path(folder) / "data").ledger_url)
             keys = [create_key(ledger.sessions, name, name, [*Scope], None).text for name in ("alice", "bobby")]

@@ -49,7 +49,7 @@ def lightness(color: str | None) -> float:
 
 @pytest.mark.parametrize("grey", [0.0, 0.02, 0.2, 1.0])
 def test_letters_on_ordinary_materials_keep_the_colour_of_their_ground(grey: float) -> None:
-    assert on(square(plain((grey, grey, grey, 1))), (0, 0)) == [None]
+    assert on(square(plain((grey, grey, grey, 1))), (0, 0)) == [Style()]
 
 
 @pytest.mark.parametrize("color", [(0, 0, 0), (1, 1, 1), (0.2, 0.2, 0.2), (0.5, 0.02, 0.02), (0.9, 0.8, 0.1)])
@@ -90,7 +90,7 @@ def test_a_surface_that_glows_outshines_its_shading() -> None:
 
 
 def test_emission_that_leaves_shading_to_be_seen_changes_nothing() -> None:
-    assert on(square(plain((0.5, 0.5, 0.5, 1), emissiveFactor=[0.1, 0.1, 0.1])), (0, 0)) == [None]
+    assert on(square(plain((0.5, 0.5, 0.5, 1), emissiveFactor=[0.1, 0.1, 0.1])), (0, 0)) == [Style()]
 
 
 def test_a_small_emissive_detail_does_not_count_a_large_one_does() -> None:
@@ -123,7 +123,7 @@ def test_a_colour_that_is_asked_for_is_kept_and_glows_where_it_would_be_dark_on_
 
 def test_a_file_without_unlit_or_emissive_materials_costs_no_closest_points(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(SpatialIndex, "closest", None)
-    assert on(square(plain((0.2, 0.2, 0.2, 1))), (0, 0)) == [None]
+    assert on(square(plain((0.2, 0.2, 0.2, 1))), (0, 0)) == [Style()]
     with pytest.raises(TypeError):
         on(square(plain((0, 0, 0, 1), **UNLIT)), (0, 0))
 
