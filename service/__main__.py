@@ -29,14 +29,14 @@ from service.show_settings import show_settings
 from service.stores import no_database, require_own_store, require_secrets, run_adopt_store
 from service.tracing import configure_tracing
 
-RESTART_DELAY = 1.0  # seconds; a worker that cannot start shall not be started in a busy loop
-STOP_MARGIN = 5.0  # seconds beyond those that a worker takes for its jobs
+RESTART_DELAY = 1.0  # seconds between a worker's death and its restart, so that one that cannot start is no busy loop
+STOP_MARGIN = 5.0  # seconds beyond the graceful shutdown of a worker after which it is killed
 
 log = structlog.get_logger("service")
 
 
 class Supervisor:
-    """Keeps one process running: starts it again when it dies, until told to stop."""
+    """Keeps one process running: restarts it after it died, until told to stop."""
 
     def __init__(self, command: Sequence[str], stop_timeout: float) -> None:
         self._command, self._stop_timeout = command, stop_timeout
@@ -47,7 +47,7 @@ class Supervisor:
         self._thread = in_background("supervisor", self._run)
 
     def stop(self) -> None:
-        """Have the process asked to end, and killed if it does not."""
+        """Request the end of the process: SIGTERM, then SIGKILL after the stop timeout."""
         self._stopping.set()
 
     def join(self) -> None:
@@ -134,7 +134,7 @@ def main() -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Do what the command line asks for."""
+    """Dispatch the command line to its command."""
     match arguments.what:
         case "openapi":
             sys.stdout.write(openapi())

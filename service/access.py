@@ -1,4 +1,4 @@
-"""Who may come in: a request shows an API key (RFC 6750), or the service asks for none."""
+"""Authentication by API key (RFC 6750), authorization by scope, and rate limit of requests."""
 
 import math
 from collections.abc import Callable, Coroutine
@@ -21,20 +21,20 @@ from service.state import AppState, state_of
 
 SCHEME = "api_key"  # its name in the OpenAPI document
 REFUSALS = (ServiceErrorCode.INVALID_API_KEY, ServiceErrorCode.MISSING_SCOPE, ServiceErrorCode.RATE_LIMITED)
-# Whoever is refused may still be sending an asset, which nobody will read.
+# The body of a refused request is not read, though it may still be on its way: the connection cannot be reused.
 CLOSE = {"Connection": "close"}
 
 
 @dataclass(frozen=True)
 class Client:
-    """On whose behalf a request is answered."""
+    """Tenant and API key of a request; without authentication, the default tenant and no key."""
 
     tenant: str = DEFAULT_TENANT
     key_id: str | None = None
 
 
 class GuardedRoute(APIRoute):
-    """A route for those who may use it: who may not is turned away before the body of the request is read.
+    """Route that authenticates and authorizes a request before its body is read.
 
     A dependency would come too late: FastAPI has read the body by then.
     """
@@ -45,7 +45,7 @@ class GuardedRoute(APIRoute):
         super().__init__(path, endpoint, **options)
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
-        """What answers a request."""
+        """Handler that authorizes the client, then answers the request."""
         answer = super().get_route_handler()
 
         async def admitted(request: Request) -> Response:
@@ -59,18 +59,18 @@ class GuardedRoute(APIRoute):
                 reserve = state_of(request).artifacts.reserve
                 if request.method != "DELETE" or not await run_in_threadpool(reserve.give_up):
                     raise
-                return await admitted(request)  # on a full disk, what makes room gets the room that is kept for it
+                return await admitted(request)  # on a full disk, deletions may use the disk space reserved for them
 
         return guarded
 
 
 def required_scope(methods: "set[str] | list[str]") -> Scope:
-    """What a key must allow for these methods."""
+    """Scope that a key must have for these methods."""
     return Scope.READ if {"GET", "HEAD"}.issuperset(methods) else Scope.WRITE
 
 
 def let_in(request: Request) -> Client:
-    """Whom a request comes from.
+    """Authenticate and authorize a request, and count it against the rate limit of its key.
 
     Raises:
         ProblemError: ``invalid_api_key``, ``rate_limited`` or ``missing_scope``.
@@ -105,7 +105,7 @@ def let_in(request: Request) -> Client:
 
 
 def take_request(state: AppState, client: Client) -> None:
-    """Count one more request of a key.
+    """Count one request against the rate limit of its key.
 
     Raises:
         ProblemError: ``rate_limited``.

@@ -1,7 +1,7 @@
-"""Tell the workers about new jobs, so that nobody waits for the broker.
+"""Announcements of new jobs to the workers, which no client waits for.
 
-The broker is asked in a few threads of its own: one that neither answers nor refuses would else, with job after job,
-hold every thread that answers requests. What is not told is found in the ledger by a worker's sweeper.
+Messages are sent from a few threads of their own: a broker that hangs would else, job by job, hold every thread that
+answers requests. A job that could not be announced is found in the ledger by a worker's sweeper.
 """
 
 import structlog
@@ -12,8 +12,8 @@ from kombu.exceptions import KombuError
 from service.jobs import queue
 from service.jobs.models import Job, JobState
 
-THREADS = 4
-MOST = 200  # jobs that may be waiting for it
+THREADS = 4  # that send messages to the broker
+MOST = 200  # announcements that may be pending
 
 log = structlog.get_logger(__name__)
 
@@ -27,7 +27,7 @@ class Announcer:
         self._waiting = 0
 
     async def announce(self, job: Job) -> None:
-        """Tell of a job, if it waits. A broker that does not answer delays it, and loses nothing."""
+        """Announce a queued job. A broker that does not answer delays its start, and loses nothing."""
         if job.state != JobState.QUEUED:
             return
         if self._waiting >= MOST:

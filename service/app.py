@@ -32,21 +32,21 @@ from service.state import AppState
 from service.template import Template
 from service.webhooks.vault import Vault, read_keys
 
-MAX_FIELD_BYTES = 2**16
-JSON_BYTES = 2**16  # of every request that is neither an asset nor many things in one
-LIST_BYTES = 2**20  # of a batch, and of a notification about objects
+MAX_FIELD_BYTES = 2**16  # of one form field
+JSON_BYTES = 2**16  # of a request body that is neither an asset nor a list
+LIST_BYTES = 2**20  # of a batch, or of a notification about objects
 WITH_ASSET = re.compile("/v1/watermarks|/v1/uploads/[^/]+")
 WITH_LIST = re.compile("/v1/watermarks/batch|/v1/hooks/[^/]+")
 FORM_FIELDS = 6
-# Of a request that is neither asset nor font: fields, part headers, boundaries.
+# Bytes of a form beside its asset and font: fields, part headers, boundaries.
 FORM_OVERHEAD = (FORM_FIELDS + 1) * MAX_FIELD_BYTES
 
 
 class DeclaredSizeLimit:
     """Refuse a request by its Content-Length before a byte of its body is read.
 
-    FastAPI's own `max_body_size` counts what arrives, and so covers what declares nothing or lies; where the header
-    tells, it would answer in plain text.
+    FastAPI's own `max_body_size` counts received bytes, and so covers bodies with no or a false Content-Length; a
+    declared excess it would answer in plain text.
     """
 
     def __init__(self, app: ASGIApp, limit: int) -> None:
@@ -54,7 +54,7 @@ class DeclaredSizeLimit:
         self.limit = limit
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer, or pass the request on."""
+        """Refuse the request, or pass it on."""
         path = scope.get("path", "")
         limit = self.limit if WITH_ASSET.fullmatch(path) else LIST_BYTES if WITH_LIST.fullmatch(path) else JSON_BYTES
         declared = dict(scope.get("headers", ())).get(b"content-length", b"0")
@@ -67,7 +67,7 @@ class Application(FastAPI):
     """FastAPI whose OpenAPI document knows that every error is a problem."""
 
     def build_middleware_stack(self) -> ASGIApp:
-        """All middleware, and around it what sees every answer, that to an unexpected error too."""
+        """Middleware stack in the layers that see every response, that to an unexpected error too."""
         return RequestId(HttpMetrics(super().build_middleware_stack()))
 
     def openapi(self) -> dict[str, Any]:
@@ -96,8 +96,8 @@ def create_app(settings: Settings, gate: Template | None = None) -> FastAPI:
 
     Args:
         settings: of the application.
-        gate: what the processes of the gate are forked from, if it is shared with others; else the application has one
-            of its own.
+        gate: template that the processes of the gate are forked from, if it is shared with others; else the
+            application has one of its own.
     """
     body_limit = settings.max_upload_bytes + settings.max_font_bytes + FORM_OVERHEAD
 

@@ -16,7 +16,7 @@ from service.state import AppState, state_of
 
 class _Receiving(APIRoute):
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
-        """What answers a request, once its client may."""
+        """Handler that counts a concurrent upload of the tenant while it reads and answers the request."""
         answer = super().get_route_handler()
 
         async def received(request: Request) -> Response:
@@ -28,12 +28,12 @@ class _Receiving(APIRoute):
 
 
 class AssetRoute(GuardedRoute, _Receiving):
-    """A guarded route that reads forms into the staging folder, for so many requests of a tenant at a time."""
+    """Guarded route that reads forms into the staging folder, and limits a tenant's concurrent uploads."""
 
 
 @contextmanager
 def upload_place(state: AppState, tenant: str) -> Iterator[None]:
-    """A place for one more request of a tenant that carries an asset.
+    """Count one more concurrent upload of a tenant during the block.
 
     Raises:
         ProblemError: ``too_many_uploads``.

@@ -1,7 +1,7 @@
-"""Threads that a process cannot do without: where one dies, the process ends, and whoever supervises it starts another.
+"""Essential background threads: if one dies, the process exits, and its supervisor restarts it.
 
-A process that goes on without one of them looks well and does not do its work. Native libraries panic, and what comes
-of that is a BaseException, which no `except Exception` catches.
+Without one of them, a process would look healthy and not do its work. A panic of a native library raises a
+BaseException, which no `except Exception` catches.
 """
 
 import os
@@ -12,13 +12,14 @@ from typing import NoReturn
 
 import structlog
 
-DIED = 70  # the exit code: EX_SOFTWARE of sysexits.h
+DIED = 70  # exit code after the death of a thread: EX_SOFTWARE of sysexits.h
 
 log = structlog.get_logger(__name__)
 
 
 def in_background(name: str, work: Callable[..., object], *arguments: object) -> threading.Thread:
-    """Do something in a thread of its own, in the log's context of now; whatever it raises ends the process."""
+    """Run work in a daemon thread, in the caller's context (of the log, of traces); whatever it raises ends the
+    process."""
 
     def run() -> None:
         try:
@@ -32,6 +33,6 @@ def in_background(name: str, work: Callable[..., object], *arguments: object) ->
 
 
 def end_process(error: BaseException) -> NoReturn:
-    """End the process at once, for what its thread of now met: after a panic nothing can be relied on to end well."""
+    """Exit at once, for an error of the current thread: after a panic, no cleanup can be relied on."""
     log.critical("a thread died, and the process ends with it", thread=threading.current_thread().name, exc_info=error)
     os._exit(DIED)

@@ -1,4 +1,4 @@
-"""Request bodies as they come: gathered into large pieces, and given up where they stand still."""
+"""Request bodies: small chunks are coalesced, and slow clients time out."""
 
 import asyncio
 import time
@@ -9,17 +9,17 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from core.errors import MeshmarkError
 from service.errors import ServiceErrorCode
 
-LINGER, LINGER_BYTES = 2.0, 2**24  # seconds, and what may come in them
-PIECE = 2**16  # bytes; however small the pieces a client sends, work is done for each of these only
+LINGER, LINGER_BYTES = 2.0, 2**24  # seconds and bytes that are still read of a body after its answer
+PIECE = 2**16  # bytes to which the chunks of a body are coalesced, however small a client sends them
 
 
 class Bodies:
-    """Gathers each request's body, and ends requests whose body does not come.
+    """Middleware that coalesces the chunks of each request's body, and times out slow clients.
 
     Args:
-        app: what is behind it.
-        silence: seconds for which a body may stand still.
-        rate: bytes a second that must come on average, beyond the first `silence` seconds.
+        app: the next ASGI application.
+        silence: seconds without a byte after which a body times out.
+        rate: least average rate of a body, bytes per second, beyond the first `silence` seconds.
     """
 
     def __init__(self, app: ASGIApp, silence: float, rate: int) -> None:
@@ -46,10 +46,10 @@ class _Body:
     def __init__(self, receive: Receive, silence: float, rate: int) -> None:
         self._receive, self._silence, self._rate = receive, silence, rate
         self._received, self._waited, self._is_complete = 0, 0.0, False
-        self.is_answered = False  # then nobody waits for the body any more, only for the client to leave
+        self.is_answered = False  # then only the client's disconnect is awaited, not the body
 
     async def receive(self) -> Message:
-        """The next message, of at least a piece where the body has so much.
+        """Next message; chunks of the body are coalesced to PIECE bytes or more, except the last.
 
         Raises:
             MeshmarkError: ``request_timeout``.
@@ -65,9 +65,9 @@ class _Body:
         return {"type": "http.request", "body": bytes(piece), "more_body": not self._is_complete}
 
     async def discard(self) -> None:
-        """Read for a moment what comes after the answer.
+        """Drain the rest of the body for a moment after the answer.
 
-        A line that is closed while the client still sends takes the answer with it (RFC 9112, section 9.6).
+        A connection closed while the client still sends may lose the answer (RFC 9112, section 9.6).
         """
         left = LINGER_BYTES
         with suppress(TimeoutError):
@@ -77,15 +77,15 @@ class _Body:
 
     async def _any(self) -> Message:
         message = await self._receive()
-        self._is_complete = not message.get("more_body", False)  # so it is when the client has left, too
+        self._is_complete = not message.get("more_body", False)  # also by http.disconnect
         return message
 
     async def _next(self) -> Message:
-        # Only the time in which the client is waited for counts, not what is done with what came.
+        # Only the time spent waiting for the client counts, not the processing in between.
         began = time.monotonic()
-        patience = min(self._silence, self._silence + self._received / self._rate - self._waited)
+        timeout = min(self._silence, self._silence + self._received / self._rate - self._waited)
         try:
-            async with asyncio.timeout(patience):
+            async with asyncio.timeout(timeout):
                 message = await self._any()
         except TimeoutError:
             if self.is_answered:

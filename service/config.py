@@ -22,15 +22,15 @@ from service.webhooks.vault import read_keys
 
 MIB = 2**20
 PREFIX = "MESHMARK_"
-# More than anybody has, and less than what the arithmetic of times, threads and systems' own limits takes.
+# Largest values of settings: beyond any real need, and safe in the arithmetic of times, threads and system limits.
 MOST, MOST_BYTES = 10**9, 2**50
 DAY, YEAR = 86_400.0, 365 * 86_400.0  # seconds
 PortNumber = Annotated[int, Field(ge=1, le=65535)]
-SECRETS = Path("/run/secrets")  # where Docker and Kubernetes mount what shall not stand in the environment
+SECRETS = Path("/run/secrets")  # where Docker and Kubernetes mount secrets
 
 
 class Settings(BaseSettings):
-    """What the API, the worker and the embedded service read at start."""
+    """Settings of the API, the worker and the embedded service, read at start."""
 
     model_config = SettingsConfigDict(env_prefix=PREFIX, env_ignore_empty=True, extra="ignore")
 
@@ -311,7 +311,7 @@ class Settings(BaseSettings):
 
     @property
     def budgets(self) -> Budgets:
-        """What an asset may declare."""
+        """Budgets of an asset: the sizes that it may declare."""
         return replace(
             DEFAULT_BUDGETS,
             bytes=self.max_upload_bytes,
@@ -323,7 +323,7 @@ class Settings(BaseSettings):
 
     @property
     def outbound(self) -> Policy:
-        """Where requests to addresses that users name may go."""
+        """Policy of requests to addresses that users name."""
         schemes = {"https", "http"} if self.outbound_http else {"https"}
         return Policy(self.outbound_networks, frozenset(schemes), self.outbound_ports)
 

@@ -1,7 +1,7 @@
-"""What joins the log lines and spans of a job to those of the request that it came from.
+"""Correlation of a job's log lines and spans with those of the request that it came from.
 
-It is kept with the job: a message may be lost, and need not be about the job that a worker then starts. It is only
-looked at for that: nothing depends on it, and a job without it is as good.
+It is stored with the job, not in its message: a message may be lost, and need not be about the job that a worker then
+starts. Nothing else depends on it, and a job may have none.
 """
 
 from collections.abc import Iterator, Mapping
@@ -19,17 +19,17 @@ TRACE = TraceContextTextMapPropagator()  # W3C Trace Context
 
 
 def correlation() -> dict[str, str]:
-    """That of a job which is recorded here and now."""
+    """Correlation of a job recorded now: the request's id and trace parent, as far as there are any."""
     carrier: dict[str, str] = {}
     TRACE.inject(carrier)
-    carrier.pop("tracestate", None)  # of any length, and a client's
+    carrier.pop("tracestate", None)  # of any length, and set by clients
     request = current_request_id()
     return carrier | ({REQUEST: request} if request else {})
 
 
 @contextmanager
 def on_behalf_of(kept: Mapping[str, Any]) -> Iterator[None]:
-    """Work on behalf of the request that a job came from."""
+    """Run the block in the log context and trace of the request that a job came from."""
     request, parent = valid_request_id(kept.get(REQUEST)), kept.get("traceparent")
     trace = TRACE.extract({"traceparent": parent} if isinstance(parent, str) else {})
     token = context.attach(trace)

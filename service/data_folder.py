@@ -1,4 +1,5 @@
-"""The data folder is this user's alone: the ledger in it has secrets, and its files are what clients sent."""
+"""Access rights of the data folder, which is private to this user: its ledger has secrets, its files are clients'
+data."""
 
 import os
 import stat
@@ -13,13 +14,13 @@ OTHERS = stat.S_IRWXG | stat.S_IRWXO
 
 
 def keep_private(settings: Settings) -> None:
-    """Make the data folder where there is none, shut it to other users, and make no file from here on that they read.
+    """Create the data folder if missing, remove other users' access to it, and to all files made from here on (umask).
 
-    A folder that is another user's cannot be shut, such as a volume that was mounted. It will do where nobody but its
-    owner and its group, who was chosen by whoever mounted it, may enter.
+    The rights of another owner's folder, such as a mounted volume, cannot be changed; it is accepted if only its owner
+    and its group have access.
 
     Raises:
-        SystemExit: with code 2 and a sentence on stderr, where it is open to everybody and stays so.
+        SystemExit: with code 2 and a sentence on stderr, where every user has access to it, and keeps it.
     """
     os.umask(OTHERS)
     folder = settings.data_dir.resolve()

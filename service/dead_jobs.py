@@ -1,4 +1,4 @@
-"""`python -m service jobs`: list the jobs that were given up because their workers died, and try one again."""
+"""`python -m service jobs`: list the dead letters, which are jobs whose workers died at each attempt, and retry one."""
 
 import argparse
 import sys
@@ -15,7 +15,7 @@ from service.jobs.stores import open_store
 
 
 def add_jobs_commands(parser: argparse.ArgumentParser) -> None:
-    """Describe the commands to a parser."""
+    """Add the commands to a parser."""
     commands = parser.add_subparsers(dest="action", required=True)
     dead = commands.add_parser("dead", help="print the jobs that ended with worker_lost")
     dead.add_argument("--tenant", help="only this tenant's")
@@ -24,7 +24,7 @@ def add_jobs_commands(parser: argparse.ArgumentParser) -> None:
 
 
 def run_jobs_command(settings: Settings, arguments: argparse.Namespace) -> int:
-    """Do what the arguments say; returns the exit code."""
+    """Run the command; returns the exit code."""
     with closing(Ledger(settings.ledger_url)) as ledger:
         if arguments.action == "dead":
             for job in dead_jobs(ledger.sessions, arguments.tenant):

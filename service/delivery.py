@@ -1,4 +1,4 @@
-"""Deliver stored content over HTTP: whole, a part of it, or the word that the client has it already."""
+"""Delivery of stored content over HTTP: whole, a byte range, or 304 Not Modified."""
 
 import re
 from itertools import chain
@@ -21,13 +21,13 @@ ONE_RANGE = re.compile(r"bytes=\s*(\d{0,18})-(\d{0,18})\s*", re.IGNORECASE)
 def deliver(
     request: Request, store: ArtifactStore, threads: StoreThreads, artifact: Artifact, headers: dict[str, str]
 ) -> Response:
-    """The answer to a GET or HEAD for stored content, in the order of RFC 9110, section 13.2.2.
+    """Response to a GET or HEAD for stored content, in the order of RFC 9110, section 13.2.2.
 
     Args:
         request: its If-Match, If-None-Match, Range and If-Range are obeyed.
-        store: where the content is.
-        threads: where it is waited for while it is sent.
-        artifact: which content.
+        store: the store of the content.
+        threads: pool in which the content is read while it is sent.
+        artifact: the content.
         headers: of an answer that carries the content, such as its Content-Type.
 
     Raises:
@@ -59,7 +59,7 @@ def deliver(
         return problem_response(error, {"Content-Range": f"bytes */{artifact.size}"})
     start, stop = part or (0, artifact.size)
     chunks = store.read(artifact.sha256, start, stop)
-    first = next(chunks, b"")  # here, where what goes wrong can still be told
+    first = next(chunks, b"")  # read here, where an error can still become a response
     headers["Content-Length"] = str(stop - start)
     if part:
         headers["Content-Range"] = f"bytes {start}-{stop - 1}/{artifact.size}"
@@ -74,19 +74,19 @@ def disposition(name: str) -> str:
 
 
 def is_held(if_none_match: str | None, tag: str) -> bool:
-    """Whether If-None-Match names this entity tag (RFC 9110, section 13.1.2: by weak comparison)."""
+    """Test whether If-None-Match names this entity tag (RFC 9110, section 13.1.2: by weak comparison)."""
     if if_none_match is None:
         return False
     return if_none_match.strip() == "*" or any(named == tag for _, named in ENTITY_TAG.findall(if_none_match))
 
 
 def is_meant(if_match: str | None, tag: str) -> bool:
-    """Whether If-Match allows content of this entity tag (RFC 9110, section 13.1.1: by strong comparison)."""
+    """Test whether If-Match allows content of this entity tag (RFC 9110, section 13.1.1: by strong comparison)."""
     return if_match is None or if_match.strip() == "*" or ("", tag) in ENTITY_TAG.findall(if_match)
 
 
 def requested_range(header: str | None, size: int) -> tuple[int, int] | None:
-    """What a Range header asks for, as (start, stop); None for everything (RFC 9110, section 14.2).
+    """Byte range of a Range header as (start, stop); None for the whole content (RFC 9110, section 14.2).
 
     A header that is malformed, in other units or of several ranges is ignored, as the RFC allows.
 
@@ -97,7 +97,7 @@ def requested_range(header: str | None, size: int) -> tuple[int, int] | None:
     if match is None or match.groups() == ("", ""):
         return None
     first, last = match.groups()
-    if not first:  # the last so many bytes
+    if not first:  # a suffix range
         start, stop = max(0, size - int(last)), size
     else:
         start, stop = int(first), min(int(last) + 1, size) if last else size

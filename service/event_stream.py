@@ -19,34 +19,35 @@ from service.jobs.models import JobEvent
 from service.places import Places
 
 EVENT_ID = "^([0-9]{1,9})?$"
-# Open at a time at one API process. Each looks at the ledger twice a second: some six hundred keep a process busy.
+# Concurrent streams of one API process, and of a tenant there. Each polls the ledger twice a second: some six hundred
+# keep a process busy.
 STREAMS, STREAMS_PER_TENANT = 500, 100
-POLL = 0.5  # seconds between two looks at the ledger
-PING = 15.0  # seconds of silence after which a comment shows that the line still holds
-LONGEST = 600.0  # seconds; a client that comes back then shows its key anew
-RETRY = 1000  # milliseconds that a client shall wait before it comes back
+POLL = 0.5  # seconds between two reads of the ledger
+PING = 15.0  # seconds without an event after which a keep-alive comment is sent
+LONGEST = 600.0  # seconds a stream stays open; a client that reconnects is authenticated again
+RETRY = 1000  # milliseconds a client waits before it reconnects
 
 log = structlog.get_logger(__name__)
 
 
 class Streams:
-    """The streams that one API process has open."""
+    """Open event streams of one API process."""
 
     def __init__(self) -> None:
         self.stopping = asyncio.Event()
         self._open = Places()
 
     def stop(self) -> None:
-        """End every stream: the process is about to end, and its clients find another one."""
+        """End every stream at shutdown: its client reconnects to another process."""
         self.stopping.set()
 
     def count(self, tenant: str) -> int:
-        """How many a tenant has open."""
+        """Number of a tenant's open streams."""
         return self._open.count(tenant)
 
     @contextmanager
     def place(self, tenant: str) -> Iterator[None]:
-        """A place for one more stream of a tenant.
+        """Count one more open stream of a tenant during the block.
 
         Raises:
             MeshmarkError: ``too_many_streams``; ``service_unavailable`` where all tenants together have too many.
@@ -68,7 +69,7 @@ class Streams:
 
 
 def parse_last_event_id(text: str | None) -> int:
-    """The number of the last event that a client has seen; 0: none.
+    """Number of the last event that a client has seen; 0: none.
 
     Raises:
         MeshmarkError: ``invalid_request``.
@@ -87,7 +88,7 @@ def parse_last_event_id(text: str | None) -> int:
 async def event_stream(
     read: Callable[[int], Sequence[JobEvent]], after: int, stopping: asyncio.Event
 ) -> AsyncIterator[bytes]:
-    """The events after a number and those to come, until the one that ends the job.
+    """Events after a number, recorded and to come, until the one that ends the job.
 
     Args:
         read: gives the events after a number; it may block, and runs in a thread.
@@ -100,7 +101,7 @@ async def event_stream(
         events: Sequence[JobEvent] = ()
         try:
             events = await run_in_threadpool(read, after)
-        except OperationalError as error:  # the line stays open: what happens meanwhile is told when it is back
+        except OperationalError as error:  # the stream stays open: later reads return the events of the outage
             log.warning("the job ledger does not answer", error=str(error.orig))
         for event in events:
             yield as_text(event)

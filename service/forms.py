@@ -1,4 +1,4 @@
-"""Forms that carry files (RFC 7578): read as they come, files beside the place where they will be kept."""
+"""Streaming parser of forms with files (RFC 7578), which are spooled to the disk where they will be staged."""
 
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -21,10 +21,10 @@ HOW_TO_SEND_TEXT = "Send all text as UTF-8: fields, their names and the names of
 
 
 class FormRequest(Request):
-    """A request whose form is read in threads, into files that `spool` makes.
+    """Request whose form is parsed in threads, into files that `spool` makes.
 
-    What the framework's own reading lacks: text that is not UTF-8 is refused and not taken for Latin-1; a disk that is
-    full is told from a form that is broken; and no number of pieces in which a file comes means as many writes.
+    Unlike the framework's own parser, it refuses text that is not UTF-8 instead of reading it as Latin-1, tells a full
+    disk from a malformed form, and does not write once for every small chunk of a file.
     """
 
     def __init__(self, scope: Scope, receive: Receive, spool: Spool) -> None:
@@ -60,7 +60,7 @@ class FormRequest(Request):
 
 
 class _Parts:
-    """A multipart form under way."""
+    """Parser of a multipart form."""
 
     def __init__(self, boundary: bytes, spool: Spool, max_files: float, max_fields: float, max_part_size: int) -> None:
         if not boundary:
@@ -69,7 +69,7 @@ class _Parts:
         self._files_left, self._fields_left, self._max_part_size = max_files, max_fields, max_part_size
         self._items: list[tuple[str, str | UploadFile]] = []
         self._is_complete = False
-        self._name, self._value = bytearray(), bytearray()  # of the header under way
+        self._name, self._value = bytearray(), bytearray()  # of the current header
         self._headers: list[tuple[bytes, bytes]] = []
         self._part = ""
         self._file: UploadFile | None = None
@@ -92,11 +92,11 @@ class _Parts:
             raise _broken(str(error)) from None
 
     def feed(self, chunk: bytes) -> None:
-        """Take what came next.
+        """Parse the next chunk.
 
         Raises:
             MeshmarkError: ``invalid_request``.
-            StoreUnavailableError: the disk does not take it.
+            StoreUnavailableError: the disk cannot be written to.
         """
         with writing():
             try:
@@ -106,7 +106,7 @@ class _Parts:
             self._flush()
 
     def end(self) -> FormData:
-        """The whole form, its files at their beginning."""
+        """Return the whole form, its files rewound."""
         if not self._is_complete:
             raise _broken("it ends before its last boundary")
         with writing():
@@ -115,9 +115,9 @@ class _Parts:
         return FormData(self._items)
 
     def close(self) -> None:
-        """Remove what there is of files."""
+        """Close the files, which deletes them."""
         for file in self._files():
-            with suppress(OSError):  # what could not be written is tried once more
+            with suppress(OSError):  # closing retries a write that failed
                 file.file.close()
 
     def _files(self) -> Iterable[UploadFile]:
@@ -173,14 +173,14 @@ class _Parts:
 
 
 class _Fields:
-    """A form without files, as `application/x-www-form-urlencoded`, under way."""
+    """Parser of a form without files (`application/x-www-form-urlencoded`)."""
 
     def __init__(self, max_fields: float, max_part_size: int) -> None:
         self._max_fields, self._max_part_size = int(max_fields), max_part_size
         self._data = bytearray()
 
     def feed(self, chunk: bytes) -> None:
-        """Take what came next.
+        """Buffer the next chunk.
 
         Raises:
             MeshmarkError: ``invalid_request``.
@@ -190,7 +190,7 @@ class _Fields:
             raise _too_long(self._max_part_size)
 
     def end(self) -> FormData:
-        """The whole form."""
+        """Return the whole form."""
         if self._data.count(b"&") >= self._max_fields:
             raise _broken("it has too many fields")
         fields: list[tuple[str, str | UploadFile]]
@@ -203,7 +203,7 @@ class _Fields:
         return FormData(fields)
 
     def close(self) -> None:
-        """There is nothing on the disk."""
+        """Do nothing: there is nothing on the disk."""
 
 
 def _text(data: bytes | bytearray, what: str) -> str:

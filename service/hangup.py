@@ -1,4 +1,4 @@
-"""SIGHUP, which comes when a terminal closes, asks a process to end as SIGTERM does."""
+"""SIGHUP, which a closing terminal sends, ends a process as SIGTERM does."""
 
 import signal
 from collections.abc import Callable
@@ -6,7 +6,7 @@ from typing import Any
 
 
 def hangup_handler() -> Callable[..., Any] | signal.Handlers:
-    """What is to handle SIGHUP; where it is ignored, as under `nohup`, it stays so."""
+    """Handler of SIGHUP; where it is ignored, as under `nohup`, it stays so."""
     return signal.SIG_IGN if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else _as_termination
 
 

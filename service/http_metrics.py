@@ -1,4 +1,4 @@
-"""Count requests by the route that answered them."""
+"""Metrics of requests by the route that answered them."""
 
 import time
 from http import HTTPMethod
@@ -7,18 +7,18 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.metrics import HTTP_BYTES, HTTP_REQUESTS, HTTP_SECONDS
 
-ELSEWHERE = "other"  # paths and methods that there are not; clients may invent as many as they like
+ELSEWHERE = "other"  # label of unknown paths and methods, of which clients may invent any number
 METHODS = frozenset(HTTPMethod)
 
 
 class HttpMetrics:
-    """Measures what passes through it, once an answer was sent or given up."""
+    """Middleware that counts requests and their bytes, and times them until the answer is sent."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on and count it."""
+        """Pass a request on and record its metrics."""
         if scope["type"] != "http":
             return await self.app(scope, receive, send)
         began, seconds, status = time.perf_counter(), 0.0, 500
@@ -50,5 +50,5 @@ class HttpMetrics:
 
 
 def route_of(scope: Scope) -> str:
-    """The template of the path, such as `/v1/watermarks/{job_id}`."""
+    """Template of the path, such as `/v1/watermarks/{job_id}`."""
     return str(getattr(scope.get("route"), "path", ELSEWHERE))

@@ -1,8 +1,8 @@
 """The HTTP server: uvicorn, with bounds on what a connection may take before and beside the application.
 
-Whoever opens connections, with a key or without, gets: a number of them, beyond which the one that has waited longest
-for its request gives way; a time in which headers must come and an answer must be taken; a size of what is no body; and
-no more than RFC 9112 allows. What is refused here is refused with a problem too.
+Every client, with a key or without, is bounded by: a number of connections, beyond which the one that has been idle
+before its request for longest is closed; a time in which headers must arrive, and in which a slow client must take some
+of an answer; a size of headers and chunk framing; and strict parsing by RFC 9112. Refusals are problem details, too.
 """
 
 import asyncio
@@ -25,21 +25,21 @@ from service.config import Settings
 from service.errors import ServiceErrorCode
 from service.problems import problem_response
 
-# Bytes of a request that are no body: its headers, and of a body that comes in chunks the lengths, their extensions and
-# the trailers, which beyond this may be half of the body. A chunk costs the more time for each byte the smaller it is.
+# Bytes of headers and of chunk framing (lengths, extensions, trailers); beyond this, framing may have half as many as
+# the body. The smaller a chunk, the more time it costs for each byte.
 MOST_BESIDE_BODY = 2**16
-BACKLOG = 2048
-LONG, RESTS = 0.001, 3  # seconds of reading a piece after which others come first, and for how many times as long
-MOMENT = 0.5  # seconds that a new connection may take for its request, even where others wait for its place
-PAUSE = 1.0  # seconds between two attempts to accept a connection where that fails, and between two words about it
-DESCRIPTORS = 1024  # for all but connections
+BACKLOG = 2048  # connections that the kernel holds before they are accepted
+LONG, RESTS = 0.001, 3  # seconds of parsing a chunk after which reading pauses, and the pause in multiples of them
+MOMENT = 0.5  # seconds a new connection has to send its request before it may be closed for another one
+PAUSE = 1.0  # seconds between two attempts to accept after a failure, and between two log lines of a kind
+DESCRIPTORS = 1024  # file descriptors for all but connections
 
 log = structlog.get_logger("service")
 
 
 class Server(uvicorn.Server):
-    """uvicorn, which accepts connections itself to bound them, and when it stops, ends open event streams and uploads
-    that wait."""
+    """uvicorn, except that it accepts connections itself to bound them, and ends event streams and waiting uploads at
+    shutdown."""
 
     def __init__(self, app: FastAPI, settings: Settings) -> None:
         super().__init__(
@@ -106,9 +106,9 @@ class Server(uvicorn.Server):
                 await asyncio.sleep(PAUSE)
 
     async def _make_room(self) -> None:
-        """Wait for a place for one more connection; where others wait for a request, the one that does so longest goes.
+        """Wait for a free connection; of those that wait for a request, close the one that has done so longest.
 
-        So connections that send nothing keep nobody out, however many there are.
+        So idle connections keep nobody out, however many there are.
         """
         while len(self.server_state.connections) >= self._most:
             self._tell("all connections are taken", most=self._most)
@@ -130,20 +130,20 @@ class Server(uvicorn.Server):
 
 
 class Flow(FlowControl):
-    """uvicorn's, which can rest: then nothing is read, whatever the application is ready for."""
+    """Flow control of uvicorn, with pauses in which nothing is read even if the application is ready."""
 
     def __init__(self, transport: asyncio.Transport) -> None:
         super().__init__(transport)
         self._is_resting = False
 
     def rest(self, loop: asyncio.AbstractEventLoop, seconds: float) -> None:
-        """Read nothing for so long."""
+        """Pause reading for so many seconds."""
         self._is_resting = True
         self._transport.pause_reading()
         loop.call_later(seconds, self._read_on)
 
     def resume_reading(self) -> None:
-        """Read on, after the rest if there is one."""
+        """Read on, after the pause if there is one."""
         if self._is_resting:
             self.read_paused = False
         else:
@@ -156,14 +156,14 @@ class Flow(FlowControl):
 
 
 class Connection(HttpToolsProtocol):
-    """uvicorn's connection, which does not wait for ever and reads nothing that could be read in two ways.
+    """Connection of uvicorn with time-outs, and with a strict parser that accepts nothing ambiguous.
 
     Args:
         config: uvicorn's.
         server_state: uvicorn's.
         app_state: uvicorn's.
-        waiting: since when connections have waited for a request, the one that has done so longest first.
-        timeout: seconds in which the headers of a request must come, and some of an answer be taken.
+        waiting: start times of the connections that wait for a request, the earliest first.
+        timeout: seconds in which the headers of a request must arrive, and the client must take some of an answer.
     """
 
     def __init__(
@@ -186,23 +186,23 @@ class Connection(HttpToolsProtocol):
         """Wait for the first request."""
         super().connection_made(transport)
         self.flow = self._flow = Flow(transport)
-        if connected := transport.get_extra_info("socket"):  # the kernel ends it where nobody takes what was sent
+        if connected := transport.get_extra_info("socket"):  # the kernel closes it if sent bytes are not acknowledged
             connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(self._timeout * 1000))
         self._wait_for_headers()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Forget it."""
+        """Cancel the timers."""
         self._stop_waiting()
         self._unset_answer_due()
         super().connection_lost(exc)
 
     def give_way(self) -> None:
-        """End at once, for the sake of other connections."""
+        """Abort the connection, in favour of others."""
         self._stop_waiting()
         self.transport.abort()
 
     def data_received(self, data: bytes) -> None:
-        """Read what came. Whoever sends what takes long to read, such as small chunks, is read from more rarely."""
+        """Parse received bytes. After bytes that are slow to parse, such as small chunks, reading pauses."""
         self._unset_keepalive_if_required()
         if not self._is_deaf:
             began = self.loop.time()
@@ -234,20 +234,20 @@ class Connection(HttpToolsProtocol):
                 )
 
     def on_message_begin(self) -> None:
-        """A request begins."""
+        """Begin a request."""
         super().on_message_begin()
         self._is_in_headers = True
 
     def on_header(self, name: bytes, value: bytes) -> None:
-        """Take a header; what is called so behind the body is no header."""
+        """Record a header; trailers are ignored."""
         if self._is_in_headers:
             super().on_header(name, value)
 
     def on_headers_complete(self) -> None:
-        """Begin to answer, if it is beyond doubt where the request ends.
+        """Start the application, if the framing of the request is unambiguous.
 
         Raises:
-            ValueError: it is not; the parser makes an error of its own of it.
+            ValueError: it is not, or the request is not supported; the parser makes an error of its own of it.
         """
         version = self.parser.get_http_version()
         if self.parser.get_method() == b"CONNECT" or version not in ("1.0", "1.1"):
@@ -265,39 +265,39 @@ class Connection(HttpToolsProtocol):
         super().on_headers_complete()
 
     def on_body(self, body: bytes) -> None:
-        """Take some of the body."""
+        """Count a chunk of the body and pass it on."""
         self._body_bytes += len(body)
         self._other_bytes -= len(body)
         super().on_body(body)
 
     def on_message_complete(self) -> None:
-        """The request has come as a whole."""
+        """End a request that has arrived as a whole."""
         if self.parser.should_upgrade():
             return
         self._body_bytes = self._other_bytes = 0
         super().on_message_complete()
 
     def on_response_complete(self) -> None:
-        """Go on with the next request, or wait for one."""
+        """Continue with the next request, or wait for one."""
         super().on_response_complete()
         if self.timeout_keep_alive_task is not None:
             self._wait_for_headers()
 
     def pause_writing(self) -> None:
-        """The client is slow to take the answer."""
+        """Start the time-out of a slow client."""
         super().pause_writing()
         self._answer_due = self.loop.call_later(self._timeout, self.transport.abort)
 
     def resume_writing(self) -> None:
-        """The client has taken some of it."""
+        """Stop the time-out: the client has taken some of the answer."""
         self._unset_answer_due()
         super().resume_writing()
 
     def _without_upgrade(self) -> bytes:
-        """The headers that have come, without the wish for another protocol, for another parser.
+        """Request line and headers without the field Upgrade, for a new parser.
 
-        A server may pass over that wish (RFC 9110, section 7.8), but this parser takes what follows for that protocol:
-        the body of the request would be lost, and read as a request where it comes a moment later.
+        A server may ignore that field (RFC 9110, section 7.8), but this parser takes the rest for the other protocol:
+        the body of the request would be lost, or read as a request if it arrives a moment later.
         """
         lines = [b"%s %s HTTP/%s" % (self.parser.get_method(), self.url, self.parser.get_http_version().encode())]
         lines += [b"%s: %s" % (name, value) for name, value in self.headers if name != b"upgrade"]
@@ -331,15 +331,15 @@ class Connection(HttpToolsProtocol):
             self.give_way()
 
     def _refuse(self, code: Code, message: str, remedy: str) -> None:
-        """Hear nothing more on this connection, and answer what is yet to be answered."""
+        """Stop reading from the connection, and answer the current request with a problem."""
         self._is_deaf = True
         self._stop_waiting()
         current = self.cycle
         if current is not None and not current.response_complete:
-            if not current.more_body:  # the trouble came after this request, which is answered yet
+            if not current.more_body:  # the error came after this request, which is still answered
                 current.keep_alive = False
                 return
-            current.disconnected = True  # the application may go on, but for nobody
+            current.disconnected = True  # the application may go on; its answer is dropped
             current.message_event.set()
             if current.response_started:
                 self.transport.close()
@@ -353,9 +353,9 @@ class Connection(HttpToolsProtocol):
 
 
 def connection_limit(wanted: int) -> int:
-    """How many connections can be open at a time, as many as wanted if this process may have the descriptors.
+    """Number of connections that can be open at a time: as many as wanted, if the process may have the descriptors.
 
-    The soft limit is raised as far as that takes and the hard limit lets it. Half of the descriptors are for other
+    The soft limit is raised as far as needed and allowed by the hard limit. Half of the descriptors are kept for other
     things: an upload has files too.
     """
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)

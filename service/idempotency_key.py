@@ -6,11 +6,11 @@ from core.errors import ErrorCode, MeshmarkError
 
 QUOTED = re.compile(r'"((?:[ !#-\[\]-~]|\\["\\])*)"')  # a string of RFC 9651
 BARE = re.compile(r"[!#-~]+")  # what most clients send
-LONGEST = 255
+LONGEST = 255  # characters of a key
 
 
 def parse_idempotency_key(header: str) -> str:
-    """The key that a header holds, with or without quotes.
+    """Key in a header, with or without quotes.
 
     Raises:
         MeshmarkError: ``invalid_request``.

@@ -1,8 +1,8 @@
-"""The intake of uploads: before one becomes a job it is looked through, in a process that may crash, hang or be killed.
+"""Intake of uploads: each is checked before it becomes a job, in a process that may crash, hang or be killed.
 
-Uploads wait for a place without holding a thread, have threads of their own, and the looking through has a number of
-processes; of threads and processes no tenant has all. So what one tenant sends neither holds up what others send nor
-any other request.
+Uploads wait without holding a thread, have threads of their own, and are checked by a limited number of processes; a
+fair semaphore shares both among tenants, none of whom gets all. So one tenant's uploads delay neither other tenants'
+nor any other request.
 """
 
 import json
@@ -28,29 +28,29 @@ from service.jobs.artifacts import Staged, writing
 from service.template import Child, Template, tail
 from service.turnstile import Turnstile
 
-THREADS = 32  # for uploads, beside those that answer other requests
-TICK = 1.0  # seconds
-MEMORY_MARGIN = 256 * 2**20  # beyond twice what an upload and its content may have
+THREADS = 32  # for uploads, beside the threads of other requests
+TICK = 1.0  # seconds between two polls for the start of a process
+MEMORY_MARGIN = 256 * 2**20  # bytes beyond twice the limits of an upload and of its content
 LONGEST_ANSWER = 2**20  # bytes
 
 Result = TypeVar("Result")
-# What is wrong with uploads, if anything: by the SHA-256 of asset and font, and the text that the font is to write.
+# Errors of uploads, None where there is none, by the SHA-256 of asset and font, and the text to be set in the font.
 Verdicts = dict[tuple[str | None, str | None, str], MeshmarkError | None]
 
 log = structlog.get_logger(__name__)
 
 
 def gate_template() -> Template:
-    """What the gate's processes are forked from."""
+    """Template that the gate's processes are forked from."""
     return Template([sys.executable, "-m", "worker.gate"], threads=1, name="gate")
 
 
 class Intake:
-    """The places, threads and processes of an API's uploads.
+    """Concurrency limits, threads and processes of an API's uploads.
 
     Args:
-        settings: budgets, and how many uploads are looked through at a time, and how long.
-        template: what the processes are forked from.
+        settings: budgets, the number of concurrent checks, and their time limit.
+        template: template that the processes are forked from.
     """
 
     def __init__(self, settings: Settings, template: Template) -> None:
@@ -67,7 +67,8 @@ class Intake:
         }
 
     async def run(self, tenant: str, function: Callable[[], Result]) -> Result:
-        """What a function returns that takes uploads in, called in a thread of the intake once its tenant has a place.
+        """Call a function that takes uploads in, in a thread of the intake once it is its tenant's turn; returns its
+        result.
 
         Raises:
             MeshmarkError: the function's own; ``service_unavailable``, the service stops.
@@ -85,10 +86,10 @@ class Intake:
             text: what is to be written.
             asset: the asset, if it is here.
             font: the font, if it is not the engine's own.
-            known: what earlier calls found out; what this one does is added.
+            known: verdicts of earlier calls, to which that of this one is added.
 
         Raises:
-            MeshmarkError: as :func:`worker.gate.look` does; ``budget_exceeded`` too where the looking took too long,
+            MeshmarkError: as :func:`worker.gate.look` does; ``budget_exceeded`` too where the check took too long,
                 ``engine_crashed`` where its process died, ``service_unavailable``.
         """
         if font is None:
@@ -104,12 +105,12 @@ class Intake:
             raise MeshmarkError(refusal.code, refusal.message, refusal.remedy)
 
     def close(self) -> None:
-        """Let nobody wait any more."""
+        """Refuse the uploads that wait, and all new ones."""
         self._uploads.close()
         self._processes.close()
 
     def _ask(self, tenant: str, text: str, asset: Staged | None, font: Staged | None) -> MeshmarkError | None:
-        """What is wrong with an upload."""
+        """Check an upload in a process of the gate; returns its error, or None."""
         paths = {"asset": os.fspath(asset.path) if asset else None, "font": os.fspath(font.path) if font else None}
         request = json.dumps({**self._request, **paths, "text": text}).encode() + b"\n"
         with self._processes.taken(tenant):
@@ -136,7 +137,7 @@ class Intake:
         return said and MeshmarkError(error_code(said["code"]), said["message"], said["remedy"])
 
     def _listen(self, child: Child, channel: socket.socket) -> bytes | None:
-        """The line that a child answers; None where it ended before.
+        """Line that a child answers; None where it ended before.
 
         Raises:
             TimeoutError: it takes too long.

@@ -1,4 +1,4 @@
-"""JSON in requests, looked at before it is parsed."""
+"""Limit on the JSON of a request, checked before it is parsed."""
 
 from typing import Any
 
@@ -6,14 +6,14 @@ from fastapi import Request
 
 from core.errors import ErrorCode, MeshmarkError
 
-MOST_VALUES = 50_000
+MOST_VALUES = 50_000  # in one body
 
 
 class JsonRequest(Request):
-    """A request whose JSON has only so many values: while it is parsed, nothing else in the process moves."""
+    """Request whose JSON has a limited number of values: while it is parsed, nothing else in the process runs."""
 
     async def json(self) -> Any:
-        """The body.
+        """Parse the body.
 
         Raises:
             MeshmarkError: ``invalid_request``.

@@ -12,7 +12,7 @@ from service.jobs.tenants import Scope, create_key, list_keys, revoke_key
 
 
 def add_keys_commands(parser: argparse.ArgumentParser) -> None:
-    """Describe the commands to a parser."""
+    """Add the commands to a parser."""
     commands = parser.add_subparsers(dest="action", required=True)
     create = commands.add_parser("create", help="print a new key; it is not shown again")
     create.add_argument("--tenant", default=DEFAULT_TENANT, help="whose it is; created with the first key")
@@ -26,7 +26,7 @@ def add_keys_commands(parser: argparse.ArgumentParser) -> None:
 
 
 def run_keys_command(settings: Settings, arguments: argparse.Namespace) -> int:
-    """Do what the arguments say; returns the exit code."""
+    """Run the command; returns the exit code."""
     ledger = Ledger(settings.ledger_url)
     try:
         match arguments.action:

@@ -7,7 +7,7 @@ from typing import Any
 
 import structlog
 
-# They tell every message, connection and start twice: the service logs itself what it does.
+# Loggers of messages, connections and starts that the service logs itself.
 CHATTY = ("alembic", "celery", "kombu", "sqlalchemy", "service.jobs.database.Pool", "uvicorn.error")
 
 
@@ -47,5 +47,5 @@ def configure_logs(level: str) -> None:
 
 
 def _log_uncaught(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
-    """What ends a process is in its log, in the log's form."""
+    """Log an uncaught exception in the log's format."""
     structlog.get_logger(__name__).critical("the process failed", exc_info=(kind, error, trace))

@@ -1,4 +1,4 @@
-"""What clients may note about a job: a few short strings by name, kept and given back as they are."""
+"""Metadata of jobs: a few short strings by name, noted by clients and given back unchanged."""
 
 from typing import Annotated, Any
 
@@ -9,14 +9,14 @@ from core.errors import MeshmarkError
 from core.validation import describe
 from service.errors import ServiceErrorCode
 
-MOST = 16
+MOST = 16  # entries of one job
 
 Key = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_.-]{1,40}$")]
 Value = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]{0,256}$")]  # PostgreSQL keeps no NUL
 
 
 def _few(data: object) -> object:
-    """Before its items are looked at, each of which may be wrong."""
+    """Check the number of entries before each of them is validated."""
     if isinstance(data, dict) and len(data) > MOST:
         raise PydanticCustomError("too_many_keys", "Object should have at most 16 keys")
     return data

@@ -1,10 +1,10 @@
-"""What Prometheus asks for: figures of this process, served on a port of their own.
+"""Prometheus metrics of this process, served on a port of their own.
 
-Every process serves its own: an API those of its requests and, as the ledger has them, of the jobs that wait and run; a
-worker those of the jobs it ran, a sender of webhooks those of its attempts. Prometheus adds up what is counted (`sum`),
-and takes the ledger's from any (`max`). A worker is one process with threads, and the engine's processes tell it what
-they do, so nothing is shared between processes and nothing is counted twice. Labels have few values: none comes from a
-client.
+Every process serves its own: an API those of its requests and, read from the ledger, of the queued and running jobs; a
+worker those of the jobs it ran, a sender of webhooks those of its attempts. Prometheus sums the counters (`sum`), and
+takes the ledger's gauges from any process (`max`). A worker is one process with threads, and the engine's processes
+report to it, so nothing is shared between processes and nothing is counted twice. Labels have few values: none comes
+from a client.
 """
 
 import platform
@@ -45,7 +45,7 @@ log = structlog.get_logger(__name__)
 
 
 def ended(done: bool, state: str, code: str = "") -> bool:
-    """Count a job that ended here, if it did; returns whether."""
+    """Count a job if it ended here; returns `done`."""
     if done:
         JOBS_ENDED.labels(state, code).inc()
     return done
@@ -53,7 +53,7 @@ def ended(done: bool, state: str, code: str = "") -> bool:
 
 @contextmanager
 def metrics_server(host: str, port: int, *collectors: Collector) -> Iterator[None]:
-    """Serve this process's figures, and those of the collectors, for the block; port 0: do not.
+    """Serve this process's metrics, and those of the collectors, during the block; port 0: do not.
 
     Raises:
         SystemExit: the port cannot be opened.
@@ -81,7 +81,7 @@ def metrics_server(host: str, port: int, *collectors: Collector) -> Iterator[Non
 
 
 def _require(thread: threading.Thread, over: threading.Event) -> None:
-    """Wait for a thread that somebody else has started.
+    """Supervise a thread that a library has started.
 
     Raises:
         RuntimeError: it ended too early.

@@ -1,4 +1,4 @@
-"""What may bring the asset of a job: a file, an address, or an upload that was sent ahead."""
+"""Orders of jobs by the source of their asset: a file, an address, or an upload that was sent ahead."""
 
 from functools import partial
 from typing import Any
@@ -28,9 +28,9 @@ def order_from(
     webhook: str | None = None,
     **more: Any,
 ) -> Order:
-    """The order of a job whose asset is given in one of three ways.
+    """Order of a job whose asset has one of three sources.
 
-    An address is not asked here: only what it tells by itself is looked at.
+    An address is neither resolved nor fetched here, only checked by itself.
 
     Raises:
         MeshmarkError: ``missing_file``, ``invalid_request``, none or more than one of them is given;

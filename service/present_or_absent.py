@@ -1,6 +1,6 @@
-"""In an OpenAPI document: parameters and form parts are there or not, and none is null.
+"""Optional parameters and form parts in an OpenAPI document: present or absent, never null.
 
-FastAPI describes what may be left out as `anyOf` a type and null, as in JSON; a client generator would send the word.
+FastAPI describes them as `anyOf` a type and null, as in JSON; a generated client would send the word.
 """
 
 from typing import Any
@@ -9,7 +9,7 @@ FORM = "multipart/form-data"
 
 
 def without_null(document: dict[str, Any]) -> None:
-    """Take null from the schemas of parameters and forms, and say that forms have no other parts."""
+    """Remove null from the schemas of parameters and forms, and forbid other parts of forms."""
     schemas = document["components"]["schemas"]
     for path in document["paths"].values():
         for operation in path.values():

@@ -159,7 +159,7 @@ HEADERS: dict[Code, dict[str, str]] = {
     ServiceErrorCode.TOO_MANY_STREAMS: {"Retry-After": "5"},
     ServiceErrorCode.TOO_MANY_UPLOADS: {"Retry-After": "3600"},
     ServiceErrorCode.SERVICE_UNAVAILABLE: {"Retry-After": "5"},
-    ServiceErrorCode.UPLOAD_TOO_LARGE: {"Connection": "close"},  # nobody will read what is still being sent
+    ServiceErrorCode.UPLOAD_TOO_LARGE: {"Connection": "close"},  # the rest of the body is not read
     ServiceErrorCode.UPLOAD_MISMATCH: {"Connection": "close"},
     ServiceErrorCode.REQUEST_TIMEOUT: {"Connection": "close"},
 }
@@ -179,7 +179,7 @@ class ProblemError(MeshmarkError):
 
 
 def problem_of(error: MeshmarkError) -> Problem:
-    """An error as clients see it."""
+    """Problem details of an error."""
     return Problem(
         type=f"urn:meshmark:problem:{error.code}",
         title=title(error.code),
@@ -191,7 +191,7 @@ def problem_of(error: MeshmarkError) -> Problem:
 
 
 def problem_response(error: MeshmarkError, headers: Mapping[str, str] | None = None) -> JSONResponse:
-    """The response that tells a client about an error."""
+    """Response with the problem details of an error."""
     problem = problem_of(error)
     headers = {**HEADERS.get(error.code, {}), **(headers or {})}
     PROBLEMS.labels(error.code).inc()
@@ -199,7 +199,7 @@ def problem_response(error: MeshmarkError, headers: Mapping[str, str] | None = N
 
 
 def problem_responses(*codes: Code) -> dict[int | str, dict[str, Any]]:
-    """What OpenAPI says about the errors a route answers with, by status."""
+    """OpenAPI responses of a route for these errors, by status."""
     by_status: dict[int | str, list[str]] = {}
     for code in codes:
         by_status.setdefault(STATUS[code], []).append(f"`{code}`")
@@ -275,7 +275,7 @@ def _takes_form(request: Request) -> bool:
 
 
 def _invalid_request(request: Request, error: RequestValidationError) -> MeshmarkError:
-    """What a route does not take, in our terms."""
+    """Error for a request that fails the validation of its route."""
     in_query = [item for item in error.errors() if item["loc"][0] == "query"]
     if in_query:
         return MeshmarkError(
@@ -312,14 +312,14 @@ def _unsupported(sent_as: str, expected: str, remedy: str) -> MeshmarkError:
 
 
 def _methods_of(app: FastAPI, path: str) -> list[str]:
-    """What is possible on a path of the API; the framework itself names the methods of its first route alone."""
+    """Methods of a path of the API; the framework itself names those of its first route alone."""
     described = app.openapi()["paths"]
     templates = [path] if path in described else [each for each in described if compile_path(each)[0].match(path)]
     return sorted(method.upper() for template in templates for method in described[template])
 
 
 def _from_status(request: Request, error: HTTPException, body_limit: int) -> MeshmarkError:
-    """An error of the web framework in our terms."""
+    """Error for an HTTP status that the web framework raised."""
     match error.status_code:
         case HTTPStatus.NOT_FOUND:
             return MeshmarkError(
@@ -335,7 +335,7 @@ def _from_status(request: Request, error: HTTPException, body_limit: int) -> Mes
             )
         case HTTPStatus.REQUEST_ENTITY_TOO_LARGE:
             return upload_too_large(request.scope.get(MAX_BODY_SIZE_SCOPE_KEY, body_limit))
-    match error.__cause__:  # of what the framework knows only that it came while the body was read
+    match error.__cause__:  # an error of which the framework only says that the body was being read
         case UnicodeDecodeError():
             trouble = "it is not UTF-8"
         case RecursionError():

@@ -1,4 +1,4 @@
-"""Whether the servers behind the API answer: ledger, broker and artifact store."""
+"""Readiness of the servers behind the API: ledger, broker and artifact store."""
 
 import asyncio
 import time
@@ -6,19 +6,19 @@ from collections.abc import Callable, Mapping
 
 import structlog
 
-PATIENCE = 3.0  # seconds a part may take to answer
-FRESH = 1.0  # seconds an answer holds: anybody may ask, and the parts shall not be asked more often than this
+PATIENCE = 3.0  # seconds a part has to answer
+FRESH = 1.0  # seconds an answer is cached: anybody may ask, and no part shall be probed more often
 
 log = structlog.get_logger(__name__)
 
 
 class Readiness:
-    """Looks at all parts at the same time, and at none of them more than once at a time.
+    """Probes all parts concurrently, and each at most once at a time.
 
-    A part that hangs holds one thread, however often it is asked about.
+    A part that hangs holds one thread, however often it is probed.
 
     Args:
-        parts: by name, what raises where the part does not work.
+        parts: probes by name, which raise if the part does not work.
     """
 
     def __init__(self, parts: Mapping[str, Callable[[], object]]) -> None:
@@ -29,7 +29,7 @@ class Readiness:
         self._seen = float("-inf")
 
     async def failing(self) -> list[str]:
-        """The names of the parts that do not answer, or not in time; as of the last second."""
+        """Names of the parts that do not answer, or not in time; as of the last second."""
         async with self._looking:
             if time.monotonic() > self._seen + FRESH:
                 self._failing = await self._look()

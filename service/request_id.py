@@ -1,4 +1,4 @@
-"""One id for a request and all that is logged because of it, in every process.
+"""Request ids: one for a request and all log lines that it causes, in every process.
 
 It comes from the client's `X-Request-ID` or is drawn here, is in the answer, is kept with the
 job that is made (see :mod:`service.correlation`), and so is in the lines of the worker and of the engine's process too.
@@ -18,24 +18,24 @@ from core.validation import shortened
 
 HEADER = "X-Request-ID"
 PROBES = ("/healthz", "/readyz")
-LONGEST_PATH = 300  # characters of it that are logged
+LONGEST_PATH = 300  # characters of a path that are logged
 VALID = re.compile(r"[A-Za-z0-9._:@+/=-]{1,128}")
 
 log = structlog.get_logger(__name__)
 
 
 def valid_request_id(text: object) -> str | None:
-    """The id where it can be one; anything else would let clients write into logs what they like."""
+    """Return the id if it is valid, else None; any other text would let clients inject into logs."""
     return text if isinstance(text, str) and VALID.fullmatch(text) else None
 
 
 def current_request_id() -> str | None:
-    """That of the request at work here."""
+    """Id of the request being handled in this context."""
     return valid_request_id(structlog.contextvars.get_contextvars().get("request"))
 
 
 class RequestId:
-    """Gives each request its id, and logs a line about its answer."""
+    """Middleware that gives each request its id, and logs its answer."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app

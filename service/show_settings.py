@@ -1,4 +1,4 @@
-"""What `python -m service --show-settings` prints: every setting, its value, and where that comes from."""
+"""Output of `python -m service --show-settings`: every setting, its value, and its origin."""
 
 import os
 import re
@@ -16,7 +16,8 @@ NOT_OURS = {f"{PREFIX}MODELS"}  # the engine's own: where its optional weights l
 def show_settings(
     settings: Settings, environment: Mapping[str, str] = os.environ, secrets: Path = SECRETS
 ) -> list[tuple[str, str, str]]:
-    """Each setting as (variable, value without what is secret, origin), then what looks like one and is none."""
+    """List each setting as (variable, value without secrets, origin), then the variables that look like one and are
+    none."""
     given = {name.upper() for name, value in environment.items() if value}
     filed = {path.name.upper() for path in secrets.iterdir()} if secrets.is_dir() else set()
 
@@ -27,17 +28,17 @@ def show_settings(
 
     variables = {f"{PREFIX}{name.upper()}": value for name, value in settings}
     rows = [(variable, without_secrets(as_variable(value)), origin(variable)) for variable, value in variables.items()]
-    strangers = {name for name in given | filed if name.startswith(PREFIX)} - variables.keys() - NOT_OURS
-    return rows + [(name, "(not a setting: ignored)", origin(name)) for name in sorted(strangers)]
+    unknown = {name for name in given | filed if name.startswith(PREFIX)} - variables.keys() - NOT_OURS
+    return rows + [(name, "(not a setting: ignored)", origin(name)) for name in sorted(unknown)]
 
 
 def as_variable(value: object) -> str:
-    """A setting's value as its variable says it."""
+    """Format a setting's value as in its variable."""
     if isinstance(value, tuple | frozenset):
         return ",".join(map(str, sorted(value) if isinstance(value, frozenset) else value))
     return "" if value is None else str(value)
 
 
 def without_secrets(value: str) -> str:
-    """A value without the password of a URL."""
+    """Mask the passwords of a URL."""
     return PASSWORD_PARAMETER.sub(rf"\g<1>{MASK}", PASSWORD.sub(rf"\g<1>{MASK}@", value))

@@ -1,4 +1,4 @@
-"""What the routes share."""
+"""Shared state of the routes."""
 
 from dataclasses import dataclass, field
 from functools import partial
@@ -21,7 +21,7 @@ from service.webhooks.vault import Vault
 
 @dataclass(frozen=True)
 class AppState:
-    """One app's settings and connections."""
+    """Settings, connections and concurrency limits of one application."""
 
     settings: Settings
     ledger: Ledger
@@ -38,7 +38,7 @@ class AppState:
 
 
 def state_of(request: Request) -> AppState:
-    """The state of the app that a request came to."""
+    """State of the application that a request came to."""
     state = request.app.state.meshmark
     assert isinstance(state, AppState)
     return state

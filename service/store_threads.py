@@ -1,6 +1,6 @@
-"""The threads in which requests wait for the artifact store, beside those that answer all others.
+"""Thread pools in which requests wait for the artifact store, beside the threads of all other requests.
 
-A store that hangs holds these up, until it is given up after half a minute, and nothing else.
+A store that hangs holds these threads up, until its requests time out after half a minute, and nothing else.
 """
 
 import math
@@ -13,21 +13,21 @@ from anyio import CapacityLimiter, fail_after, to_thread
 from core.errors import MeshmarkError
 from service.errors import ServiceErrorCode
 
-CONTENT = 32  # for uploads and downloads
-DELETIONS = 8  # fewer than the connections to the ledger: whoever deletes holds one until the store has answered
-PATIENCE = 30.0  # seconds until a thread is free
+CONTENT = 32  # threads for uploads and downloads
+DELETIONS = 8  # threads; fewer than connections to the ledger: a deletion holds one until the store answers
+PATIENCE = 30.0  # seconds to wait for a free thread
 
 T = TypeVar("T")
 
 
 class StoreThreads:
-    """So many threads."""
+    """Thread pool of a fixed size."""
 
     def __init__(self, number: int) -> None:
         self._places, self._threads = CapacityLimiter(number), CapacityLimiter(math.inf)
 
     async def run(self, work: Callable[[], T]) -> T:
-        """What some work returns, which is done in one of them once one is free.
+        """Run work in a thread of the pool once one is free; returns its result.
 
         Raises:
             MeshmarkError: ``service_unavailable``, none is free in time; and what the work raises.
@@ -48,6 +48,6 @@ class StoreThreads:
             self._places.release_on_behalf_of(place)
 
     async def each(self, chunks: Iterator[bytes]) -> AsyncIterator[bytes]:
-        """The chunks of some content, each brought in one of them."""
+        """Chunks of some content, each read in a thread of the pool."""
         while (chunk := await self.run(partial(next, chunks, None))) is not None:
             yield chunk

@@ -1,4 +1,4 @@
-"""What the command line does with the artifact store: check at start whose it is, and hand it over."""
+"""Commands and checks of the artifact store: claim it for the ledger at start, and hand it over."""
 
 import sys
 import time
@@ -14,21 +14,21 @@ from service.jobs.ownership import ForeignStoreError, adopt, claim
 from service.jobs.stores import open_store
 from service.webhooks.vault import UnreadableSecretError, Vault, read_keys, renew_secrets
 
-PATIENCE, PAUSE = 60.0, 1.0  # seconds
+PATIENCE, PAUSE = 60.0, 1.0  # seconds to wait for ledger and store in all, and between two attempts
 
 
 def require_own_store(settings: Settings, patience: float = PATIENCE) -> None:
-    """Claim the store for the ledger; where one of them does not answer, it is waited for: it may only be restarted.
+    """Claim the store for the ledger; retry while one of them does not answer, as it may be restarting.
 
     Raises:
-        SystemExit: with code 2 and a sentence on stderr, where the store is another's, the ledger can be none, or one
-            of them has not answered for so long.
+        SystemExit: with code 2 and a sentence on stderr, where the store is another's, the database can be no ledger,
+            or one of them has not answered for `patience` seconds.
     """
     _require(settings, lambda ledger: claim(ledger, open_store(settings)), patience)
 
 
 def require_secrets(settings: Settings, patience: float = PATIENCE) -> None:
-    """Encrypt the secrets of webhooks with the key that there is, for who needs them; a ledger is waited for likewise.
+    """Encrypt the stored secrets of webhooks with the current key, for processes that use them; retry likewise.
 
     Raises:
         SystemExit: with code 2 and a sentence on stderr, where one is encrypted with a key that is not known here.
@@ -55,7 +55,7 @@ def _require(settings: Settings, check: Callable[[Ledger], None], patience: floa
 
 
 def no_database(error: OperationalError) -> str:
-    """A sentence about a database that does not answer."""
+    """Sentence about a database that does not answer."""
     return f"The database does not answer: {' '.join(str(error.orig).split())} Check MESHMARK_DATABASE_URL."
 
 
@@ -65,7 +65,7 @@ def _failed(sentence: str) -> int:
 
 
 def run_adopt_store(settings: Settings) -> int:
-    """Hand the store over to the ledger, whosever it was; returns the exit code."""
+    """Hand the store over to the ledger, whichever ledger had it; returns the exit code."""
     with closing(Ledger(settings.ledger_url)) as ledger:
         store = open_store(settings)
         before = store.owner()

@@ -1,4 +1,4 @@
-"""From what a client asks for to a recorded job, whichever way the asset comes."""
+"""Submission of jobs: from a client's order to a recorded job, for every source of the asset."""
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, ExitStack
@@ -27,21 +27,21 @@ def _nothing(_session: Session, _job_id: str) -> None:
 
 @dataclass(frozen=True)
 class Order:
-    """What a client asks for.
+    """Order of a client for one job.
 
     Attributes:
-        tenant: whose job it will be.
-        filename: what the client calls the asset.
-        parameters: what to emboss and how.
-        metadata: what the client notes about the job.
-        asset: stages the asset while it is entered; None where a worker brings it later.
-        origin: where the worker brings it from, as far as it tells this order from another one.
-        record: called in the transaction that records the job, with its id: what else is recorded with it.
-        priority: which of the tenant's waiting jobs goes first.
-        webhook: where to tell how the job ends, if the client names it.
+        tenant: owner of the job.
+        filename: the client's name of the asset.
+        parameters: parameters of the engine.
+        metadata: the client's notes about the job.
+        asset: stages the asset while it is entered; None where a worker downloads it later.
+        origin: source of that download, as part of the request's fingerprint.
+        record: called with the job's id in the transaction that records the job, to record more with it.
+        priority: order among the tenant's own waiting jobs.
+        webhook: URL to notify of the job's end, if the client names one.
         font: stages the font, if there is one.
         key: the client's idempotency key.
-        cache: whether results that exist already will do.
+        cache: accept results that exist already.
     """
 
     tenant: str
@@ -59,22 +59,22 @@ class Order:
 
 
 class Accepted(NamedTuple):
-    """The job of an order; `replayed`: an earlier request with the same idempotency key had made it."""
+    """Job of an order; `replayed`: an earlier request with the same idempotency key had made it."""
 
     job: Job
     replayed: bool = False
 
 
 def submit(state: AppState, order: Order, known: Verdicts | None = None) -> Accepted:
-    """Record a job, unless what can be seen at once speaks against it. Announcing it is left to the caller.
+    """Check an order and record its job; announcing it is left to the caller.
 
     Args:
         state: the app's.
-        order: what is asked for.
-        known: what is known of the uploads of other orders of the same request.
+        order: the order.
+        known: verdicts on uploads, shared by the orders of one request.
 
     Raises:
-        MeshmarkError: what is wrong with the asset, the font, the text or the idempotency key; ``too_many_jobs``;
+        MeshmarkError: an error of the asset, the font, the text or the idempotency key; ``too_many_jobs``;
             ``quota_exceeded``.
         StoreUnavailableError: then nothing is recorded.
     """
@@ -123,7 +123,7 @@ def submit(state: AppState, order: Order, known: Verdicts | None = None) -> Acce
 
 
 def plain_name(filename: str | None) -> str:
-    """The last part of what somebody calls a file, without anything that does not print."""
+    """Last part of a file name: its last 120 printable characters; `asset` where there are none."""
     name = PurePath((filename or "").replace("\\", "/")).name
     return "".join(character for character in name if character.isprintable())[-120:] or "asset"
 

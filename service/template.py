@@ -1,13 +1,13 @@
-"""Processes for what is hostile, forked from one that has loaded what they need: their template.
+"""Templates (zygotes): processes for hostile input are forked from one that has loaded their libraries.
 
-Loading libraries takes up to seconds; in a template they are loaded once. It imports and then only forks: it reads
-nothing of what its children get, starts no thread and opens no device. There is one for each worker, of the processes
-of jobs (:mod:`worker.template`), and one for each API, of those of its gate (:mod:`worker.gate`).
+Loading libraries takes up to seconds; a template loads them once. It imports and then only forks: it reads nothing of
+its children's input, starts no thread and opens no device. There is one for each worker, of the processes of jobs
+(:mod:`worker.template`), and one for each API, of those of its gate (:mod:`worker.gate`).
 
 Its stdin is a socket. For each child its owner sends four descriptors: the child's line, its request, stderr and
-channel. On the line comes the process id of the child. When the owner shuts its side, or is gone, the template kills
-the child with all that it started, and its exit code comes. No child is waited for before that, so its process id stays
-its own.
+channel. On the line, a socket, comes the process id of the child. When the owner shuts its side, or is gone, the
+template kills the child with all that it started, and its exit code comes. No child is waited for before that, so its
+process id stays its own.
 """
 
 import gc
@@ -29,23 +29,23 @@ import structlog
 # A template that takes longer is stuck, and is killed.
 START_SECONDS = 120.0  # to load its libraries, perhaps from a cold disk, and to fork
 END_SECONDS = 20.0  # to kill a child, whose memory has to be freed
-TAIL = 4000  # last characters of stderr that are logged
+TAIL = 4000  # bytes at the end of stderr that are logged
 
-# What it gets of its owner's environment. The ledger's and the broker's passwords are not among it: its children
-# handle hostile input.
+# Environment variables that a template inherits from its owner. The ledger's and the broker's passwords are not among
+# them: its children handle hostile input.
 PASSED_ON = (
     *("PATH", "HOME", "LANG", "TZ", "PYTHONPATH", "VIRTUAL_ENV", "LD_LIBRARY_PATH"),
     *("MESHMARK_MODELS", "MESHMARK_DEVICE", "WARP_CACHE_PATH"),
 )
 PASSED_ON_PREFIXES = ("LC_", "XDG_", "OMP_", "MKL_", "OPENBLAS_", "CUDA_", "NVIDIA_", "TORCH_", "EGL_", "PYOPENGL_")
-# What tells the numeric libraries, libigl and Mesa's software renderer how many threads to use.
+# Variables that set the threads of the numeric libraries, libigl and Mesa's software renderer.
 THREADS = ("OMP_NUM_THREADS", "IGL_NUM_THREADS", "LP_NUM_THREADS")
 
 log = structlog.get_logger(__name__)
 
 
 class Child:
-    """A process that was asked of the template."""
+    """Process that a template was asked to fork."""
 
     def __init__(self, line: socket.socket, template: "subprocess.Popen[bytes]") -> None:
         self._line, self._template = line, template
@@ -55,7 +55,7 @@ class Child:
         """Its process id, once; None if it has not begun within these seconds.
 
         Raises:
-            EOFError: it never will.
+            EOFError: it will never begin.
         """
         self._line.settimeout(patience)
         try:
@@ -70,7 +70,7 @@ class Child:
         return int(said)
 
     def end(self) -> int | None:
-        """Kill it and all that it started.
+        """Kill the child and its process group.
 
         Returns:
             Its exit code, its own if it had ended by itself; None if it never began, or its template is gone.
@@ -88,10 +88,10 @@ class Child:
 
 
 class Template:
-    """The owner's side of it: starts the process when it is needed, and again when it has died.
+    """Owner's handle of a template process: starts it when it is needed, and again when it has died.
 
     Args:
-        command: what starts the process.
+        command: command line of the process.
         threads: how many a child may use.
         name: of the processes, for the log.
     """
@@ -102,7 +102,7 @@ class Template:
         self._process: subprocess.Popen[bytes] | None = None
 
     def start(self) -> None:
-        """Start it, without waiting until it has loaded everything."""
+        """Start the process, without waiting until it has loaded everything."""
         with self._lock:
             self._running()
 
@@ -116,7 +116,7 @@ class Template:
         return Child(ours, process)
 
     def close(self) -> None:
-        """End it, and with it every child."""
+        """End the process, and with it every child."""
         with self._lock:
             self._end()
 
@@ -151,7 +151,7 @@ class Template:
 
 
 def tail(stderr: IO[bytes]) -> str:
-    """The last of what a process wrote there."""
+    """End of a process's stderr, as text."""
     stderr.seek(max(0, stderr.seek(0, os.SEEK_END) - TAIL))
     return stderr.read().decode(errors="replace").strip()
 
