@@ -1,1 +1,1 @@
-"""Files dropped in a bucket: who tells of them, what is told, and what is made of it."""
+"""Upload hooks: configuration, authentication and parsing of notifications about files dropped in a bucket."""

@@ -1,4 +1,4 @@
-"""Which buckets are watched: a TOML file, see docker/hooks.example.toml."""
+"""Configuration of upload hooks, a TOML file: see docker/hooks.example.toml."""
 
 import re
 import tomllib
@@ -32,7 +32,7 @@ Prefix = Annotated[str, Field(min_length=1, max_length=500, pattern="^[^/].*/$")
 
 
 class HookSource(BaseModel):
-    """One bucket, or a part of it, and what is to be done with the files that come there."""
+    """Watched bucket or part of one, the credentials of its sender, and the parameters of its jobs."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -91,12 +91,12 @@ class HookSource(BaseModel):
         return self
 
     def output_key(self, key: str, suffix: str) -> str:
-        """Where what was made of the object at a key is written."""
+        """Key of an output that was made from the object at a key."""
         return self.output_prefix + key.removeprefix(self.input_prefix) + suffix
 
 
 class HooksFile(BaseModel):
-    """The whole file."""
+    """Schema of the hooks file."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -120,7 +120,7 @@ FILE = TypeAdapter(HooksFile)
 
 
 def load_hooks(path: Path) -> Mapping[str, HookSource]:
-    """The sources in a file, by name.
+    """Sources in a file, by name.
 
     Raises:
         ValueError: it cannot be read, or something in it cannot work; the message says what, and holds no secret.
@@ -140,6 +140,6 @@ def load_hooks(path: Path) -> Mapping[str, HookSource]:
 
 
 def secret_files(path: Path) -> list[Path]:
-    """The files in which secrets of the hooks in a file stand."""
+    """Files that hold secrets of the hooks in a file."""
     sources = tomllib.loads(path.read_text())["sources"].values()
     return [Path(value) for source in sources for name, value in source.items() if name.endswith(FROM_FILE)]

@@ -1,4 +1,4 @@
-"""What a notification tells: objects that were created in a bucket.
+"""Notifications about objects that were created in a bucket.
 
 Three shapes are read: the `Records` of Amazon S3 and MinIO, whose keys are URL-encoded; Amazon EventBridge's `detail`,
 whose keys are not; and a plain object with `bucket` and `key` or `name`, as Google's and other CloudEvents have it. A
@@ -18,7 +18,7 @@ CREATED = re.compile(r"object[ ._:-]?created|\.finalized$", re.IGNORECASE)
 
 
 class Event(NamedTuple):
-    """What happened to an object; `version` tells this content of it from another one."""
+    """Event about an object; `version` identifies this version of its content."""
 
     created: bool
     bucket: str
@@ -27,7 +27,7 @@ class Event(NamedTuple):
 
 
 def parse_notification(kind: str, headers: Mapping[str, str], body: bytes) -> list[Event]:
-    """What a request body tells; nothing, where it is a test message.
+    """Events in a request body; none, where it is a test message.
 
     Raises:
         MeshmarkError: ``invalid_request``.

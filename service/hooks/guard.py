@@ -1,4 +1,4 @@
-"""Whether a notification comes from whom it should."""
+"""Authentication of notifications, by token or HMAC signature."""
 
 import hashlib
 import hmac

@@ -1,7 +1,7 @@
-"""Letting a sender of CloudEvents send (CloudEvents, "HTTP 1.1 Web Hooks for Event Delivery" 1.0, section 4).
+"""Registration of CloudEvents senders (CloudEvents, "HTTP 1.1 Web Hooks for Event Delivery" 1.0, section 4).
 
-A sender asks before it sends, so that it cannot be made to flood somebody who expects nothing. This is no proof of
-who sends: see :mod:`service.hooks.guard`.
+A sender asks before it sends, so that it cannot be abused to flood a server that expects nothing. This does not
+authenticate the sender: see :mod:`service.hooks.guard`.
 """
 
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ from service.problems import ProblemError
 
 
 def grant(source: HookSource, headers: Mapping[str, str]) -> dict[str, str]:
-    """The headers that let the asking sender send, at whatever rate.
+    """Headers that permit the asking sender to send, at any rate.
 
     Raises:
         ProblemError: ``method_not_allowed``, the source is not configured to be sent to by it, or nobody asks.

@@ -1,1 +1,1 @@
-"""What service and worker share: the job ledger, leases, artifact storage, the name of the queue."""
+"""Parts shared by service and worker: job ledger, leases, artifact storage, queues."""

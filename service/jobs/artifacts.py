@@ -1,6 +1,6 @@
-"""Stored content, named by its SHA-256: what every store can do, and what all of them do alike.
+"""Artifact store: content addressed by its SHA-256. Its interface, and the staging that all stores share.
 
-Which rows refer to content, and when it may be removed, is no concern of a store: see :mod:`service.jobs.contents`.
+References to content, and its removal once there is none, are no concern of a store: see :mod:`service.jobs.contents`.
 """
 
 import hashlib
@@ -22,19 +22,19 @@ from core.errors import MeshmarkError
 from service.errors import ServiceErrorCode
 from service.jobs.reserve import Reserve
 
-CHUNK = 2**20
-BLOCK = 2**16  # bytes written to see whether there is room
-DRAFT = ".staged-"
-MARKER = "meshmark-ledger"  # names the ledger whose the store is: see service.jobs.ownership
-NAME = re.compile("[0-9a-f]{64}")  # what else lies in a store was not put there by us
-# Content without a reference that is younger than this may be that of a request still at work.
+CHUNK = 2**20  # bytes read or written at a time
+BLOCK = 2**16  # bytes written to probe the disk for room
+DRAFT = ".staged-"  # prefix of the names of unfinished files
+MARKER = "meshmark-ledger"  # name of the marker of the ledger that owns the store: see service.jobs.ownership
+NAME = re.compile("[0-9a-f]{64}")  # of content; files with other names in a store are not ours
+# Seconds for which content without a reference is kept: it may belong to a request in progress.
 GRACE = 3600.0
 
 log = structlog.get_logger(__name__)
 
 
 class StoreUnavailableError(MeshmarkError):
-    """The store does not answer, or has no room; it may soon."""
+    """Temporary failure: the store does not answer, or has no room."""
 
     def __init__(self) -> None:
         super().__init__(
@@ -61,7 +61,7 @@ class Stored(NamedTuple):
 
 
 class ArtifactStore(ABC):
-    """Content by its hash. What is there is complete and never changes.
+    """Content by its hash. Stored content is complete and never changes.
 
     Every method may raise StoreUnavailableError.
     """
@@ -70,16 +70,16 @@ class ArtifactStore(ABC):
         self._staging = staging
         staging.mkdir(parents=True, exist_ok=True)
         self.reserve = Reserve(staging)
-        with suppress(OSError):  # whoever stores something, or asks whether that is possible, is told
+        with suppress(OSError):  # reported by `stage_chunks` and `ping`
             self.reserve.keep()
 
     @abstractmethod
     def has(self, sha256: str) -> bool:
-        """Whether the content is there at this moment."""
+        """Test whether the content is there at this moment."""
 
     @abstractmethod
     def put(self, staged: Staged) -> None:
-        """Store content durably; storing it twice is as good as once."""
+        """Store content durably; storing it again changes nothing."""
 
     @abstractmethod
     def read(self, sha256: str, start: int, stop: int) -> Iterator[bytes]:
@@ -99,19 +99,20 @@ class ArtifactStore(ABC):
 
     @abstractmethod
     def owner(self) -> str | None:
-        """The ledger that the store is marked with; None where it is not."""
+        """Ledger in the store's marker; None where there is none."""
 
     @abstractmethod
     def mark(self, ledger: str) -> None:
-        """Mark the store as a ledger's, unless it is marked already; of any number at once, one succeeds."""
+        """Mark the store as a ledger's, unless it is marked already; of any number of concurrent calls, one
+        succeeds."""
 
     @abstractmethod
     def unmark(self) -> None:
-        """Remove the mark if there is one."""
+        """Remove the marker if there is one."""
 
     @abstractmethod
     def link(self, sha256: str) -> str | None:
-        """An address, good for some minutes, where anyone may fetch the content; None where there is no such thing."""
+        """Presigned URL of the content, valid for some minutes; None where the store has no such thing."""
 
     def ping(self) -> None:
         """Raise StoreUnavailableError where the store does not answer or does not exist, or the local disk is full."""
@@ -124,26 +125,26 @@ class ArtifactStore(ABC):
 
     @abstractmethod
     def put_upload(self, name: str, staged: Staged) -> None:
-        """Keep what a client sent ahead under a name, in place of what was there; see :mod:`service.jobs.uploads`."""
+        """Store an upload under a name, in place of an earlier one; see :mod:`service.jobs.uploads`."""
 
     @abstractmethod
     def read_upload(self, name: str) -> Iterator[bytes]:
-        """What was sent ahead under a name.
+        """Chunks of the upload under a name.
 
         Raises:
-            FileNotFoundError: at the first chunk, where nothing was.
+            FileNotFoundError: at the first chunk, where there is none.
         """
 
     @abstractmethod
     def remove_upload(self, name: str) -> None:
-        """Delete what was sent ahead under a name, if anything was."""
+        """Delete the upload under a name, if there is one."""
 
     @abstractmethod
     def upload_link(self, name: str, lifetime: timedelta) -> str | None:
-        """An address to which anyone may PUT an upload for so long; None where there is no such thing."""
+        """Presigned URL to PUT an upload to, valid for so long; None where the store has no such thing."""
 
     def spool(self) -> BinaryIO:
-        """A file without a name for what arrives, on the disk where content is staged; in memory while it is small."""
+        """Temporary file for arriving content, on the disk where it is staged; in memory while it is small."""
         file = tempfile.SpooledTemporaryFile(max_size=CHUNK, prefix=DRAFT, dir=os.fspath(self._staging))  # noqa: SIM115
         return cast(BinaryIO, file)
 
@@ -157,13 +158,13 @@ class ArtifactStore(ABC):
 
     @contextmanager
     def stage_chunks(self, chunks: Iterable[bytes], *, limit: int, name: str) -> Iterator[Staged]:
-        """As :meth:`stage`, from chunks."""
+        """Stage chunks, as :meth:`stage` does a stream."""
         with writing():
             self.reserve.keep()
             handle, temporary = tempfile.mkstemp(prefix=DRAFT, dir=self._staging)
         path = Path(temporary)
         try:
-            # Around all of it: what could not be written is tried once more by closing the file.
+            # Around all of it: closing the file retries a write that failed.
             with writing(), os.fdopen(handle, "wb") as target:
                 digest, size = hashlib.sha256(), 0
                 for chunk in chunks:
@@ -183,11 +184,11 @@ class ArtifactStore(ABC):
             path.unlink(missing_ok=True)
 
     def fetch(self, sha256: str, size: int, target: Path) -> None:
-        """Copy content into a file of one's own.
+        """Copy content into a file, and check its hash.
 
         Raises:
             FileNotFoundError: the content is not there.
-            ValueError: what is there is not what was stored.
+            ValueError: the stored content is damaged.
         """
         digest = hashlib.sha256()
         with writing():
@@ -214,7 +215,7 @@ class ArtifactStore(ABC):
             Path(path).unlink(missing_ok=True)
 
     def clear_staging(self, age: float) -> None:
-        """Remove what processes that were killed left on the local disk, once it is so many seconds old."""
+        """Remove the drafts that killed processes left on the local disk, once they are `age` seconds old."""
         for draft in self._staging.glob(f"{DRAFT}*"):
             with suppress(FileNotFoundError):
                 if draft.stat().st_mtime < time.time() - age:
@@ -223,7 +224,7 @@ class ArtifactStore(ABC):
 
 @contextmanager
 def writing() -> Iterator[None]:
-    """A disk that is full or broken is a store that is not available."""
+    """Report a full or broken disk as a store that is not available."""
     try:
         yield
     except OSError as error:

@@ -1,6 +1,6 @@
-"""Results that exist already: the engine is deterministic, so the same bytes and parameters need no second run.
+"""Cache of results: the engine is deterministic, so the same bytes and parameters need no second run.
 
-Only a tenant's own results count: whether somebody else had an asset watermarked is nobody's business.
+A tenant gets only its own results: whether another tenant had an asset watermarked is confidential.
 """
 
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ from service.jobs.models import ArtifactKind, Job, JobState
 
 
 def result_key(parameters: dict[str, Any], contents: Mapping[ArtifactKind, Content]) -> str | None:
-    """What tells a job's results from those of others; None while its asset is not known."""
+    """Cache key of a job's results; None while its asset is not known."""
     if ArtifactKind.INPUT not in contents:
         return None
     inputs = {kind.value: content.sha256 for kind, content in contents.items()}
@@ -25,7 +25,7 @@ def result_key(parameters: dict[str, Any], contents: Mapping[ArtifactKind, Conte
 
 
 def find_results(sessions: sessionmaker[Session], tenant: str, key: str | None) -> dict[ArtifactKind, Content]:
-    """What the tenant's latest job with this key made and still has; nothing where there is none."""
+    """Results of the tenant's latest succeeded job with this key, as far as they are still stored; else none."""
     if key is None:
         return {}
     with sessions() as session:

@@ -1,4 +1,4 @@
-"""What time it is."""
+"""Clocks: that of this machine, and that of the database."""
 
 from datetime import UTC, datetime
 
@@ -7,14 +7,14 @@ from sqlalchemy.orm import Session
 
 
 def now() -> datetime:
-    """The present moment by this machine's clock, UTC."""
+    """Current time by this machine's clock, UTC."""
     return datetime.now(UTC)
 
 
 def clock(session: Session) -> datetime:
-    """The present moment by the clock of the database, UTC: for what several machines compare.
+    """Current time by the database's clock, UTC: for times that several machines compare.
 
-    Those of machines differ, by more than a lease perhaps. SQLite has none but that of its one machine.
+    The clocks of machines may differ by more than a lease. SQLite has none but that of its one machine.
     """
     if session.get_bind().dialect.name == "sqlite":
         return now()

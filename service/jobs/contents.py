@@ -1,6 +1,6 @@
-"""Rows that refer to content, and the content itself: kept in agreement.
+"""Consistency of the ledger's references to content with the content in the store.
 
-What must hold: at every moment, each row of the ledger refers to content that the store has. Ledger and store know
+The invariant: at every moment, each row of the ledger refers to content that the store has. Ledger and store know
 nothing of each other's transactions, and content is shared by all jobs that have it, so two things could break it: a
 row is written while its content is being removed, or content is removed while a row for it is being written.
 
@@ -11,10 +11,10 @@ own lock, so it holds between machines):
   again, and the whole is tried again.
 - Content is removed only if no row refers to it at that moment, and the lock is held until the store has answered.
 
-Whoever comes first, the other one sees it: the remover sees the row, or the writer misses the content. Putting content
-needs no lock: what is put and never referred to, because the process died, is removed by the sweeper once it is older
-than GRACE. The grace period is not what makes this safe; it only spares content that is just about to be referred to
-from being put twice.
+Whichever comes first, the other one sees it: the remover sees the row, or the writer misses the content. Putting
+content needs no lock: content that is never referred to, because the process died, is removed by the sweeper once it is
+older than GRACE. The grace period is not what makes this safe; it only spares content that is just about to be
+referred to from being put twice.
 
 One assumption is left: a store does not carry out a deletion after its request was given up (after 30 seconds, and
 counted as failed).
@@ -36,7 +36,7 @@ from service.jobs.ledger import BY_DEFAULT, Content, Ledger, MissingContentError
 from service.jobs.models import ArtifactKind, Job, Lease
 from service.jobs.ownership import PAGE, claim
 
-TRIES = 5  # each lost one means that a remover came between two requests to the store
+TRIES = 5  # to put and record; each that fails means that a removal came between two requests to the store
 
 log = structlog.get_logger(__name__)
 T = TypeVar("T")
@@ -54,7 +54,7 @@ def create_job(
 
     Raises:
         StoreUnavailableError: then nothing is recorded.
-        MeshmarkError: what the submission's condition raises; then nothing is recorded and nothing kept.
+        MeshmarkError: raised by the submission's condition; then nothing is recorded and nothing kept.
     """
     contents = {kind: Content(item.sha256, item.size) for kind, item in staged.items()}
     key = result_key(parameters, contents)
@@ -63,7 +63,7 @@ def create_job(
     def record() -> Job:
         nonlocal may_reuse
         results = find_results(ledger.sessions, submission.tenant, key) if may_reuse else {}
-        may_reuse = False  # what was found may be on its way out, with its job: then the work is done anew
+        may_reuse = False  # the results found may be about to be deleted with their job: then the work is done anew
         return ledger.create(filename, parameters, contents, store.has, submission, key, results)
 
     try:
@@ -91,7 +91,8 @@ def publish(ledger: Ledger, store: ArtifactStore, lease: Lease, kind: ArtifactKi
 
 
 def discard(ledger: Ledger, store: ArtifactStore, hashes: Iterable[str]) -> None:
-    """Remove content that no row refers to any more; what the store does not remove now is left to the sweeper."""
+    """Remove content that no row refers to any more; the sweeper removes later whatever the store does not remove
+    now."""
     for sha256 in hashes:
         try:
             ledger.discard(sha256, store.remove)
@@ -100,7 +101,7 @@ def discard(ledger: Ledger, store: ArtifactStore, hashes: Iterable[str]) -> None
 
 
 def discard_orphans(ledger: Ledger, store: ArtifactStore, prefix: str = "", grace: float = GRACE) -> set[str]:
-    """Remove content that no row refers to and that is older than the grace period; returns what that is.
+    """Remove content that no row refers to and that is older than the grace period; returns its hashes.
 
     Raises:
         ForeignStoreError: the store is not this ledger's; nothing is removed.
@@ -118,7 +119,7 @@ def discard_orphans(ledger: Ledger, store: ArtifactStore, prefix: str = "", grac
 def _keep(store: ArtifactStore, staged: Collection[Staged], record: Callable[[], T]) -> T:
     for _ in range(TRIES):
         for item in staged:
-            store.put(item)  # also what is there: an answer that comes sooner would tell that somebody has sent it
+            store.put(item)  # also content that is there: a faster answer would reveal that another tenant has sent it
         with suppress(MissingContentError):
             return record()
     raise StoreUnavailableError

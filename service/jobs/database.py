@@ -1,4 +1,4 @@
-"""How the job ledger's database is reached."""
+"""Connections to the job ledger's database."""
 
 import sqlite3
 import time
@@ -11,20 +11,20 @@ from sqlalchemy.engine import Engine, make_url
 from sqlalchemy.orm import Session
 from sqlalchemy.pool import PoolProxiedConnection, QueuePool
 
-# What libpq is told, so that a server that vanished without a word is noticed. Seconds; the last in milliseconds.
+# Options of libpq that detect a server that vanished silently. Seconds; the last in milliseconds.
 PATIENCE = {"connect_timeout": 5, "keepalives_idle": 10, "keepalives_interval": 5, "tcp_user_timeout": 20_000}
 BUSY = 10.0  # seconds to wait for another process's lock on a SQLite file
-# The most connections of a process, opened when they are needed and kept: opening one costs more than most of what is
-# asked for. Who gets none for so many seconds gives up.
+# Connection pool of a process, filled on demand and kept: opening a connection costs more than most queries. Its
+# time-out: seconds to wait for a free connection.
 POOL: dict[str, Any] = {"pool_size": 15, "max_overflow": 0, "pool_timeout": 10}
 INSERT = {"sqlite": sqlite.insert, "postgresql": postgresql.insert}
 
 
 class Pool(QueuePool):
-    """Connections that are kept. That none comes free is one more way in which a database does not answer."""
+    """Connection pool that reports its exhaustion as OperationalError, as any database that does not answer."""
 
     def connect(self) -> PoolProxiedConnection:
-        """A connection, once there is one.
+        """Connection, once one is free.
 
         Raises:
             OperationalError: there is none in time.
@@ -69,5 +69,5 @@ def connect(url: str) -> Engine:
 
 
 def insert_into(session: Session, table: Any) -> Any:
-    """An INSERT that knows what to do where the row is there already (ON CONFLICT), which is no standard SQL."""
+    """INSERT with the dialect's ON CONFLICT clause, which is not standard SQL."""
     return INSERT[session.get_bind().dialect.name](table)

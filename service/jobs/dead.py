@@ -1,4 +1,4 @@
-"""Jobs that were given up because their workers died, each time: to be looked at, and tried once more."""
+"""Dead letters: jobs whose workers died at each attempt; to be listed, and retried."""
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session, sessionmaker
@@ -13,17 +13,17 @@ DEAD = (Job.state == JobState.FAILED, Job.error_code == ServiceErrorCode.WORKER_
 
 
 def dead_jobs(sessions: sessionmaker[Session], tenant: str | None = None) -> list[Job]:
-    """The dead jobs of a tenant, or of all of them; those that died first."""
+    """Dead jobs of a tenant, or of all of them; those that ended first come first."""
     dead = select(Job).where(*DEAD).order_by(Job.finished_at)
     with sessions() as session:
         return list(session.scalars(dead if tenant is None else dead.where(Job.tenant_id == tenant)))
 
 
 def retry(ledger: Ledger, store: ArtifactStore, job_id: str) -> Job:
-    """A new job of the same tenant with what a dead one was given; that one stays as it ended.
+    """Create a new job of the same tenant from the inputs of a dead one, which stays as it ended.
 
-    That of a dropped object takes the dead one's place: its results are written back, and its asset, where none was
-    brought yet, is brought from the bucket.
+    The new job of a dropped object takes the dead one's place: its results are written back, and its asset, if it was
+    not downloaded yet, is downloaded from the bucket.
 
     Raises:
         LookupError: there is no such job, or its files are gone.

@@ -1,9 +1,9 @@
-"""Objects that were dropped in a watched bucket: which job each made, and whether its results were written back.
+"""Objects dropped in a watched bucket, their jobs, and whether the results were written back.
 
-An object's id is a hash of its place and its version, so however often it is told of, it makes one job. Its row is
-recorded with the job; `output` then goes from pending to one of the other states, once, and what is pending is looked
-at again and again until it does. Writing twice is as good as once. Where a job that died is tried again as another one,
-its object is that one's from then on.
+An object's id is a hash of its place and its version, so however many notifications it has, it makes one job. Its row
+is recorded with the job; `output` then goes from pending to one of the other states, once, and pending rows are retried
+until it does. Writing is idempotent. When a dead job is retried as another one, its object belongs to that one from
+then on.
 """
 
 import hashlib
@@ -18,14 +18,14 @@ from service.jobs.clock import clock
 from service.jobs.ledger import ACTIVE
 from service.jobs.models import DroppedObject, Job
 
-TAKEN = timedelta(minutes=5)  # after which another worker tries, where one died
-LONGEST_PAUSE = 300.0
+TAKEN = timedelta(minutes=5)  # lease of a worker on an object: then another one may take it
+LONGEST_PAUSE = 300.0  # seconds of backoff at most
 
 Sessions = sessionmaker[Session]
 
 
 class Output(StrEnum):
-    """What became of a job's results."""
+    """State of writing a job's results back."""
 
     PENDING = "pending"
     WRITTEN = "written"
@@ -34,12 +34,12 @@ class Output(StrEnum):
 
 
 def identity(source: str, bucket: str, key: str, version: str) -> str:
-    """The id of one version of an object."""
+    """Id of one version of an object."""
     return hashlib.sha256(json.dumps([source, bucket, key, version]).encode()).hexdigest()
 
 
 def record(session: Session, job_id: str, object_id: str, source: str, key: str) -> None:
-    """Note what a job was made of, in the transaction that records the job.
+    """Record the object of a job, in the transaction that records the job.
 
     Raises:
         sqlalchemy.exc.IntegrityError: the object has a job already.
@@ -54,25 +54,26 @@ def record(session: Session, job_id: str, object_id: str, source: str, key: str)
 
 
 def hand_over(session: Session, job_id: str, successor: str) -> None:
-    """Make the object of a job that of another one, whose results are then the ones to be written."""
+    """Assign the object of a job to its successor, whose results are then the ones to be written."""
     values = {"job_id": successor, "output": Output.PENDING, "tries": 0, "due_at": clock(session)}
     session.execute(update(DroppedObject).where(DroppedObject.job_id == job_id).values(**values))
 
 
 def job_of(sessions: Sessions, object_id: str) -> str | None:
-    """The job of an object, if it has one."""
+    """Job of an object, if it has one."""
     with sessions() as session:
         return session.scalar(select(DroppedObject.job_id).where(DroppedObject.id == object_id))
 
 
 def object_of(sessions: Sessions, job_id: str) -> DroppedObject | None:
-    """The object that a job was made of, if it was."""
+    """Object that a job was made of, if it was."""
     with sessions() as session:
         return session.scalar(select(DroppedObject).where(DroppedObject.job_id == job_id))
 
 
 def take_due(sessions: Sessions, source: str) -> DroppedObject | None:
-    """An object of a hook whose job has ended and whose results are to be written; nobody else gets it for a while."""
+    """Take an object of a hook whose job has ended and whose results are to be written; for TAKEN, no other worker gets
+    it."""
     with sessions() as session:
         moment = clock(session)
         pending = (
@@ -85,7 +86,7 @@ def take_due(sessions: Sessions, source: str) -> DroppedObject | None:
             .join(Job, Job.id == DroppedObject.job_id)
             .where(*pending, Job.state.not_in(ACTIVE))
             .order_by(DroppedObject.due_at)
-            .limit(20)  # of which others may take some at this moment
+            .limit(20)  # candidates, some of which other workers may take at this moment
         )
         found = list(session.scalars(due))
     for item in found:
@@ -96,7 +97,7 @@ def take_due(sessions: Sessions, source: str) -> DroppedObject | None:
 
 
 def settle(sessions: Sessions, item: DroppedObject, output: Output) -> None:
-    """Say what became of the results of an object that was taken, unless it was handed over or taken again since.
+    """Record the outcome of an object that was taken, unless it was handed over or taken again since.
 
     Where they were written, those of a later version that came meanwhile are written again: they may be under them.
     """
@@ -110,11 +111,11 @@ def settle(sessions: Sessions, item: DroppedObject, output: Output) -> None:
         session.execute(update(DroppedObject).where(*_taken(item)).values(output=output))
         if output is Output.WRITTEN:
             again = {"output": Output.PENDING, "due_at": clock(session), "tries": DroppedObject.tries + 1}
-            session.execute(update(DroppedObject).where(*later).values(**again))  # whoever writes it is too late
+            session.execute(update(DroppedObject).where(*later).values(**again))  # voids a settlement under way
 
 
 def postpone(sessions: Sessions, item: DroppedObject) -> None:
-    """Let an object that was taken be tried again, after a pause that grows."""
+    """Release an object that was taken for another attempt, with exponential backoff."""
     pause = min(2.0 ** min(item.tries, 16), LONGEST_PAUSE)
     with sessions.begin() as session:
         later = update(DroppedObject).where(*_taken(item))
@@ -122,7 +123,7 @@ def postpone(sessions: Sessions, item: DroppedObject) -> None:
 
 
 def is_superseded(sessions: Sessions, item: DroppedObject) -> bool:
-    """Whether a later version of the object came."""
+    """Test whether a later version of the object came."""
     later = aliased(DroppedObject)
     there = exists().where(later.source == item.source, later.key == item.key, later.created_at > item.created_at)
     with sessions() as session:
@@ -130,14 +131,14 @@ def is_superseded(sessions: Sessions, item: DroppedObject) -> bool:
 
 
 def _change(sessions: Sessions, item: DroppedObject, **values: object) -> bool:
-    """Change a row that nobody else has changed since it was read."""
+    """Change a row unless another process has changed it since it was read (compare-and-set)."""
     with sessions.begin() as session:
         changed = update(DroppedObject).where(*_taken(item)).values(**values).returning(DroppedObject.id)
         return session.scalar(changed.execution_options(synchronize_session=False)) is not None
 
 
 def _taken(item: DroppedObject) -> tuple[ColumnElement[bool], ...]:
-    """That an object is as it was when it was read or taken."""
+    """Condition that an object is unchanged since it was read or taken."""
     return (
         DroppedObject.id == item.id,
         DroppedObject.job_id == item.job_id,

@@ -1,7 +1,7 @@
-"""What a client said about a job goes with its files when the client deletes it; that there was a job stays.
+"""Erasure of a job's client data, with its files, when the client deletes it; the job's row stays.
 
-What stays is its id, its state and times, and the code of its error. An event that is yet to be told by a webhook keeps
-what it has to tell until it is told, or given up.
+Its id, its state and times, and the code of its error stay. An event with a pending webhook keeps its content until the
+webhook is delivered or given up.
 """
 
 from sqlalchemy import delete, exists, select, update
@@ -13,7 +13,7 @@ ERASED = {"detail": "What it was is erased with the job's files.", "remedy": "Se
 
 
 def erase_job(session: Session, job_id: str) -> None:
-    """Erase what was said about a job that has ended, in a transaction that has locked it."""
+    """Erase the client's data of a job that has ended, in a transaction that has locked it."""
     job = session.get_one(Job, job_id, populate_existing=True)
     values = {"erased": True, "filename": "erased", "parameters": {}, "webhook": None, "result_key": None}
     if job.error_code:
@@ -24,7 +24,7 @@ def erase_job(session: Session, job_id: str) -> None:
 
 
 def erase_events(session: Session, job_id: str) -> None:
-    """Erase what was said about a job from those of its events that are not to be told any more."""
+    """Erase the client's data from those events of a job that have no pending webhook."""
     to_be_told = exists().where(
         WebhookDelivery.job_id == JobEvent.job_id,
         WebhookDelivery.event_number == JobEvent.number,

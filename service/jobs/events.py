@@ -1,9 +1,9 @@
-"""The log of what happens to jobs, from which clients are told: by streams, and by webhooks.
+"""Event log of jobs, from which clients are notified: by streams, and by webhooks.
 
-An event is written by the transaction that makes it happen (a transactional outbox), so that no crash can lose it or
-have it told of something that did not happen. That transaction holds the job's row, so a job's events are numbered in
-the order in which they become visible: whoever has read up to a number has missed nothing before it. The same
-transaction addresses the event to the webhook endpoints that want it.
+An event is written by the transaction that makes it happen (a transactional outbox), so no crash can lose it, or send
+one that did not happen. That transaction holds the job's row, so a job's events are numbered in the order in which they
+become visible: a reader up to a number has missed nothing before it. The same transaction addresses the event to the
+webhook endpoints that want it.
 """
 
 import uuid
@@ -15,12 +15,12 @@ from sqlalchemy.orm import Session, sessionmaker
 
 from service.jobs.models import EventType, Job, JobEvent, JobState, WebhookDelivery, WebhookEndpoint
 
-KEPT = timedelta(days=30)
-ENDINGS = (EventType.SUCCEEDED, EventType.FAILED, EventType.CANCELED, EventType.EXPIRED)  # what webhooks tell of
+KEPT = timedelta(days=30)  # retention of events
+ENDINGS = (EventType.SUCCEEDED, EventType.FAILED, EventType.CANCELED, EventType.EXPIRED)  # types sent by webhooks
 
 
 def record(session: Session, job_id: str, event: EventType, moment: datetime) -> None:
-    """Write down what the transaction has just done to a job. Call it once the job's row is changed, and so locked."""
+    """Record the event of a transaction's change to a job. Call it once the job's row is changed, and so locked."""
     counted = update(Job).where(Job.id == job_id).values(event_count=Job.event_count + 1)
     session.execute(counted.execution_options(synchronize_session=False))
     job = session.get_one(Job, job_id, populate_existing=True)
@@ -31,7 +31,7 @@ def record(session: Session, job_id: str, event: EventType, moment: datetime) ->
 
 
 def _address(session: Session, job: Job, event: EventType, moment: datetime) -> None:
-    """Note to whom a job's latest event is to be told."""
+    """Create deliveries of a job's latest event to the webhook endpoints that want it."""
     enabled = (WebhookEndpoint.tenant_id == job.tenant_id, WebhookEndpoint.disabled_reason.is_(None))
     # The lock of a foreign key, before it is written: an endpoint that is being deleted must not fail the job.
     endpoints = select(WebhookEndpoint).where(*enabled).with_for_update(read=True, key_share=True)
@@ -71,7 +71,7 @@ def snapshot(job: Job) -> dict[str, Any]:
 
 
 def rfc3339(moment: datetime) -> str:
-    """A time as the API writes it."""
+    """Format a time as the API does."""
     return moment.astimezone(UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
 
 
@@ -83,7 +83,7 @@ def read(sessions: sessionmaker[Session], job_id: str, after: int = 0) -> list[J
 
 
 def forget(sessions: sessionmaker[Session], before: datetime) -> None:
-    """Delete the events from before a moment, of jobs that have ended."""
+    """Delete the events of ended jobs from before a moment."""
     ended = select(Job.id).where(Job.state.not_in((JobState.QUEUED, JobState.RUNNING)))
     with sessions.begin() as session:
         session.execute(delete(JobEvent).where(JobEvent.created_at < before, JobEvent.job_id.in_(ended)))

@@ -1,4 +1,4 @@
-"""Content in a folder that API and workers share."""
+"""Artifact store in a folder that API and workers share."""
 
 import os
 import tempfile
@@ -18,11 +18,11 @@ class FolderStore(ArtifactStore):
         self.root = root
 
     def path(self, sha256: str) -> Path:
-        """Where this content is or would be."""
+        """Path of this content, whether or not it exists."""
         return self.root / sha256[:2] / sha256
 
     def has(self, sha256: str) -> bool:
-        """Whether the file is there."""
+        """Test whether the file exists."""
         return self.path(sha256).exists()
 
     def put(self, staged: Staged) -> None:
@@ -55,7 +55,7 @@ class FolderStore(ArtifactStore):
                     yield Stored(path.name, datetime.fromtimestamp(path.stat().st_mtime, UTC))
 
     def owner(self) -> str | None:
-        """What the marker file says."""
+        """Read the marker file."""
         try:
             return (self.root / MARKER).read_text()
         except FileNotFoundError:
@@ -79,7 +79,7 @@ class FolderStore(ArtifactStore):
         return f"The folder {self.root}"
 
     def link(self, sha256: str) -> None:  # noqa: ARG002
-        """A folder has no addresses."""
+        """Return None: a folder has no URLs."""
         return
 
     def put_upload(self, name: str, staged: Staged) -> None:
@@ -101,7 +101,7 @@ class FolderStore(ArtifactStore):
             self._upload(name).unlink(missing_ok=True)
 
     def upload_link(self, name: str, lifetime: timedelta) -> None:  # noqa: ARG002
-        """A folder has no addresses."""
+        """Return None: a folder has no URLs."""
         return
 
     def _upload(self, name: str) -> Path:

@@ -1,9 +1,9 @@
-"""Requests that may be sent again: one key, one job (draft-ietf-httpapi-idempotency-key-header).
+"""Idempotency keys: one key, one job (draft-ietf-httpapi-idempotency-key-header).
 
 A request first reserves its key, then records its job and settles the key in one transaction. A reservation holds for
-seconds only, so that a process that was killed blocks nobody for long; while the request is at work it is renewed, for
-a store that is slow may take its time. Its token keeps one that was overtaken from recording a second job. A request
-that fails gives its key back.
+seconds only, so that a killed process does not block the key for long; while the request is in progress it is renewed,
+for a slow store may take its time. Its token keeps a request whose reservation has expired from recording a second job.
+A request that fails releases its key.
 """
 
 import hashlib
@@ -27,14 +27,14 @@ from service.jobs.clock import clock
 from service.jobs.database import insert_into
 from service.jobs.models import IdempotencyKey
 
-HELD, RENEWED = timedelta(seconds=15), 5.0  # seconds between two renewals
-KEPT = timedelta(hours=24)
+HELD, RENEWED = timedelta(seconds=15), 5.0  # lifetime of a reservation; seconds between two renewals
+KEPT = timedelta(hours=24)  # retention of a key with its job
 
 log = structlog.get_logger(__name__)
 
 
 class Reservation(NamedTuple):
-    """The right to record the job of a key. Every reservation has another token, so an old one records nothing."""
+    """Right to record the job of a key. Every reservation has another token, so an old one records nothing."""
 
     tenant: str
     key: str
@@ -42,12 +42,12 @@ class Reservation(NamedTuple):
 
 
 def fingerprint(content: dict[str, Any]) -> str:
-    """What tells a request from another one: the SHA-256 of what it asks for."""
+    """Fingerprint of a request: the SHA-256 of its content."""
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def reserve(sessions: sessionmaker[Session], tenant: str, key: str, print_: str) -> Reservation | str:
-    """The right to record this key's job, or the id of the job that was recorded.
+    """Reserve a key; returns the reservation, or the id of the job that the key has already.
 
     Raises:
         MeshmarkError: ``idempotency_key_reused``, the key is that of another request; ``idempotency_key_in_use``, a
@@ -79,7 +79,7 @@ def reserve(sessions: sessionmaker[Session], tenant: str, key: str, print_: str)
 
 
 def settle(session: Session, reservation: Reservation, job_id: str) -> None:
-    """Note the job of a key, in the transaction that records the job.
+    """Record the job of a key, in the transaction that records the job.
 
     Raises:
         MeshmarkError: ``idempotency_key_in_use``, the reservation was given to another request meanwhile.
@@ -92,8 +92,7 @@ def settle(session: Session, reservation: Reservation, job_id: str) -> None:
 
 @contextmanager
 def holding(sessions: sessionmaker[Session], reservation: Reservation) -> Iterator[None]:
-    """Keep a key reserved while something is done with its reservation, and let it be used again at once if that
-    fails."""
+    """Renew a reservation during the block, and release its key at once if the block fails."""
     over = threading.Event()
     renewing = in_background("key", _renew_until, over, sessions, reservation)
     try:
@@ -107,7 +106,7 @@ def holding(sessions: sessionmaker[Session], reservation: Reservation) -> Iterat
         raise
     finally:
         over.set()
-        renewing.join(RENEWED)  # a renewal that has begun ends before whoever holds the key goes on
+        renewing.join(RENEWED)  # a renewal that has begun ends before the caller goes on
 
 
 def _renew_until(over: threading.Event, sessions: sessionmaker[Session], reservation: Reservation) -> None:
@@ -124,7 +123,7 @@ def _renew_until(over: threading.Event, sessions: sessionmaker[Session], reserva
 
 
 def forget(sessions: sessionmaker[Session]) -> None:
-    """Delete the keys whose time is over."""
+    """Delete expired keys."""
     with sessions.begin() as session:
         session.execute(delete(IdempotencyKey).where(IdempotencyKey.expires_at < clock(session)))
 

@@ -1,17 +1,17 @@
-"""The job ledger: the one truth about every job.
+"""The job ledger: the single source of truth about every job.
 
 Every transition is a single compare-and-set UPDATE, so any number of workers and duplicate messages may race for a
 job and exactly one wins: PostgreSQL (READ COMMITTED) looks at the condition again once it has waited for the row, and
 SQLite has one writer. A transaction that goes on to change a job's artifacts begins with such an UPDATE of the job, and
-thereby locks it. What takes many rows leaves out those that another process is at (SKIP LOCKED), so that no two can
-wait for each other in a circle.
+thereby locks it. A statement over many rows skips those that another process has locked (SKIP LOCKED), so that no
+two can deadlock.
 
 A worker's right to change a job is its lease: it is renewed by heartbeats, and it is void as soon as the job was
 canceled, given to another worker, or finished.
 
 Moments that are compared are those of the database's own clock: see :mod:`service.jobs.clock`.
 
-What happens to a job is told by the transaction that makes it happen: see :mod:`service.jobs.events`.
+The event of a change is recorded by the transaction of the change: see :mod:`service.jobs.events`.
 """
 
 import uuid
@@ -51,11 +51,11 @@ from service.jobs.quota import add_stored
 from service.metrics import JOBS_ACCEPTED, ended
 
 ACTIVE = (JobState.QUEUED, JobState.RUNNING)
-WITHOUT_RESULTS = (JobState.FAILED, JobState.CANCELED, JobState.EXPIRED)  # of the states in which a job has ended
+WITHOUT_RESULTS = (JobState.FAILED, JobState.CANCELED, JobState.EXPIRED)  # terminal states of a job that has none
 BATCH = 50  # old jobs forgotten in one transaction, with some ten rows each
-# What a transaction begins with that no other one with the same key shall run beside. SQLite has one lock for all.
+# First statement of a transaction that excludes all others with the same key. SQLite has one lock for all.
 ONE_AT_A_TIME = {"sqlite": text("BEGIN IMMEDIATE"), "postgresql": text("SELECT pg_advisory_xact_lock(:key)")}
-MIGRATION = 7239017  # a key of its own: any constant
+MIGRATION = 7239017  # key of that lock for migrations: an arbitrary constant
 OUTPUTS = (ArtifactKind.MODEL, ArtifactKind.REPORT, ArtifactKind.PREVIEW)
 
 
@@ -68,11 +68,11 @@ class Content(NamedTuple):
 
 @dataclass(frozen=True)
 class Submission:
-    """On whose behalf a job is recorded, and what comes with it.
+    """Tenant of a new job, and the options that come with it.
 
-    `cache` lets the results of an earlier job be its own: see :mod:`service.jobs.cache`.
-    `condition` is called in the transaction that records the job, with its id, once the job is there for it to see.
-    What it raises undoes everything.
+    `cache` allows it the results of an earlier job: see :mod:`service.jobs.cache`.
+    `condition` is called in the transaction that records the job, with its id, after the job was added;
+    an error in it rolls the transaction back.
     """
 
     tenant: str = DEFAULT_TENANT
@@ -102,7 +102,7 @@ class Ledger:
         url: as SQLAlchemy writes it.
         retention: seconds after its end at which a job expires; 0: never.
 
-    `identity` tells this ledger from every other one.
+    `identity` is the unique id of this ledger.
 
     Raises:
         OperationalError: the database does not answer.
@@ -130,7 +130,7 @@ class Ledger:
 
     @property
     def sessions(self) -> sessionmaker[Session]:
-        """For what stands beside the jobs, in files of its own."""
+        """Session factory, for the modules beside this one."""
         return self._session
 
     def close(self) -> None:
@@ -138,7 +138,7 @@ class Ledger:
         self._engine.dispose()
 
     def ping(self) -> None:
-        """Raise an error where the database does not answer, or takes nothing, as on a full disk."""
+        """Raise an error where the database does not answer, or accepts no writes, as on a full disk."""
         with self._engine.begin() as connection:
             connection.execute(update(Identity).values(id=Identity.id))
 
@@ -214,7 +214,7 @@ class Ledger:
             return session.get(Job, job_id) if claimed else None
 
     def heartbeat(self, lease: Lease, lease_seconds: float, stage: str | None, progress: float) -> bool:
-        """Renew the lease and note where the work stands; False when the lease is void."""
+        """Renew the lease and record stage and progress; False when the lease is void."""
         with self._session.begin() as session:
             moment = clock(session)
             expiry = moment + timedelta(seconds=lease_seconds)
@@ -288,7 +288,7 @@ class Ledger:
             return self._drop(session, job_id)
 
     def overdue(self, limit: int = 100) -> list[str]:
-        """Ended jobs that have expired and whose files are still there; those that expired first."""
+        """Jobs that have expired and whose files are still there; those that expired first come first."""
         with self._session() as session:
             expired = select(Job.id).where(Job.purge_at < clock(session)).order_by(Job.purge_at).limit(limit)
             return list(session.scalars(expired))
@@ -301,9 +301,9 @@ class Ledger:
             return self._drop(session, lease.job_id, Artifact.kind.in_(OUTPUTS))
 
     def forget(self, age: timedelta, limit: int = BATCH) -> tuple[int, set[str]]:
-        """Delete some of the jobs that ended so long ago, with all that refers to them, but such that have results.
+        """Delete up to `limit` jobs without results that ended more than `age` ago, with all that refers to them.
 
-        Returns how many they were, and the hashes of their files: other jobs may have the same.
+        Returns their number, and the hashes of their files: other jobs may have the same.
         """
         with self._session.begin() as session:
             old = (Job.state.in_(WITHOUT_RESULTS), Job.finished_at < clock(session) - age)
@@ -323,7 +323,7 @@ class Ledger:
 
     @staticmethod
     def _drop(session: Session, job_id: str, *which: ColumnElement[bool]) -> set[str]:
-        """Forget files of a job that is locked; all of them, or those that a condition is true of."""
+        """Forget files of a job that is locked: those that meet the conditions, all without any."""
         dropped = delete(Artifact).where(Artifact.job_id == job_id, *which).returning(Artifact.sha256, Artifact.size)
         rows = session.execute(dropped.execution_options(synchronize_session=False)).all()
         if rows:
@@ -331,20 +331,20 @@ class Ledger:
         return {row.sha256 for row in rows}
 
     def unreferenced(self, hashes: Iterable[str]) -> set[str]:
-        """Those hashes that no job refers to at the moment."""
+        """Select those hashes that no job refers to at the moment."""
         candidates = set(hashes)
         with self._session() as session:
             return candidates - set(session.scalars(select(Artifact.sha256).where(Artifact.sha256.in_(candidates))))
 
     def discard(self, sha256: str, remove: Callable[[str], None]) -> None:
-        """Remove content, unless a job refers to it; nobody begins to meanwhile."""
+        """Remove content unless a job refers to it; no job can begin to meanwhile."""
         with self._session.begin() as session:
             _wait_for_turn(session, {_key(sha256)})
             if session.scalar(select(Artifact.job_id).where(Artifact.sha256 == sha256).limit(1)) is None:
                 remove(sha256)
 
     def recover(self, max_attempts: int, error: MeshmarkError) -> tuple[list[str], list[str]]:
-        """Take running jobs from workers that fell silent: (requeued ids, failed ids)."""
+        """Requeue or fail running jobs whose leases have expired: (requeued ids, failed ids)."""
         requeued: list[str] = []
         failed: list[str] = []
         with self._session.begin() as session:
@@ -363,7 +363,7 @@ class Ledger:
         return requeued, failed
 
     def waiting(self, seconds: float, queue: Queue = Queue.SMALL, limit: int = 1000) -> list[str]:
-        """Jobs queued and not announced for so long. They count as announced from here on, so announce them."""
+        """Queued jobs that were not announced for so many seconds. They count as announced now, so announce them."""
         with self._session.begin() as session:
             moment = clock(session)
             silent = (
@@ -376,13 +376,13 @@ class Ledger:
             return list(session.scalars(announced))
 
     def running(self) -> set[Lease]:
-        """The leases held now."""
+        """Leases held now."""
         with self._session() as session:
             rows = session.execute(select(Job.id, Job.lease_token).where(Job.state == JobState.RUNNING))
             return {Lease(job_id, token) for job_id, token in rows}
 
     def _lock(self, session: Session, condition: Iterable[ColumnElement[bool]]) -> bool:
-        """Keep everyone from changing a job until the commit; False where it is not as the condition says."""
+        """Lock a job until the commit; False where the condition does not hold."""
         return self._set(session, condition, lease_token=Job.lease_token)
 
     def _finished(self, moment: datetime, error: MeshmarkError | None = None) -> dict[str, Any]:
@@ -408,7 +408,7 @@ class Ledger:
         moment: datetime,
         **values: Any,
     ) -> bool:
-        """Bring a job into a state and tell of it; False where it is not as the condition says."""
+        """Bring a job into a state and record the event; False where the condition does not hold."""
         moved = cls._set(session, (Job.id == job_id, *condition), state=state, **values)
         if moved:
             record(session, job_id, EventType.into(state), moment)
@@ -427,7 +427,7 @@ def _tenant_of(session: Session, job_id: str) -> str:
 
 
 def _why_unusable(error: BaseException) -> str | None:
-    """What is wrong with the database itself; None where it may only not answer, or the fault is another's."""
+    """Reason why the database cannot be the ledger; None for an outage, or an error of another kind."""
     if isinstance(error, NewerSchemaError):
         return f"it is of a later version of Meshmark, or another program's (schema {error})"
     if isinstance(error, DatabaseError) and not isinstance(error, OperationalError):
@@ -444,7 +444,7 @@ def _queued(moment: datetime) -> dict[str, Any]:
 
 
 def _wait_for_turn(transaction: Connection | Session, keys: Iterable[int]) -> None:
-    """Begin a transaction that no other one with one of these keys runs beside, until it commits."""
+    """Begin a transaction that excludes all others with one of these keys, until it commits."""
     dialect = transaction.get_bind().dialect.name if isinstance(transaction, Session) else transaction.dialect.name
     if dialect == "sqlite":
         transaction.execute(ONE_AT_A_TIME[dialect])

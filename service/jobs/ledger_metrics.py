@@ -1,6 +1,6 @@
-"""What the ledger knows of the jobs that have not ended, looked up when Prometheus asks.
+"""Metrics of the jobs that have not ended, read from the ledger at each scrape.
 
-Only those: what has ended may be many millions, and is counted by the process that ended it.
+Ended jobs may be many millions; they are counted by the processes that ended them.
 """
 
 from collections.abc import Iterator
@@ -22,13 +22,13 @@ log = structlog.get_logger(__name__)
 
 
 class LedgerCollector(Collector):
-    """Jobs by state and queue, how long the oldest one in each queue waits, and webhooks that are to be sent."""
+    """Collects jobs by state and queue, the age of the oldest waiting job of each queue, and pending webhooks."""
 
     def __init__(self, sessions: sessionmaker[Session]) -> None:
         self._sessions = sessions
 
     def collect(self) -> Iterator[Metric]:
-        """The figures of this moment; where the ledger does not answer, that alone."""
+        """Yield the current metrics; where the ledger does not answer, that alone."""
         up = GaugeMetricFamily("meshmark_ledger_up", "1 where the ledger answered, else 0.")
         try:
             with self._sessions() as session:

@@ -1,4 +1,4 @@
-"""How much one key may ask for, and how much of one tenant's may wait and run at a time."""
+"""Rate limit of an API key's requests, and limit of a tenant's active jobs."""
 
 from sqlalchemy import case, func, select, update
 from sqlalchemy.orm import Session, sessionmaker
@@ -9,7 +9,7 @@ from service.jobs.clock import clock
 from service.jobs.ledger import ACTIVE
 from service.jobs.models import ApiKey, Job, Tenant
 
-MINUTE = 60.0
+MINUTE = 60.0  # seconds
 
 
 def spend(sessions: sessionmaker[Session], key_id: str, per_minute: int) -> float:

@@ -15,14 +15,14 @@ POSITION = re.compile(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{6}) ([\x21-\x7e]{1,3
 
 
 class Position(NamedTuple):
-    """Where a job stands in the list."""
+    """Position of a job in the list."""
 
     created_at: datetime
     id: str
 
 
 class Filters(NamedTuple):
-    """What the jobs of a list have in common; None: whatever it is."""
+    """Filters of a list of jobs; None: no filter."""
 
     state: JobState | None = None
     created_after: datetime | None = None

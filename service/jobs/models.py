@@ -22,7 +22,7 @@ from sqlalchemy import (
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 
 BIG = BigInteger().with_variant(Integer, "sqlite")  # bytes
-DEFAULT_TENANT = "default"  # whose the jobs of a service without keys are
+DEFAULT_TENANT = "default"  # the owner of all jobs of a service without keys
 
 
 class JobState(StrEnum):
@@ -49,7 +49,7 @@ class EventType(StrEnum):
 
     @classmethod
     def into(cls, state: JobState) -> "EventType":
-        """That a job came into a state."""
+        """Event type of a job that enters a state."""
         return cls(f"watermark.{state}")
 
 
@@ -69,7 +69,7 @@ class DisabledReason(StrEnum):
 
 
 class Queue(StrEnum):
-    """Where a job waits: for any worker, for one with room for large assets, for one with a GPU."""
+    """Queue of a job: for any worker, for one with room for large assets, for one with a GPU."""
 
     SMALL = "small"
     LARGE = "large"
@@ -77,7 +77,7 @@ class Queue(StrEnum):
 
 
 class Priority(IntEnum):
-    """Which of a tenant's waiting jobs goes first."""
+    """Priority among a tenant's own waiting jobs; the lowest number goes first."""
 
     HIGH = 0
     NORMAL = 1
@@ -85,7 +85,7 @@ class Priority(IntEnum):
 
 
 class ArtifactKind(StrEnum):
-    """What a stored file is to its job."""
+    """Role of a stored file in its job."""
 
     INPUT = "input"
     FONT = "font"
@@ -138,7 +138,7 @@ class Base(DeclarativeBase):
 
 
 class Identity(Base):
-    """The one row that tells this ledger from every other; see :mod:`service.jobs.ownership`."""
+    """Unique id of this ledger, in a single row; see :mod:`service.jobs.ownership`."""
 
     __tablename__ = "ledger_identity"
 
@@ -146,7 +146,7 @@ class Identity(Base):
 
 
 class Tenant(Base):
-    """Whose jobs and keys there are."""
+    """Tenant: the owner of jobs and API keys."""
 
     __tablename__ = "tenants"
 
@@ -156,7 +156,7 @@ class Tenant(Base):
 
 
 class ApiKey(Base):
-    """What a client of a tenant shows with each request; see :mod:`service.jobs.tenants`."""
+    """API key of a tenant's client, checked with each request; see :mod:`service.jobs.tenants`."""
 
     __tablename__ = "api_keys"
 
@@ -173,7 +173,7 @@ class ApiKey(Base):
 
 
 class Job(Base):
-    """One watermarking request and what became of it."""
+    """Watermarking job: its request, its state and its results."""
 
     __tablename__ = "jobs"
     __table_args__ = (
@@ -212,9 +212,9 @@ class Job(Base):
     error_message: Mapped[str | None]
     error_remedy: Mapped[str | None]
     correlation: Mapped[dict[str, Any]] = mapped_column(default=dict, server_default="{}")  # see service.correlation
-    webhook: Mapped[str | None] = mapped_column(String(2048))  # where the client wants to be told how this job ends
+    webhook: Mapped[str | None] = mapped_column(String(2048))  # URL that is notified when this job ends
     event_count: Mapped[int] = mapped_column(default=0, server_default="0")  # the number of its latest event
-    erased: Mapped[bool] = mapped_column(default=False, server_default=false())  # its client deleted what it said
+    erased: Mapped[bool] = mapped_column(default=False, server_default=false())  # its client's data is erased
     artifacts: Mapped[list["Artifact"]] = relationship(lazy="selectin", order_by="Artifact.kind")
     metadata_entries: Mapped[list["MetadataEntry"]] = relationship(lazy="selectin", order_by="MetadataEntry.key")
 
@@ -251,7 +251,7 @@ class MetadataEntry(Base):
 
 
 class JobEvent(Base):
-    """Something that happened to a job, numbered from 1 in the job's own order; see :mod:`service.jobs.events`."""
+    """Event of a job, numbered from 1 in the job's own order; see :mod:`service.jobs.events`."""
 
     __tablename__ = "job_events"
 
@@ -263,9 +263,9 @@ class JobEvent(Base):
 
 
 class WebhookEndpoint(Base):
-    """Where a tenant wants to be told how jobs end; see :mod:`service.webhooks.endpoints`.
+    """Webhook endpoint of a tenant; see :mod:`service.webhooks.endpoints`.
 
-    The secrets stand here as :mod:`service.webhooks.vault` stores them: whoever signs needs them.
+    Its secrets are stored as :mod:`service.webhooks.vault` seals them: signing needs them in clear.
     """
 
     __tablename__ = "webhook_endpoints"
@@ -282,12 +282,12 @@ class WebhookEndpoint(Base):
 
 
 def _only(condition: str) -> dict[str, Any]:
-    """Of an index that has no other rows."""
+    """Options of a partial index: its condition."""
     return {"sqlite_where": text(condition), "postgresql_where": text(condition)}
 
 
 class WebhookDelivery(Base):
-    """An event to be told to an endpoint; see :mod:`service.webhooks.deliveries`."""
+    """Delivery of an event to an endpoint; see :mod:`service.webhooks.deliveries`."""
 
     __tablename__ = "webhook_deliveries"
     __table_args__ = (
@@ -324,13 +324,13 @@ class WebhookDelivery(Base):
     log: Mapped[list["WebhookAttempt"]] = relationship(lazy="selectin", order_by="WebhookAttempt.number")
 
 
-# What is to be sent, in the words of the indexes that have nothing else.
+# Pending deliveries, in the exact words of the partial indexes.
 WAITING = (WebhookDelivery.state == text("'pending'"), WebhookDelivery.announced_at.is_(None))
 UNDER_WAY = (WebhookDelivery.state == text("'pending'"), WebhookDelivery.announced_at.is_not(None))
 
 
 class WebhookAttempt(Base):
-    """What came of one attempt to deliver."""
+    """Outcome of one attempt to deliver a webhook."""
 
     __tablename__ = "webhook_attempts"
 
@@ -344,7 +344,7 @@ class WebhookAttempt(Base):
 
 
 class JobSource(Base):
-    """Where the asset of a job lies that a worker is to download; see :mod:`service.jobs.sources`."""
+    """Address of an asset that a worker is to download; see :mod:`service.jobs.sources`."""
 
     __tablename__ = "job_sources"
 
@@ -353,7 +353,7 @@ class JobSource(Base):
 
 
 class Upload(Base):
-    """An asset that a client sends ahead; see :mod:`service.jobs.uploads`."""
+    """Upload: an asset that a client sends ahead; see :mod:`service.jobs.uploads`."""
 
     __tablename__ = "uploads"
     __table_args__ = (Index("ix_uploads_tenant_id_expires_at", "tenant_id", "expires_at"),)
@@ -387,7 +387,7 @@ class DroppedObject(Base):
 
 
 class IdempotencyKey(Base):
-    """Which job a request with a key made, or that one is about to; see :mod:`service.jobs.idempotency`."""
+    """Idempotency key with its job, or its reservation; see :mod:`service.jobs.idempotency`."""
 
     __tablename__ = "idempotency_keys"
 

@@ -1,9 +1,10 @@
-"""Whose a store is. Content that a ledger does not refer to is deleted: a store must be that of one ledger alone.
+"""Ownership of the artifact store. It belongs to one ledger alone, as content that this ledger has no reference to is
+deleted.
 
-A marker in the store names its ledger. It is written when the store is first used, and only if there is none, so of
-two ledgers that come at once one gets the store. A store that has content and no marker (it is from before there were
-markers, or was copied without) is taken over only if the ledger refers to everything in it: then nothing can be lost.
-In every other case of doubt nothing is deleted, and the operator decides.
+A marker in the store names its ledger. It is written when the store is first used, and only if there is none, so of two
+concurrent ledgers one gets the store. A store that has content and no marker (from before there were markers, or copied
+without) is taken over only if the ledger refers to everything in it: then nothing can be lost. In every other case of
+doubt nothing is deleted, and the operator decides.
 """
 
 from itertools import islice
@@ -11,7 +12,7 @@ from itertools import islice
 from service.jobs.artifacts import ArtifactStore
 from service.jobs.ledger import Ledger
 
-PAGE = 500  # hashes in one question to the database
+PAGE = 500  # hashes in one query
 
 REMEDY = (
     "Name the database that belongs to this store (MESHMARK_DATABASE_URL), or give this one a store of its own "
@@ -25,7 +26,7 @@ class ForeignStoreError(Exception):
 
 
 def claim(ledger: Ledger, store: ArtifactStore) -> None:
-    """Make sure that the store is this ledger's, and mark it as such where it is nobody's.
+    """Check that the store is this ledger's, and mark it as such where it has no owner.
 
     Raises:
         ForeignStoreError: it is another's, or has content that this ledger knows nothing of.
@@ -45,7 +46,7 @@ def claim(ledger: Ledger, store: ArtifactStore) -> None:
 
 
 def adopt(ledger: Ledger, store: ArtifactStore) -> None:
-    """Take a store over, whosever it is.
+    """Take a store over, whichever ledger owns it.
 
     Raises:
         StoreUnavailableError: the store does not answer.

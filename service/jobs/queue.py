@@ -1,6 +1,6 @@
 """The queues between service and worker: their names, the task's name, and how to reach the broker.
 
-A message is a job's id and nothing else, and says that in this job's queue there is something to do. It may be lost or
+A message is a job's id and nothing else, and says that a job waits in this job's queue. It may be lost or
 arrive twice, because the ledger alone decides what is started: see :mod:`service.jobs.turns`.
 """
 
@@ -19,7 +19,7 @@ from kombu.transport import TRANSPORT_ALIASES, filesystem
 from service.config import Settings
 from service.jobs.models import Queue
 
-LONGEST_WAIT = 0.2  # seconds
+LONGEST_WAIT = 0.2  # seconds in which a worker that waits for messages notices that it is to stop
 TASK = "meshmark.watermark"
 TRANSPORT_ALIASES |= dict.fromkeys(("redis", "rediss"), "service.jobs.redis_transport:Transport")
 
@@ -49,7 +49,7 @@ class FileTransport(filesystem.Transport):
 
 
 def create_queue(settings: Settings) -> Celery:
-    """A Celery app that can send; the worker adds what it needs to receive."""
+    """Celery app that can send; the worker adds the parts that receive."""
     queue = Celery("meshmark", broker=settings.broker_url, set_as_current=False)
     queue.conf.update(
         task_queues=[*map(BrokerQueue, map(name, Queue))],
@@ -84,12 +84,12 @@ def create_queue(settings: Settings) -> Celery:
 
 
 def name(queue: Queue) -> str:
-    """What the broker calls a queue."""
+    """Broker's name of a queue."""
     return f"meshmark.{queue}"
 
 
 def queue_for(settings: Settings, size: int | None) -> Queue:
-    """Where a job waits whose asset has so many bytes; None: nobody knows yet, so it may be large."""
+    """Queue of a job whose asset has so many bytes; None: not known yet, so it may be large."""
     if size is None:
         return Queue.LARGE
     if settings.gpu_asset_bytes and size >= settings.gpu_asset_bytes:
@@ -107,7 +107,7 @@ def send(broker: Celery, job_id: str, queue: Queue) -> None:
 
 
 def depth(broker: Celery, queue: Queue) -> int:
-    """How many messages wait in the broker.
+    """Number of messages that wait in the broker.
 
     Raises:
         kombu.exceptions.OperationalError: the broker cannot be reached.

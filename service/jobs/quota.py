@@ -1,7 +1,7 @@
-"""How many bytes are stored for a tenant: the files of their jobs, each job's for itself, and what they sent ahead.
+"""Storage quota: the bytes of a tenant's jobs, each counted with all its files, and of its uploads.
 
-The sum of the jobs' files stands in the tenant's row and is changed by the transactions that change those files, always
-as the last row that they lock. So it is exact, and costs no look at the jobs, of which there may be millions.
+The sum of the jobs' files is a column of the tenant's row, changed by the transactions that change those files, always
+as the last row that they lock. So it is exact, and needs no query over the jobs, of which there may be millions.
 """
 
 from sqlalchemy import func, select
@@ -23,7 +23,7 @@ def add_stored(session: Session, tenant: str, size: int) -> None:
 
 
 def check_stored(session: Session, tenant: str, most: int) -> None:
-    """Refuse what was just added where a tenant now has more than `most` bytes stored; 0: any number.
+    """Refuse an addition just made where its tenant now has more than `most` bytes stored; 0: any number.
 
     Raises:
         MeshmarkError: ``quota_exceeded``.

@@ -1,8 +1,8 @@
-"""kombu's Redis broker, except that a message whose acknowledgement gets lost no longer takes a worker's place.
+"""kombu's Redis broker, except that a lost acknowledgement no longer occupies a worker's prefetch slot.
 
-kombu forgets a delivered message once Redis has confirmed that it is done. Where Redis is restarted at that moment, it
-never forgets it: a worker all of whose places are taken that way asks for no more messages, and so does not even notice
-that its connection is gone. It lives, and never works again. Forgetting is safe: at worst, the message comes once more.
+kombu forgets a delivered message once Redis has confirmed its acknowledgement. If Redis is restarted at that moment, it
+never does: a worker whose slots are all occupied in that way asks for no more messages, does not even notice that its
+connection is gone, and stays idle for good. Forgetting is safe: at worst, the message comes once more.
 """
 
 from typing import Any
@@ -11,7 +11,7 @@ from kombu.transport import redis, virtual
 
 
 class QoS(redis.QoS):
-    """What was delivered and is not yet done."""
+    """Delivered messages that are not acknowledged yet."""
 
     def ack(self, delivery_tag: str) -> None:
         """Forget a message, whether or not Redis can be told."""
@@ -23,7 +23,7 @@ class QoS(redis.QoS):
 
 
 class Channel(redis.Channel):
-    """One whose messages are counted so."""
+    """Channel with this QoS."""
 
     QoS = QoS
 

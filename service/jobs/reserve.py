@@ -1,4 +1,4 @@
-"""Room on the disk that is kept for when all other is gone: to write down that files are deleted takes some, too."""
+"""Disk space reserved for deletions, which take some to be recorded, for when the disk is full."""
 
 import os
 from pathlib import Path
@@ -7,17 +7,17 @@ SIZE = 4 * 2**20  # bytes: some hundred deletions; of a small disk, no more than
 
 
 class Reserve:
-    """A file that holds room, and is given up where room is to be made.
+    """File that reserves disk space, and is removed when deletions need it.
 
-    Nothing is stored while it is not there. So whatever fills the disk, it is not what clients send that takes the
-    room of the deletions by which they may free it.
+    Nothing is stored while it is not there. So whatever fills the disk, clients' uploads cannot take the room of the
+    deletions by which they may free it.
     """
 
     def __init__(self, folder: Path) -> None:
         self._folder, self._path = folder, folder / "reserve"
 
     def keep(self) -> None:
-        """Take the room, unless it is taken already.
+        """Reserve the space, unless it is reserved already.
 
         Raises:
             OSError: there is none.
@@ -34,7 +34,7 @@ class Reserve:
                 raise
 
     def give_up(self) -> bool:
-        """Let the room go, if the disk is full; whether there is room now that was none before."""
+        """Release the space, if the disk is full; True where there is room now that was not there before."""
         disk = os.statvfs(self._folder)
         if disk.f_bavail * disk.f_frsize >= SIZE or not self._path.exists():
             return False

@@ -1,4 +1,4 @@
-"""How a bucket is reached, that of the artifact store and those of upload hooks."""
+"""Connections to S3 buckets: that of the artifact store, and those of upload hooks."""
 
 from typing import Any
 
@@ -18,8 +18,8 @@ def open_bucket(
 ) -> S3Store:
     """A bucket; `timeouts` are those of a connection and of a request.
 
-    What is empty is found as every tool for S3 does: `AWS_...` in the environment, or the machine's role. Keys that are
-    given are used alone: the environment's session token belongs to other ones, and is none of this server's business.
+    Empty arguments default as in every tool for S3: `AWS_...` in the environment, or the machine's role. Keys that are
+    given are used alone: a session token in the environment belongs to other keys, and must not reach this server.
     """
     place = {key: value for key, value in {"endpoint": endpoint, "region": region}.items() if value}
     keys: Any = {
@@ -43,5 +43,5 @@ def open_bucket(
 
 
 def said(error: BaseException) -> str:
-    """What a bucket's library says of an error, in one line, without the pages of structures that follow."""
+    """Message of a bucket library's error, in one line, without the debug output that follows it."""
     return " ".join(str(error).partition("\n\nDebug source:")[0].split())[:500]

@@ -1,4 +1,4 @@
-"""Content in a bucket of Amazon S3 or of another store that speaks its protocol (MinIO, Ceph, R2, ...)."""
+"""Artifact store in a bucket of Amazon S3 or of another store with its protocol (MinIO, Ceph, R2, ...)."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -13,10 +13,10 @@ from service.config import Settings
 from service.jobs.artifacts import CHUNK, MARKER, NAME, ArtifactStore, Staged, Stored, StoreUnavailableError
 from service.jobs.s3_bucket import open_bucket, said
 
-PIECE = 8 * 2**20  # bytes asked for at a time: a client that reads slowly holds no connection to the store
-PARTS = 2  # of 5 MiB in memory at a time for each large file that is put; by itself the library holds twelve
-LINK_LIFETIME = timedelta(minutes=5)
-# A request waits for a store that fails about ten seconds; a worker goes on trying by itself.
+PIECE = 8 * 2**20  # bytes of one range request: a slow client holds no connection to the store
+PARTS = 2  # of 5 MiB in memory at a time for each large file that is put; the library's default is twelve
+LINK_LIFETIME = timedelta(minutes=5)  # of a presigned URL
+# Time-outs of connecting and of a request. With a failing store a request ends after about ten seconds; workers retry.
 TIMEOUTS = ("3s", "30s")
 RETRIES: Any = {"max_retries": 2, "retry_timeout": timedelta(seconds=10), "backoff": {"base": 2}}
 
@@ -43,7 +43,7 @@ class S3Store(ArtifactStore):
         )
 
     def has(self, sha256: str) -> bool:
-        """Whether the object is there; S3 answers with what is true now, not with what was."""
+        """Test whether the object exists; S3 is strongly consistent."""
         try:
             with _asking(may_be_missing=True):
                 obstore.head(self._bucket, _key(sha256))
@@ -80,13 +80,13 @@ class S3Store(ArtifactStore):
                         yield Stored(name, item["last_modified"])
 
     def ping(self) -> None:
-        """Look whether the bucket lists anything; whether one object is there would not tell of a missing bucket."""
+        """Check that the bucket can be listed; a test for one object would not notice a missing bucket."""
         super().ping()
         with _asking():
             next(iter(obstore.list(self._bucket, "ping", chunk_size=1)), None)
 
     def owner(self) -> str | None:
-        """What the marker object says."""
+        """Read the marker object."""
         try:
             with _asking(may_be_missing=True):
                 return bytes(obstore.get(self._bucket, MARKER).bytes()).decode()
@@ -107,7 +107,7 @@ class S3Store(ArtifactStore):
         return f"The bucket {self._url}"
 
     def link(self, sha256: str) -> str | None:
-        """A presigned address, where the settings allow them."""
+        """Presigned URL, where the settings allow it."""
         if not self._presign:
             return None
         with _asking():
@@ -131,7 +131,7 @@ class S3Store(ArtifactStore):
             obstore.delete(self._bucket, _upload_key(name))
 
     def upload_link(self, name: str, lifetime: timedelta) -> str | None:
-        """A presigned address, where the settings allow them."""
+        """Presigned URL, where the settings allow it."""
         if not self._presign:
             return None
         with _asking():
@@ -148,7 +148,7 @@ def _key(sha256: str) -> str:
 
 @contextmanager
 def _asking(*, may_be_missing: bool = False) -> Iterator[None]:
-    """Tell failures of the store from an object that is not there; where none is asked for, it is the bucket."""
+    """Convert failures of the store; a missing object is told from them where it is expected, else it is the bucket."""
     try:
         yield
     except (BaseError, OSError) as error:

@@ -1,4 +1,4 @@
-"""Where the asset of a job lies that a worker is to bring.
+"""Addresses of assets that a worker is to download.
 
 An address may hold a signature that lets its bearer read the file. It is kept until the asset is in the store or the
 job has ended, and no answer and no log line has it.
@@ -12,18 +12,18 @@ from service.jobs.models import Artifact, ArtifactKind, Job, JobSource
 
 
 def record(session: Session, job_id: str, url: str) -> None:
-    """Note the address of a job's asset, in the transaction that records the job."""
+    """Record the address of a job's asset, in the transaction that records the job."""
     session.add(JobSource(job_id=job_id, url=url))
 
 
 def url_of(sessions: sessionmaker[Session], job_id: str) -> str | None:
-    """The address of a job's asset; None where none is known, or no more."""
+    """Address of a job's asset; None where none is known, or no more."""
     with sessions() as session:
         return session.scalar(select(JobSource.url).where(JobSource.job_id == job_id))
 
 
 def forget(sessions: sessionmaker[Session]) -> None:
-    """Delete the addresses that nobody needs any more."""
+    """Delete addresses that are no longer needed."""
     has_input = exists().where(Artifact.job_id == JobSource.job_id, Artifact.kind == ArtifactKind.INPUT)
     ended = exists().where(Job.id == JobSource.job_id, Job.state.not_in(ACTIVE))
     with sessions.begin() as session:

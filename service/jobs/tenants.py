@@ -21,16 +21,16 @@ from service.jobs.clock import now
 from service.jobs.models import ApiKey, Tenant
 
 DIGITS = string.digits + string.ascii_letters
-ID_LENGTH, SECRET_LENGTH = 8, 43  # 62 ** 43 > 2 ** 256
+ID_LENGTH, SECRET_LENGTH = 8, 43  # characters; 62 ** 43 > 2 ** 256
 KEY = re.compile(rf"mm_([0-9A-Za-z]{{{ID_LENGTH}}})_([0-9A-Za-z]{{{SECRET_LENGTH}}})")
 TENANT = re.compile(r"[a-z0-9][a-z0-9-]{0,62}")
-COARSE = timedelta(minutes=1)  # a key's last use is noted no more often than this
+COARSE = timedelta(minutes=1)  # resolution of a key's last use
 
 Sessions = sessionmaker[Session]
 
 
 class Scope(StrEnum):
-    """What a key may do."""
+    """Scope of an API key."""
 
     READ = "jobs:read"
     WRITE = "jobs:write"
@@ -46,7 +46,7 @@ class NewKey(NamedTuple):
 def create_key(
     sessions: Sessions, tenant: str, name: str, scopes: Iterable[Scope], expires_at: datetime | None = None
 ) -> NewKey:
-    """A new key of a tenant, who is created with the first one.
+    """Create a key of a tenant, which is created with its first key.
 
     Raises:
         ValueError: the tenant's name cannot be one.
@@ -72,21 +72,21 @@ def create_key(
 
 
 def list_keys(sessions: Sessions, tenant: str | None = None) -> list[ApiKey]:
-    """The keys of a tenant, or of all of them; those that were revoked too."""
+    """Keys of a tenant, or of all of them; revoked ones too."""
     keys = select(ApiKey).order_by(ApiKey.tenant_id, ApiKey.created_at)
     with sessions() as session:
         return list(session.scalars(keys if tenant is None else keys.where(ApiKey.tenant_id == tenant)))
 
 
 def revoke_key(sessions: Sessions, identity: str) -> bool:
-    """End a key, for good and at once; False where there is none of that id that works."""
+    """Revoke a key, for good and at once; False where there is no valid key of that id."""
     key = (ApiKey.id == identity, ApiKey.revoked_at.is_(None))
     with sessions.begin() as session:
         return bool(session.scalar(update(ApiKey).where(*key).values(revoked_at=now()).returning(ApiKey.id)))
 
 
 def authenticate(sessions: Sessions, text: str) -> ApiKey | None:
-    """The key that a text is; None where it is none, or one that was revoked or has expired."""
+    """Look a key up by its text; None where it is malformed, unknown, revoked or expired."""
     match = KEY.fullmatch(text)
     if match is None:
         return None
@@ -100,7 +100,7 @@ def authenticate(sessions: Sessions, text: str) -> ApiKey | None:
 
 
 def note_use(sessions: Sessions, key: ApiKey) -> None:
-    """Remember that a key is in use."""
+    """Record that a key is in use."""
     if key.last_used_at is None or key.last_used_at < now() - COARSE:
         with sessions.begin() as session:
             session.execute(update(ApiKey).where(ApiKey.id == key.id).values(last_used_at=now()))

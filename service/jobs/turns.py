@@ -1,9 +1,9 @@
-"""Which job is next: tenants take turns, and a tenant's own jobs go by their priority, then by their age.
+"""Fair queue: the least recently served tenant is next, and of its own jobs that of highest priority, then the oldest.
 
-What is guaranteed, in each queue: a free place goes to that tenant, of those who have a job waiting, whose last start
-is longest ago. However many jobs a tenant sends and whatever priority they have, among n tenants who have jobs waiting
-each gets every n-th place. A message in the broker only says that there is something to do in a queue; that it is not
-about the job that is started is what lets a tenant who comes late pass ten thousand messages of another's.
+Guaranteed in each queue: a free worker goes to that tenant, of those with a waiting job, whose last start is longest
+ago. However many jobs a tenant sends and whatever their priority, each of n tenants with waiting jobs gets every n-th
+start. A message in the broker only says that a job waits in a queue; as it is not about the job that is started, a late
+tenant passes ten thousand messages of another one.
 """
 
 from sqlalchemy import CTE, ColumnElement, func, select
@@ -14,7 +14,7 @@ from service.jobs.models import Job, JobState, Queue
 
 
 def claim_next(ledger: Ledger, queue: Queue, lease_seconds: float) -> Job | None:
-    """Take the job whose turn it is in a queue, or None where none waits."""
+    """Claim the next job of a queue, or None where none waits."""
     while job_id := next_job(ledger.sessions, queue):
         if job := ledger.claim(job_id, lease_seconds):
             return job
@@ -22,7 +22,7 @@ def claim_next(ledger: Ledger, queue: Queue, lease_seconds: float) -> Job | None
 
 
 def next_job(sessions: sessionmaker[Session], queue: Queue) -> str | None:
-    """The id of the job whose turn it is at this moment."""
+    """Id of the job that is next in a queue at this moment."""
     tenants = _waiting_tenants(queue)
     last_start = select(func.max(Job.started_at)).where(Job.queue == queue, Job.tenant_id == tenants.c.id)
     whose_turn = (
@@ -42,7 +42,7 @@ def next_job(sessions: sessionmaker[Session], queue: Queue) -> str | None:
 
 
 def queue_of(sessions: sessionmaker[Session], job_id: str) -> Queue | None:
-    """The queue that a job belongs to; None where there is no such job."""
+    """Queue that a job belongs to; None where there is no such job."""
     with sessions() as session:
         return session.scalar(select(Job.queue).where(Job.id == job_id))
 
@@ -52,7 +52,7 @@ def _waiting(queue: Queue) -> tuple[ColumnElement[bool], ...]:
 
 
 def _waiting_tenants(queue: Queue) -> CTE:
-    """The tenants who have a job waiting, then one NULL; each is one step in the index, however many jobs it has."""
+    """Tenants with a waiting job, then one NULL; each is one step in the index, however many jobs it has."""
     first = select(func.min(Job.tenant_id).label("id")).where(*_waiting(queue)).cte("waiting_tenants", recursive=True)
     following = select(func.min(Job.tenant_id)).where(*_waiting(queue), Job.tenant_id > first.c.id).scalar_subquery()
     return first.union_all(select(following).select_from(first).where(first.c.id.is_not(None)))

@@ -1,9 +1,9 @@
-"""Assets sent ahead of the requests that use them: to the store itself by a presigned PUT, or through the service.
+"""Uploads: assets sent ahead of the requests that use them, by a presigned PUT to the store, or through the service.
 
 An upload is a row, and a file in the store under the row's id. It becomes a job's input as any other asset does: it is
-read, counted, hashed and checked each time it is named, so what a client puts into the bucket is never taken at its
-word, and it may be used any number of times. Whether or not it was used, it expires; then the file is removed before
-the row. Both are kept for GRACE beyond, in which no new use begins, so that nothing is put after its removal.
+read, counted, hashed and checked each time it is named, so content that a client puts into the bucket is never trusted,
+and it may be used any number of times. Whether or not it was used, it expires; then the file is removed before the row.
+Both are kept for GRACE beyond, in which no new use begins, so that nothing is put after its removal.
 """
 
 import uuid
@@ -22,8 +22,8 @@ from service.jobs.clock import now
 from service.jobs.models import Tenant, Upload
 from service.jobs.quota import check_stored
 
-LIFETIME = timedelta(hours=24)
-LINK_LIFETIME = timedelta(hours=1)
+LIFETIME = timedelta(hours=24)  # of an upload
+LINK_LIFETIME = timedelta(hours=1)  # of the presigned URL that it is sent to
 
 Sessions = sessionmaker[Session]
 
@@ -31,7 +31,7 @@ Sessions = sessionmaker[Session]
 def begin(
     sessions: Sessions, tenant: str, filename: str, size: int, sha256: str | None, most: int, most_bytes: int = 0
 ) -> Upload:
-    """A new upload; of a tenant who has `most` of them (0: any number), or `most_bytes` stored, none.
+    """Create an upload, unless its tenant has `most` of them (0: any number) or more than `most_bytes` stored (0: any).
 
     Raises:
         MeshmarkError: ``too_many_uploads``; ``quota_exceeded``.
@@ -62,7 +62,7 @@ def begin(
 
 
 def find(sessions: Sessions, tenant: str, upload_id: str) -> Upload:
-    """A tenant's upload.
+    """Find a tenant's upload.
 
     Raises:
         MeshmarkError: ``not_found``; ``upload_expired``.
@@ -83,10 +83,10 @@ def find(sessions: Sessions, tenant: str, upload_id: str) -> Upload:
 
 
 def receive(store: ArtifactStore, upload: Upload, chunks: Iterable[bytes]) -> None:
-    """Keep what was sent, in place of what was sent before.
+    """Store the content of an upload, in place of earlier content.
 
     Raises:
-        MeshmarkError: ``upload_mismatch``, it is not what was declared; ``upload_expired``.
+        MeshmarkError: ``upload_mismatch``, it has not the declared size or SHA-256; ``upload_expired``.
     """
     with _verified(store, upload, chunks) as staged:
         if upload.expires_at <= now():
@@ -96,7 +96,7 @@ def receive(store: ArtifactStore, upload: Upload, chunks: Iterable[bytes]) -> No
 
 @contextmanager
 def stage(store: ArtifactStore, upload: Upload) -> Iterator[Staged]:
-    """What was sent, on the local disk; see :meth:`ArtifactStore.stage`.
+    """Stage the content of an upload on the local disk; see :meth:`ArtifactStore.stage`.
 
     Raises:
         MeshmarkError: ``upload_not_sent``; ``upload_mismatch``.
@@ -115,7 +115,7 @@ def stage(store: ArtifactStore, upload: Upload) -> Iterator[Staged]:
 
 
 def remove_expired(sessions: Sessions, store: ArtifactStore, limit: int = 100) -> None:
-    """Remove uploads whose time is over, those that expired first."""
+    """Remove expired uploads, those that expired first."""
     old = select(Upload.id).where(Upload.expires_at < now() - timedelta(seconds=GRACE))
     with sessions() as session:
         expired = list(session.scalars(old.order_by(Upload.expires_at).limit(limit)))
@@ -127,7 +127,7 @@ def remove_expired(sessions: Sessions, store: ArtifactStore, limit: int = 100) -
 
 @contextmanager
 def _verified(store: ArtifactStore, upload: Upload, chunks: Iterable[bytes]) -> Iterator[Staged]:
-    """What arrived, on the local disk, if it is what was declared."""
+    """Stage received chunks, and check them against the declared size and SHA-256."""
     some_more = upload.size + 1
     with store.stage_chunks(_at_most(some_more, chunks), limit=some_more, name="upload") as staged:
         if staged.size != upload.size:

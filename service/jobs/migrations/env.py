@@ -1,4 +1,4 @@
-"""What Alembic runs for each command: the steps, on the connection and in the transaction of the caller."""
+"""Alembic's environment: runs the steps on the connection and in the transaction of the caller."""
 
 from alembic import context
 

@@ -1,4 +1,4 @@
-"""When a job's files are to be deleted; and files larger than 2 GiB."""
+"""Retention of a job's files; and files larger than 2 GiB."""
 
 import sqlalchemy as sa
 from alembic import op

@@ -1,4 +1,4 @@
-"""Which request made which job: the keys that clients give their requests."""
+"""Idempotency keys, and the jobs that requests with them made."""
 
 import sqlalchemy as sa
 from alembic import op

@@ -1,4 +1,4 @@
-"""What clients note about their jobs, and the order in which jobs are listed."""
+"""Metadata of jobs, and the order in which jobs are listed."""
 
 import sqlalchemy as sa
 from alembic import op

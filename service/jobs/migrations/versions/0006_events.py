@@ -1,4 +1,4 @@
-"""What happens to jobs, and who wants to be told of it by webhooks."""
+"""Events of jobs, and the webhooks that they are sent to."""
 
 import sqlalchemy as sa
 from alembic import op

@@ -1,4 +1,4 @@
-"""In which queue a job waits, and which of a tenant's goes first; and what tells this ledger from every other."""
+"""Queues and priorities of jobs; and the unique id of the ledger."""
 
 import uuid
 

@@ -1,4 +1,4 @@
-"""What joins a job's log lines and spans to those of its request."""
+"""Correlation of a job's log lines and spans with those of its request."""
 
 import sqlalchemy as sa
 from alembic import op

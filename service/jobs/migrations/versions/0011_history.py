@@ -1,4 +1,4 @@
-"""What makes it quick to forget old jobs and to find the webhooks that are due, and what counts a tenant's bytes."""
+"""Indexes for forgetting old jobs and finding due webhooks; and the count of a tenant's bytes."""
 
 import sqlalchemy as sa
 from alembic import op
