@@ -1,1 +1,1 @@
-"""Requests to addresses that users name: nothing but the public internet is reached through them."""
+"""Outbound requests to addresses that users name: only the public internet is reachable through them."""

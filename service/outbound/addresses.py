@@ -1,4 +1,4 @@
-"""Which IP addresses are on the public internet.
+"""Public and special-purpose IP addresses.
 
 An own table instead of `ipaddress.is_global`, whose answers differ between Python releases. Sources: the IANA
 special-purpose address registries (RFC 6890), RFC 5771 and RFC 4291.
@@ -46,7 +46,7 @@ NAT64 = IPv6Network("64:ff9b::/96")
 
 
 def bare(address: Address) -> Address:
-    """The IPv4 address that is reached through an IPv4-mapped (RFC 4291) or NAT64 (RFC 6052) one, or the same."""
+    """IPv4 address that is reached through an IPv4-mapped (RFC 4291) or NAT64 (RFC 6052) one, or the same address."""
     if isinstance(address, IPv6Address):
         if address.ipv4_mapped:
             return address.ipv4_mapped
@@ -56,7 +56,7 @@ def bare(address: Address) -> Address:
 
 
 def refusal(address: Address, allow: Iterable[Network] = ()) -> str | None:
-    """What kind of address this is, if it is not public and in none of the allowed networks; else None."""
+    """Kind of an address that is neither public nor in an allowed network; None for all others."""
     reached = bare(address)
     if any(reached in network for network in allow):
         return None

@@ -2,7 +2,7 @@
 
 The host is resolved once, every address it has is checked, and the connection goes to one of those very addresses:
 a name that answers differently the second time (DNS rebinding) gains nothing. Redirects are answers like any other,
-proxies in the environment are not looked at, nothing is unpacked.
+proxies in the environment are ignored, and no content coding is decoded.
 """
 
 import ssl
@@ -35,10 +35,10 @@ class OutboundClient:
     """Sends requests within a policy. Connections are not kept; the client may be shared between threads.
 
     Args:
-        policy: where requests may go.
-        timeouts: how long they may take.
+        policy: destinations that are permitted.
+        timeouts: of each request.
         resolver: finds a host's addresses.
-        tls: how certificates are checked; by default against the system's authorities, or `SSL_CERT_FILE`.
+        tls: context that checks certificates; by default against the system's authorities, or `SSL_CERT_FILE`.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class OutboundClient:
     def send(
         self, method: str, url: str, headers: Mapping[str, str] | None = None, content: bytes | None = None
     ) -> Iterator[Answer]:
-        """The answer to one request; its body can be read inside the block.
+        """Response to one request; its body can be read inside the block.
 
         Raises:
             MeshmarkError: ``address_refused``: nothing was sent.
@@ -85,7 +85,7 @@ class OutboundClient:
 
     @contextmanager
     def _reported(self) -> Iterator[None]:
-        """Say what happened in words of our own."""
+        """Translate transport errors to Unreachable."""
         try:
             yield
         except httpcore2.TimeoutException as error:
@@ -103,7 +103,7 @@ class OutboundClient:
 
 
 def _joined(headers: Iterable[tuple[bytes, bytes]]) -> dict[str, str]:
-    """Header fields by name; what stands in several fields of one name is one list (RFC 9110, 5.2)."""
+    """Header fields by name; fields of the same name are joined to one list (RFC 9110, 5.2)."""
     joined: dict[str, str] = {}
     for raw_name, raw_value in headers:
         name, value = raw_name.decode("latin-1").lower(), raw_value.decode("latin-1")

@@ -1,4 +1,4 @@
-"""Connections to addresses that were chosen before, with one deadline for all that happens on them."""
+"""Connections to addresses that were checked before, with one deadline for the whole exchange."""
 
 import ssl
 import time
@@ -11,13 +11,13 @@ from service.outbound.addresses import Address
 
 
 class Deadline:
-    """A point in time until which an exchange must be over."""
+    """Point in time by which an exchange must be over."""
 
     def __init__(self, seconds: float) -> None:
         self._end = time.monotonic() + seconds
 
     def remaining(self, at_most: float | None = None) -> float:
-        """The seconds left, or fewer if at most so many are wanted.
+        """Seconds left, at most `at_most`.
 
         Raises:
             httpcore2.TimeoutException: none is left.
@@ -29,18 +29,18 @@ class Deadline:
 
 
 class DeadlineStream(httpcore2.NetworkStream):
-    """A stream whose every operation ends by the deadline, however steadily the other side dribbles."""
+    """Stream whose every operation ends by the deadline, however slowly the peer sends."""
 
     def __init__(self, stream: httpcore2.NetworkStream, deadline: Deadline) -> None:
         self._stream = stream
         self._deadline = deadline
 
     def read(self, max_bytes: int, timeout: float | None = None) -> bytes:
-        """What has come, or b"" at the end."""
+        """Read received bytes; b"" at the end."""
         return self._stream.read(max_bytes, self._deadline.remaining(timeout))
 
     def write(self, buffer: bytes, timeout: float | None = None) -> None:
-        """Send all of it. httpcore's own loop would grant each part that is taken a time-out of its own."""
+        """Send all bytes. httpcore's own loop would grant each accepted part a time-out of its own."""
         connection = self._stream.get_extra_info("socket")
         rest = memoryview(buffer)
         while rest:
@@ -59,12 +59,12 @@ class DeadlineStream(httpcore2.NetworkStream):
     def start_tls(
         self, ssl_context: ssl.SSLContext, server_hostname: str | None = None, timeout: float | None = None
     ) -> httpcore2.NetworkStream:
-        """The same stream, encrypted, with the certificate checked against the name."""
+        """Encrypt the stream, and check the certificate against the host name."""
         inner = self._stream.start_tls(ssl_context, server_hostname, self._deadline.remaining(timeout))
         return DeadlineStream(inner, self._deadline)
 
     def get_extra_info(self, info: str) -> Any:
-        """What httpcore wants to know about the connection."""
+        """Property of the connection that httpcore asks for."""
         return self._stream.get_extra_info(info)
 
 
@@ -84,7 +84,7 @@ class PinnedBackend(httpcore2.NetworkBackend):
         local_address: str | None = None,
         socket_options: Iterable[httpcore2.SOCKET_OPTION] | None = None,
     ) -> httpcore2.NetworkStream:
-        """A connection to the first address that takes one."""
+        """Connect to the first address that accepts."""
         failure: Exception = httpcore2.ConnectError("there is no address")
         for address in self._addresses:
             limit = self._deadline.remaining(timeout)

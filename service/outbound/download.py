@@ -1,4 +1,4 @@
-"""Fetch a file from an address that a user gave."""
+"""Download of a file from an address that a user gave."""
 
 from collections.abc import Callable
 from typing import BinaryIO
@@ -14,7 +14,7 @@ TRANSIENT = (408, 425, 429, 500, 502, 503, 504)
 
 
 class TransientDownloadError(MeshmarkError):
-    """The same request may succeed in a while."""
+    """Transient failure: the same request may succeed later."""
 
 
 def download(
@@ -22,10 +22,10 @@ def download(
 ) -> int:
     """Write the file at a URL to an open file, and return how many bytes it has.
 
-    Only a whole file counts: one whose end the server marks neither by its length nor by chunks is not accepted, for
-    it could have been cut off unnoticed. After an error, the target holds a part that is to be thrown away.
+    Only a whole file is accepted: without a length or chunked coding from the server, a truncation would go unnoticed.
+    After an error, the target holds a part that is to be discarded.
 
-    `check` is called before each part is written; what it raises ends the download.
+    `check` is called before each part is written; an error in it ends the download.
 
     Raises:
         MeshmarkError: ``address_refused``, ``download_failed``, ``download_too_large``.

@@ -1,4 +1,4 @@
-"""What outbound requests may reach and how long they may take."""
+"""Policy and time-outs of outbound requests."""
 
 from dataclasses import dataclass
 from ipaddress import IPv4Network, IPv6Network
@@ -8,10 +8,10 @@ PORTS = frozenset({80, 443})
 
 @dataclass(frozen=True)
 class Policy:
-    """Where requests may go.
+    """Destinations that outbound requests may have.
 
     Attributes:
-        allow: networks that are reached though they are not public.
+        allow: networks that are permitted though they are not public.
         schemes: of `https` and `http`, those accepted.
         ports: those accepted.
     """

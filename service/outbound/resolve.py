@@ -1,4 +1,4 @@
-"""From a host to the addresses that may be connected to."""
+"""Resolution of a host to the addresses that may be connected to."""
 
 import socket
 from collections.abc import Callable, Sequence
@@ -15,7 +15,7 @@ Resolver = Callable[[str], Sequence[str]]
 
 
 def system_resolver(host: str) -> list[str]:
-    """The addresses of a host as the system finds them.
+    """Addresses of a host by the system's resolver.
 
     Raises:
         OSError: it finds none.
@@ -24,7 +24,7 @@ def system_resolver(host: str) -> list[str]:
 
 
 def check_address(url: str, policy: Policy) -> None:
-    """Refuse a URL that is not permitted whatever addresses its host has. Nobody is asked for them.
+    """Refuse a URL that is not permitted whatever addresses its host has. No name is resolved.
 
     Raises:
         MeshmarkError: ``address_refused``.
@@ -35,9 +35,9 @@ def check_address(url: str, policy: Policy) -> None:
 
 
 def resolve(target: Target, policy: Policy, resolver: Resolver, seconds: float) -> list[Address]:
-    """Ask once for a target's addresses; all of them must be permitted, or none is.
+    """Resolve a target once; all of its addresses must be permitted, or none is.
 
-    Whoever asks shall not learn of the inner network: a name in it is as one that does not exist.
+    The caller must not learn about the internal network: a name in it is treated as one that does not exist.
 
     Raises:
         MeshmarkError: ``address_refused``, the host is an address that is not permitted.

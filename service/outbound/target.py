@@ -1,4 +1,4 @@
-"""What a URL that a user gave asks for."""
+"""URLs that users give, parsed and checked."""
 
 import re
 from dataclasses import dataclass
@@ -10,8 +10,8 @@ from service.outbound.addresses import Address
 from service.outbound.errors import address_refused
 from service.outbound.policy import Policy
 
-LONGEST_URL = 2048
-LONGEST_NAME = 253  # RFC 1035, 2.3.4
+LONGEST_URL = 2048  # characters
+LONGEST_NAME = 253  # characters of a host name: RFC 1035, 2.3.4
 DEFAULT_PORTS = {"http": 80, "https": 443}
 NAME = re.compile(r"(?!-)[a-z0-9_-]{1,63}(?<!-)(\.(?!-)[a-z0-9_-]{1,63}(?<!-))*")
 # A host that ends like this is read as an IPv4 address by some programs: 2130706433, 0x7f.1, 0177.0.0.1.
@@ -21,7 +21,7 @@ NUMBER_AT_END = re.compile(r"(^|\.)([0-9]+|0x[0-9a-f]*)$")
 
 @dataclass(frozen=True)
 class Target:
-    """One URL taken apart; `address` is that of a host that is an address itself, `authority` is for `Host`."""
+    """Parsed URL; `address` is set where the host is an IP address, `authority` is for the field `Host`."""
 
     scheme: str
     host: str
@@ -32,7 +32,7 @@ class Target:
 
 
 def parse_target(url: str, policy: Policy) -> Target:
-    """Take a URL apart.
+    """Parse a URL.
 
     Raises:
         MeshmarkError: ``address_refused`` when it is no URL, or asks for a scheme, a port or a host that is not served,
@@ -61,7 +61,7 @@ def parse_target(url: str, policy: Policy) -> Target:
 
 
 def _literal(host: str) -> Address | None:
-    """The address that a host is, or None where it is a name."""
+    """IP address that a host is, or None where it is a name."""
     try:
         return ip_address(host)
     except ValueError:

@@ -1,1 +1,1 @@
-"""One file a resource."""
+"""Routes of the API, one module per resource."""

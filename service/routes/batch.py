@@ -1,4 +1,4 @@
-"""Many jobs in one request."""
+"""Batches: many jobs in one request."""
 
 from typing import Annotated, Any
 
@@ -22,7 +22,7 @@ from service.routes.schemas import EXAMPLE, JobView, PriorityName, view
 from service.state import AppState, State
 from service.submission import Accepted, submit
 
-MOST = 100
+MOST = 100  # items of a batch
 
 router = APIRouter(prefix="/v1/watermarks", tags=["watermarks"], route_class=GuardedRoute)
 
@@ -120,7 +120,7 @@ def _result(
     known: Verdicts,
     paid: bool,
 ) -> BatchResult:
-    """What comes of an item; the first is paid for by the request."""
+    """Result of an item; where `paid`, the request itself has already been counted for it."""
     try:
         if not paid:
             take_request(state, client)

@@ -1,4 +1,4 @@
-"""What happens to a job, as it happens."""
+"""Route of a job's event stream."""
 
 from collections.abc import AsyncIterator
 from functools import partial
@@ -25,7 +25,7 @@ router = APIRouter(prefix="/v1/watermarks", tags=["watermarks"], route_class=Gua
 EXAMPLE = (
     'id: 2\nevent: watermark.running\ndata: {"id": "6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11", "state": "running"}\n\n'
 )
-HEADERS = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}  # the second is for nginx, which would hold it back
+HEADERS = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}  # the second keeps nginx from buffering
 EVENT: dict[str, Any] = {  # of OpenAPI 3.2
     "type": "object",
     "properties": {

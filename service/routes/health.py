@@ -1,4 +1,4 @@
-"""Whether the process lives, and whether the service can do its work."""
+"""Routes of liveness and readiness probes."""
 
 from typing import Literal
 

@@ -21,7 +21,7 @@ from service.problems import problem_responses
 from service.state import AppState, State
 from service.submission import Order, plain_name, submit
 
-LONGEST_KEY = 1024  # of S3, in bytes
+LONGEST_KEY = 1024  # bytes: the limit of S3
 
 # Not a guarded route: senders of notifications have a token of their own, see service.hooks.guard.
 router = APIRouter(prefix="/v1/hooks", tags=["hooks"])
@@ -139,7 +139,7 @@ def _accept(
 
 
 def _objections(hook: HookSource, event: Event) -> Iterator[str]:
-    """Why an event makes no job."""
+    """Reasons for which an event makes no job."""
     if not event.created:
         yield "It is not about an object that was created."
     if event.bucket != hook.bucket:
@@ -155,7 +155,7 @@ def _objections(hook: HookSource, event: Event) -> Iterator[str]:
 
 
 def _job_of(state: AppState, name: str, hook: HookSource, event: Event, background: BackgroundTasks) -> str:
-    """The job of an object: that which it has, or a new one."""
+    """Existing job of an object, or a new one."""
     sessions = state.ledger.sessions
     object_id = dropped.identity(name, event.bucket, event.key, event.version)
     if job_id := dropped.job_of(sessions, object_id):

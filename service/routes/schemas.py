@@ -1,4 +1,4 @@
-"""What the watermark routes answer, as clients see it."""
+"""Response models of the watermark routes."""
 
 import re
 from datetime import UTC, datetime
@@ -120,7 +120,7 @@ class JobView(BaseModel):
 
     @classmethod
     def of(cls, job: Job, url: str) -> Self:
-        """A job as clients see it; `url` is the job's own."""
+        """Response model of a job; `url` is the job's own."""
         source = job.artifact(ArtifactKind.INPUT)
         error = None
         if job.error_code is not None:
@@ -165,5 +165,5 @@ class JobPage(BaseModel):
 
 
 def view(request: Request, job: Job) -> JobView:
-    """A job as clients see it."""
+    """Response model of a job."""
     return JobView.of(job, request.app.url_path_for("read_watermark", job_id=job.id))

@@ -92,7 +92,7 @@ class UploadView(BaseModel):
 
     @classmethod
     def of(cls, upload: Upload, link: str | None, path: str) -> Self:
-        """An upload as clients see it: `link` leads to the bucket, if there is one, `path` to the service."""
+        """Response model of an upload: `link` leads to the bucket, if there is one, `path` to the service."""
         until = upload.created_at + uploads.LINK_LIFETIME if link else upload.expires_at
         return cls(id=upload.id, url=link or path, url_expires_at=until, expires_at=upload.expires_at)
 
@@ -126,7 +126,7 @@ async def send_upload(request: Request, state: State, client: Admitted, upload_i
             async for chunk in request.stream():
                 received += await run_in_threadpool(body.write, chunk)
                 if received > upload.size:
-                    break  # it is told below that this is too much
+                    break  # the excess is reported below
         except ClientDisconnect:
             raise MeshmarkError(
                 ErrorCode.INVALID_REQUEST, "The upload broke off.", "Send the whole asset again."

@@ -1,4 +1,4 @@
-"""The watermark jobs: send an asset, follow its job, fetch what came of it, delete it."""
+"""Routes of watermark jobs: send an asset, follow its job, fetch its results, delete it."""
 
 from functools import partial
 from pathlib import PurePath
@@ -318,7 +318,7 @@ async def read_preview(request: Request, state: State, client: Admitted, job_id:
 
 
 def find_job(state: AppState, client: Client, job_id: str) -> Job:
-    """The client's job of an id.
+    """Find a client's job by its id.
 
     Raises:
         MeshmarkError: ``not_found``; also where it is another tenant's.

@@ -1,4 +1,4 @@
-"""The webhook endpoints: who is told how jobs end, and what came of telling them."""
+"""Routes of webhook endpoints, and of the log of their deliveries."""
 
 from typing import Annotated, Any
 

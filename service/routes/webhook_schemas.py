@@ -1,4 +1,4 @@
-"""What the webhook routes take and answer, as clients see it."""
+"""Request and response models of the webhook routes."""
 
 from datetime import datetime
 from typing import Annotated, Literal, Self
@@ -99,7 +99,7 @@ class WebhookEndpoint(BaseModel):
 
     @classmethod
     def of(cls, row: Row, **more: str) -> Self:
-        """An endpoint as clients see it."""
+        """Response model of an endpoint."""
         return cls(
             id=row.id,
             url=row.url,
@@ -142,7 +142,7 @@ class Attempt(BaseModel):
 
     @classmethod
     def of(cls, row: WebhookAttempt) -> Self:
-        """An attempt as clients see it."""
+        """Response model of an attempt."""
         return cls(
             number=row.number,
             started_at=row.started_at,
@@ -172,7 +172,7 @@ class Delivery(BaseModel):
 
     @classmethod
     def of(cls, row: WebhookDelivery) -> Self:
-        """A delivery as clients see it."""
+        """Response model of a delivery."""
         return cls(
             id=row.id,
             webhook_id=Message.about(row.event).id,

@@ -1,4 +1,4 @@
-"""One attempt to deliver a webhook, and what is to be done after it."""
+"""Delivery attempt of a webhook, and its verdict on the next one."""
 
 import time
 from collections.abc import Sequence
@@ -15,14 +15,14 @@ from service.webhooks.schedule import next_attempt, parse_retry_after
 from service.webhooks.signing import sign
 
 TIMEOUTS = Timeouts(connect=5.0, silence=20.0, total=20.0)  # the specification asks for 15 to 30 seconds
-SNIPPET_BYTES = 1024
+SNIPPET_BYTES = 1024  # of an answer's body that are kept
 UNPRINTABLE = "\N{REPLACEMENT CHARACTER}"
 GONE = 410
-THROTTLED = (429, 503)
+THROTTLED = (429, 503)  # statuses whose Retry-After counts
 
 
 class Result(StrEnum):
-    """What an attempt means for the message and its endpoint."""
+    """Verdict on an attempt, for the message and its endpoint."""
 
     DELIVERED = "delivered"
     RETRY = "retry"
@@ -32,15 +32,15 @@ class Result(StrEnum):
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of an attempt.
+    """Outcome of an attempt.
 
     Attributes:
-        result: what it means.
+        result: the verdict.
         status: the HTTP status, if there was an answer.
-        error: what went wrong with the exchange, if anything did.
+        error: the error of the exchange, if there was one.
         snippet: the beginning of the answer's body, at most 1 KiB, without control characters.
-        seconds: how long the attempt took.
-        retry_at: when to try again, with `Result.RETRY` only.
+        seconds: duration of the attempt.
+        retry_at: time of the next attempt, with `Result.RETRY` only.
     """
 
     result: Result
@@ -56,14 +56,14 @@ def deliver(
 ) -> Outcome:
     """Send a message to an endpoint once.
 
-    Whatever is wrong with the endpoint is in the outcome, not raised.
+    Errors of the endpoint are in the outcome, not raised.
 
     Args:
         client: a client with the time-outs of this module.
         url: the endpoint.
         secrets: its secrets, the newest first.
-        message: what to send.
-        attempt: which attempt this is, from 1.
+        message: the message.
+        attempt: number of this attempt, from 1.
         now: the time, aware.
         draw: a random number, 0 to 1, for the jitter.
 
@@ -95,7 +95,7 @@ def deliver(
 
 
 def not_made(attempt: int, now: datetime, draw: float) -> Outcome:
-    """The outcome of an attempt that failed for a fault of ours: it counts, so that it is not made for ever."""
+    """Outcome of an attempt that failed by a fault of ours: it counts, so that it is not repeated for ever."""
     result, retry_at = _verdict(None, attempt, now, draw, None)
     return Outcome(result, None, "The service could not make this attempt.", "", 0.0, retry_at)
 
@@ -112,6 +112,6 @@ def _verdict(
 
 
 def _printable(received: bytes) -> str:
-    """Bytes of unknown origin as text that any log and any database takes."""
+    """Decode bytes of unknown origin to text that any log and any database takes."""
     text = received.decode(errors="replace")
     return "".join(letter if letter.isprintable() or letter in "\n\t" else UNPRINTABLE for letter in text)

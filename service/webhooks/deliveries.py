@@ -1,9 +1,9 @@
-"""Webhooks to be sent, and what came of those that were.
+"""Deliveries of webhooks: announcement, claim, outcome and redelivery.
 
-The rows are the truth, and a message in the queue is a delivery's id. Who sends one claims it first: the claim counts
-for LEASE, so that what a killed process had claimed is found to be due again, and has a token, so that a process that
-was taken for dead and is not records nothing. It may have sent by then: a delivery is made at least once, and receivers
-tell repetitions by their id. Nothing is promised about the order.
+The rows are the truth, and a message in the queue is a delivery's id. A sender claims a delivery first: the claim is a
+lease of LEASE, after which a delivery claimed by a killed process is due again, and has a token, so that a process
+whose lease has expired records nothing. It may have sent by then: a delivery is made at least once, and receivers
+recognize repetitions by their id. No order is guaranteed.
 """
 
 import random
@@ -33,10 +33,10 @@ from service.webhooks.deliver import Outcome, Result
 from service.webhooks.endpoints import find_endpoint, give_up, secrets_of
 from service.webhooks.payload import Message
 
-LEASE = timedelta(seconds=60)  # three times what an attempt takes at most
-PER_TENANT = 16  # webhooks of a tenant on their way at a time: slow endpoints of one do not hold up all others
-TENANTS = 500  # for whom something is announced at a look, drawn by chance where there are more
-PUT_BACK = timedelta(seconds=1)
+LEASE = timedelta(seconds=60)  # three times the longest attempt
+PER_TENANT = 16  # webhooks of a tenant under way at a time: one tenant's slow endpoints do not delay all others
+TENANTS = 500  # with announcements in one sweep, drawn by chance where there are more
+PUT_BACK = timedelta(seconds=1)  # until a delivery that was put back is due again
 STATES = {
     Result.DELIVERED: DeliveryState.DELIVERED,
     Result.RETRY: DeliveryState.PENDING,
@@ -49,7 +49,7 @@ Sessions = sessionmaker[Session]
 
 @dataclass(frozen=True)
 class Claim:
-    """The right to make one attempt, and what it takes."""
+    """Right to make one attempt, and its data."""
 
     delivery_id: str
     token: int
@@ -71,12 +71,12 @@ class Page(NamedTuple):
 
 
 def announce(sessions: Sessions, lost: bool) -> list[str]:
-    """What is due and not in the queue yet. It counts as announced from here on, so announce it.
+    """Due deliveries that are not in the queue yet. They count as announced from here on, so announce them.
 
-    However much waits, a look costs some steps in an index for each tenant for whom anything waits.
+    However many wait, a call costs some steps in an index for each tenant with waiting deliveries.
 
     Args:
-        lost: take what was announced long ago and never claimed too; the queue is empty, so its messages were lost.
+        lost: include those announced long ago and never claimed; the queue is empty, so their messages were lost.
     """
     if lost:
         with sessions.begin() as session:
@@ -88,7 +88,7 @@ def announce(sessions: Sessions, lost: bool) -> list[str]:
         tenants = list(session.scalars(_tenants_with_due(moment)))
         random.shuffle(tenants)
         chosen = [delivery_id for tenant in tenants[:TENANTS] for delivery_id in _next_of(session, tenant, moment)]
-    if not chosen:  # most looks find nothing, and then take no lock
+    if not chosen:  # the usual case, which takes no lock
         return []
     free = select(WebhookDelivery.id).where(WebhookDelivery.id.in_(chosen), *WAITING).with_for_update(skip_locked=True)
     announced = update(WebhookDelivery).where(WebhookDelivery.id.in_(free), *WAITING).values(announced_at=moment)
@@ -98,7 +98,7 @@ def announce(sessions: Sessions, lost: bool) -> list[str]:
 
 
 def _tenants_with_due(moment: datetime) -> Select[str]:
-    """The tenants for whom something is due; each for whom something waits is two steps in the index."""
+    """Tenants with due deliveries; each tenant with waiting ones is two steps in the index."""
     first = select(func.min(WebhookDelivery.tenant_id).label("id")).where(*WAITING).cte("waiting", recursive=True)
     following = select(func.min(WebhookDelivery.tenant_id)).where(*WAITING, WebhookDelivery.tenant_id > first.c.id)
     tenants = first.union_all(select(following.scalar_subquery()).where(first.c.id.is_not(None)))
@@ -107,11 +107,11 @@ def _tenants_with_due(moment: datetime) -> Select[str]:
 
 
 def _next_of(session: Session, tenant: str, moment: datetime) -> list[str]:
-    """What is to be announced next for a tenant, who has no more than PER_TENANT on their way."""
+    """Next deliveries to announce for a tenant, which has no more than PER_TENANT under way."""
     mine = WebhookDelivery.tenant_id == tenant
     due = select(WebhookDelivery.id).where(mine, *WAITING, WebhookDelivery.due_at <= moment)
     first = due.order_by(WebhookDelivery.due_at).limit(PER_TENANT).subquery()
-    # In one statement, so that no other process announces between the one look and the other.
+    # In one statement, so that no other process announces between two reads.
     both = union_all(
         select(WebhookDelivery.id, literal(True).label("under_way")).where(mine, *UNDER_WAY),
         select(first.c.id, literal(False)),
@@ -122,14 +122,14 @@ def _next_of(session: Session, tenant: str, moment: datetime) -> list[str]:
 
 
 def withdraw(sessions: Sessions, delivery_ids: list[str]) -> None:
-    """Let be announced again what could not be."""
+    """Undo the announcement of deliveries whose messages could not be sent."""
     announced = update(WebhookDelivery).where(WebhookDelivery.id.in_(delivery_ids)).values(announced_at=None)
     with sessions.begin() as session:
         session.execute(announced.execution_options(synchronize_session=False))
 
 
 def claim(sessions: Sessions, delivery_id: str) -> Claim | None:
-    """Take a delivery that is due, or None where it is not (or no longer) there to be taken."""
+    """Claim a delivery that is due, or None where it is not (or no longer) there to be claimed."""
     with sessions.begin() as session:
         moment = clock(session)
         due = (
@@ -160,16 +160,16 @@ def claim(sessions: Sessions, delivery_id: str) -> Claim | None:
 
 
 def put_back(sessions: Sessions, claim: Claim) -> None:
-    """Give up the right to make an attempt: it is due again in a moment, and counts as not made."""
+    """Release a claim without an attempt: the delivery is due again in a moment."""
     mine = (WebhookDelivery.id == claim.delivery_id, WebhookDelivery.token == claim.token)
     with sessions.begin() as session:
         _set(session, mine, due_at=clock(session) + PUT_BACK, announced_at=None)
 
 
 def settle(sessions: Sessions, claim: Claim, outcome: Outcome) -> bool:
-    """Record what came of an attempt; False when it is another's by now.
+    """Record the outcome of an attempt; False when another process has claimed the delivery since.
 
-    An endpoint that is gone is disabled, and what waits for it is given up; of a job's own webhook, only this delivery.
+    An endpoint that is gone is disabled, and its pending deliveries are given up; for a job's own webhook, only this.
     """
     gone = outcome.result is Result.ENDPOINT_GONE and claim.is_endpoints_own
     mine = (WebhookDelivery.id == claim.delivery_id, WebhookDelivery.token == claim.token)
@@ -180,7 +180,7 @@ def settle(sessions: Sessions, claim: Claim, outcome: Outcome) -> bool:
         "announced_at": None,
     }
     with sessions.begin() as session:
-        if gone:  # before the delivery, in the order in which whoever deletes an endpoint locks them
+        if gone:  # before the delivery, in the order of locks of a deletion of the endpoint
             reason = update(WebhookEndpoint).where(WebhookEndpoint.id == claim.endpoint_id)
             session.execute(reason.values(disabled_reason=DisabledReason.GONE))
         if not _set(session, mine, **values):
@@ -207,7 +207,7 @@ def settle(sessions: Sessions, claim: Claim, outcome: Outcome) -> bool:
 def list_deliveries(
     sessions: Sessions, tenant: str, endpoint_id: str, state: DeliveryState | None, limit: int, cursor: str | None
 ) -> Page:
-    """An endpoint's newest deliveries, or those after a cursor, which is the id of the last one before.
+    """List an endpoint's newest deliveries, or those after a cursor, which is the id of the last one before.
 
     Raises:
         MeshmarkError: ``not_found``; ``invalid_request``, the cursor is not one.
@@ -232,7 +232,7 @@ def list_deliveries(
 
 
 def redeliver(sessions: Sessions, tenant: str, endpoint_id: str, delivery_id: str) -> WebhookDelivery:
-    """Make a delivery due now, whatever came of it; it is the same message. The attempts made before still count.
+    """Make a delivery due now, whatever its outcome was; it is the same message. Earlier attempts still count.
 
     Raises:
         MeshmarkError: ``not_found`` or ``endpoint_disabled``.

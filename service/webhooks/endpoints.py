@@ -1,4 +1,4 @@
-"""Where tenants want to be told how their jobs end, and the secrets by which they know who tells them.
+"""Webhook endpoints of tenants, and the secrets that sign the messages to them.
 
 An endpoint without a URL of its own is for the webhooks that jobs name themselves: its secret signs them, and its log
 has them. A tenant has one of these at most.
@@ -47,7 +47,7 @@ def check_job_webhook(sessions: Sessions, tenant: str, url: str, policy: Policy)
 def create_endpoint(
     sessions: Sessions, tenant: str, url: str | None, events: Iterable[str], secret: str | None, vault: Vault = IN_CLEAR
 ) -> WebhookEndpoint:
-    """A new endpoint, whose secret is made where none is given; the row has it as the vault stores it.
+    """Create an endpoint, and its secret where none is given; the row has it as sealed by the vault.
 
     Raises:
         MeshmarkError: ``invalid_secret``, ``endpoint_exists`` or ``too_many_endpoints``.
@@ -153,13 +153,13 @@ def rotate_secret(
 
 
 def secrets_of(endpoint: WebhookEndpoint, moment: datetime) -> list[str]:
-    """What a message to an endpoint is signed with, the newest first, as it is stored."""
+    """Sealed secrets that sign a message to an endpoint, the newest first."""
     former = endpoint.former_secret if endpoint.former_secret_until and endpoint.former_secret_until > moment else None
     return [endpoint.secret, former] if former else [endpoint.secret]
 
 
 def give_up(session: Session, endpoint_id: str) -> None:
-    """Deliver nothing that still waits for an endpoint."""
+    """Give up all pending deliveries to an endpoint."""
     waiting = (WebhookDelivery.endpoint_id == endpoint_id, WebhookDelivery.state == DeliveryState.PENDING)
     values = {"state": DeliveryState.EXHAUSTED, "due_at": None, "announced_at": None}
     session.execute(

@@ -1,4 +1,4 @@
-"""The queue of webhooks: one of their own, so that no endpoint that is slow holds up the watermarking.
+"""Queue of webhooks, apart from that of jobs, so that slow endpoints do not delay the watermarking.
 
 A message is a delivery's id and nothing else; it may be lost or arrive twice, because the ledger alone decides.
 """
@@ -19,6 +19,6 @@ def send(broker: Celery, delivery_id: str) -> None:
 
 
 def is_empty(broker: Celery) -> bool:
-    """Whether no message waits in the broker."""
+    """Test whether no message waits in the broker."""
     with broker.connection_for_write() as connection, connection.channel() as channel:
         return not channel.queue_declare(QUEUE, durable=True, auto_delete=False).message_count

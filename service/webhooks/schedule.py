@@ -1,24 +1,24 @@
-"""When a webhook that failed is sent again: Standard Webhooks, "Deliverability and reliability"."""
+"""Retry schedule of webhooks: Standard Webhooks, "Deliverability and reliability"."""
 
 from datetime import UTC, datetime, timedelta
 from email.utils import parsedate_to_datetime
 
-# The wait before each attempt; the first comes at once, the last some three days after it.
+# Backoff before each attempt; the first comes at once, the last some three days after it.
 DELAYS = tuple(
     timedelta(seconds=seconds) for seconds in (0, 5, 300, 1800, 7200, 18_000, 36_000, 50_400, 72_000, 86_400)
 )
 LONGEST_RETRY_AFTER = timedelta(days=1)
-JITTER = 0.2  # the most by which a wait is lengthened, so that what failed together does not come back together
+JITTER = 0.2  # largest share by which a wait is lengthened, so that retries of one outage are spread
 
 
 def next_attempt(attempts: int, failed_at: datetime, draw: float, retry_after: timedelta | None) -> datetime | None:
-    """When to try again, or None when that was the last time.
+    """Time of the next attempt, or None where this was the last one.
 
     Args:
-        attempts: how many were made, 1 or more.
-        failed_at: when the latest one failed.
+        attempts: number of attempts made, 1 or more.
+        failed_at: time at which the latest one failed.
         draw: a random number, 0 to 1.
-        retry_after: what the receiver asked for: waits are lengthened by it, up to a day, never shortened.
+        retry_after: wait that the receiver asked for: it lengthens waits, up to a day, and never shortens them.
     """
     if attempts >= len(DELAYS):
         return None
@@ -27,7 +27,7 @@ def next_attempt(attempts: int, failed_at: datetime, draw: float, retry_after: t
 
 
 def parse_retry_after(value: str | None, now: datetime) -> timedelta | None:
-    """The wait that a Retry-After header asks for (RFC 9110, 10.2.3), or None where it cannot be read."""
+    """Wait that a Retry-After header asks for (RFC 9110, 10.2.3), or None where it cannot be read."""
     value = (value or "").strip()
     if value.isascii() and value.isdigit():
         return timedelta(seconds=min(float(value), LONGEST_RETRY_AFTER.total_seconds()))

@@ -12,17 +12,17 @@ from core.errors import MeshmarkError
 from service.errors import ServiceErrorCode
 
 PREFIX = "whsec_"
-SECRET_BYTES = 32
+SECRET_BYTES = 32  # of a new secret
 SHORTEST, LONGEST = 24, 64  # bytes, by the specification
 
 
 def new_secret() -> str:
-    """A random secret in its written form."""
+    """Draw a random secret in its written form."""
     return PREFIX + base64.b64encode(randomness.token_bytes(SECRET_BYTES)).decode()
 
 
 def parse_secret(text: str) -> bytes:
-    """The key in a written secret.
+    """Key in a written secret.
 
     Raises:
         MeshmarkError: ``invalid_secret``. The message does not repeat it.
@@ -41,7 +41,7 @@ def parse_secret(text: str) -> bytes:
 
 
 def sign(secrets: Sequence[str], message_id: str, sent_at: datetime, body: bytes) -> dict[str, str]:
-    """The headers that prove where a message comes from: one signature per secret, so that secrets can be rotated.
+    """Headers that authenticate a message: one signature per secret, so that secrets can be rotated.
 
     Args:
         secrets: the endpoint's secrets in their written form, the newest first.

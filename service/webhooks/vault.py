@@ -1,4 +1,4 @@
-"""Webhooks' secrets as they lie in the ledger: encrypted where there are keys (Fernet: AES-128 in CBC mode and HMAC).
+"""Encryption of webhook secrets in the ledger, where there are keys (Fernet: AES-128 in CBC mode and HMAC).
 
 The keys stand in a file, one a line. The first one encrypts and all of them decrypt, so that keys can be changed while
 processes run that know only the old ones. Without a file, secrets are stored and read in clear; with one, those in
@@ -23,7 +23,7 @@ class UnreadableSecretError(Exception):
 
 
 def read_keys(path: Path | None) -> list[Fernet]:
-    """The keys in a file; none without one.
+    """Read the keys in a file; none without one.
 
     Raises:
         ValueError: it cannot be read, or a line of it is no key; the message has none of it.
@@ -43,17 +43,17 @@ def read_keys(path: Path | None) -> list[Fernet]:
 
 
 class Vault:
-    """What turns a secret into what is stored, and back."""
+    """Encrypts secrets for storage, and decrypts stored ones."""
 
     def __init__(self, keys: Sequence[Fernet]) -> None:
         self._keys = keys
 
     def seal(self, secret: str) -> str:
-        """A secret as it is to be stored."""
+        """Encrypt a secret for storage."""
         return self._keys[0].encrypt(secret.encode()).decode() if self._keys else secret
 
     def unseal(self, stored: str) -> str:
-        """The secret that was stored.
+        """Decrypt a stored secret.
 
         Raises:
             UnreadableSecretError: it is encrypted with another key.
@@ -68,7 +68,7 @@ class Vault:
             raise UnreadableSecretError from None
 
     def renewed(self, stored: str) -> str:
-        """What is to be stored in place of this: the same, where it is encrypted with the first key, or there is none.
+        """Re-encrypt a stored secret; the same, where it is encrypted with the first key, or there is none.
 
         Raises:
             UnreadableSecretError: it is encrypted with another key.
@@ -83,7 +83,7 @@ class Vault:
 
 
 def renew_secrets(sessions: sessionmaker[Session], vault: Vault) -> None:
-    """Store every secret as the vault would store it today.
+    """Store every secret as the vault would seal it today.
 
     Raises:
         UnreadableSecretError: one of them cannot be read; the message is a sentence that names its endpoint.
