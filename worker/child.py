@@ -25,7 +25,7 @@ from worker import sandbox
 
 PR_SET_PDEATHSIG = 1
 LARGEST_FILE = 2**31  # bytes; results are far smaller
-CPU_MARGIN = 60  # seconds beyond what all cores can give in the job's time: for a worker that does not look any more
+CPU_MARGIN = 60  # seconds beyond all cores' time within the job's limit: in case the worker no longer enforces it
 CHANNEL = 3  # the descriptor of its answers, after stdin, stdout and stderr
 SUFFIXES = {"model": ".glb", "report": ".json", "preview": ".png"}
 
@@ -41,10 +41,10 @@ def die_with_parent(parent: int) -> None:
 
 
 def run(engine: Engine, request: dict[str, Any], say: Callable[..., None]) -> None:
-    """Call the engine and say what it publishes.
+    """Call the engine and send what it publishes.
 
     Args:
-        engine: what is called.
+        engine: the engine's function.
         request: ``input`` and ``font`` as paths, ``parameters``, ``budgets``, ``folder``.
         say: sends one message.
 
@@ -80,10 +80,9 @@ def run(engine: Engine, request: dict[str, Any], say: Callable[..., None]) -> No
 
 
 def limit(seconds: float) -> None:
-    """Bound what the kernel can bound.
+    """Set resource limits: CPU time, file size, no core dumps.
 
-    Memory is not: address space says nothing about it where CUDA or ONNX reserve it, so the worker watches what is
-    resident.
+    Memory has none: CUDA and ONNX reserve address space without using it, so the worker watches resident memory.
     """
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # a crash is reported, not written to disk with the asset in it
     resource.setrlimit(resource.RLIMIT_FSIZE, (LARGEST_FILE, LARGEST_FILE))
@@ -92,7 +91,7 @@ def limit(seconds: float) -> None:
 
 
 def confine(request: dict[str, Any]) -> dict[str, bool]:
-    """Enter the sandbox; returns what of it is in force."""
+    """Enter the sandbox; returns which of its protections are in force."""
     caches = [
         Path(os.environ.get("WARP_CACHE_PATH") or Path.home() / ".cache" / "warp")
     ]  # kernels compiled for the GPU
@@ -100,7 +99,7 @@ def confine(request: dict[str, Any]) -> dict[str, bool]:
 
 
 def keep_only(request: int, stderr: int, channel: int) -> None:
-    """Make these the first descriptors, and close all others, those of the template among them."""
+    """Make these the first descriptors, and close all others, among them those of the template."""
     for number, file in enumerate((request, stderr, stderr, channel)):
         os.dup2(file, number, inheritable=number != CHANNEL)
     os.closerange(CHANNEL + 1, os.sysconf("SC_OPEN_MAX"))
@@ -110,11 +109,11 @@ def main(engine: Engine, parent: int, *files: int) -> NoReturn:
     """Serve one request and exit without the teardown of native libraries, which adds nothing but time and crashes.
 
     Args:
-        engine: what is called.
+        engine: the engine's function.
         parent: the process that forked this one, with which it ends.
         files: descriptors of the request, of stderr and of the channel.
     """
-    os.setsid()  # one group to kill
+    os.setsid()  # a process group of its own, to be killed as a whole
     die_with_parent(parent)
     keep_only(*files)
     request = json.load(sys.stdin)

@@ -29,10 +29,10 @@ ENGINE = "core.pipeline:watermark"
 
 
 def require_sandbox(worker: Worker) -> None:
-    """Say what shuts the engine in here.
+    """Log which protections the engine's sandbox has here.
 
     Raises:
-        SystemExit: with code 2 and a sentence on stderr, where something is missing and must not be.
+        SystemExit: with code 2 and a sentence on stderr, where one is missing and the settings require it.
     """
     in_force = sandbox.probe(worker.scratch, private_folders(worker.settings))
     lacking = ", ".join(part for part, there in in_force.items() if not there)
@@ -47,7 +47,7 @@ def require_sandbox(worker: Worker) -> None:
 
 
 def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
-    """A Celery app that runs jobs with the engine at an import path "module:function"."""
+    """Create the Celery app that runs jobs with the engine at an import path "module:function"."""
     app = create_queue(settings)
     receive(app, settings.worker_concurrency)
 

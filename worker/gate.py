@@ -1,8 +1,8 @@
-"""The gate's processes, each of which looks through what came with one upload: `python -m worker.gate`.
+"""Admission processes ("the gate"), each of which checks one upload: `python -m worker.gate`.
 
 They are forked from one that the API starts (:mod:`service.template`), since what they read is hostile, and since a
 single call of a parser can hold an interpreter for seconds. Each reads one JSON object and the files it names, gives up
-files, the network and other processes, and answers with one JSON object: null, or what is wrong with the upload.
+files, the network and other processes, and answers with one JSON object: null, or the upload's error.
 """
 
 import faulthandler
@@ -25,14 +25,14 @@ from service.template import serve
 from worker import sandbox
 from worker.child import CHANNEL, die_with_parent, keep_only
 
-NICENESS = 5  # behind the API, which answers all others meanwhile
-FIRST_TO_GO = "1000"  # of all processes, where the machine's or the container's memory ends
-LONGEST_COMPLAINT = 2**20  # bytes on stderr, which is a file
-CPU_MARGIN = 5  # seconds, for an API that does not look any more
+NICENESS = 5  # of processes: below the priority of the API, which answers all other requests
+FIRST_TO_GO = "1000"  # oom_score_adj: the kernel kills these processes first, where memory runs out
+LONGEST_COMPLAINT = 2**20  # bytes of the file that stderr is
+CPU_MARGIN = 5  # seconds beyond the limit, in case the API no longer enforces it
 
 
 def look(request: dict[str, Any], asset: bytes | None, font: bytes | None) -> None:
-    """Look through what came with an upload.
+    """Check the headers of an asset, and whether the font has the text's glyphs.
 
     Raises:
         MeshmarkError: as :func:`core.formats.admission.admit` does; where there is a font, ``invalid_font``,
@@ -59,7 +59,7 @@ def limit(seconds: float, memory: int) -> None:
 
 
 def answer(request: dict[str, Any]) -> MeshmarkError | None:
-    """What is wrong with the upload that a request names."""
+    """Check the upload that a request names; returns its error, or None."""
     try:
         asset, font = (Path(request[name]).read_bytes() if request[name] else None for name in ("asset", "font"))
         in_force = sandbox.shut()
@@ -91,7 +91,7 @@ def main(template: int, *files: int) -> NoReturn:
         template: the process that forked this one, with which it ends.
         files: descriptors of the request, of stderr and of the channel.
     """
-    os.setsid()  # one group to kill
+    os.setsid()  # a process group of its own, to be killed as a whole
     die_with_parent(template)
     keep_only(*files)
     request = json.loads(sys.stdin.readline())

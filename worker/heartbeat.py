@@ -1,4 +1,4 @@
-"""Keep the lease of a job alive while its worker is busy with other things, such as a slow upload."""
+"""Heartbeats, which renew the lease of a job while its worker is busy, for example with a slow upload."""
 
 import threading
 import time
@@ -12,16 +12,16 @@ from service.background import in_background
 from service.jobs.ledger import Ledger
 from service.jobs.models import Lease
 
-INTERVAL = 1.0  # seconds; also how long a cancellation may go unnoticed
+INTERVAL = 1.0  # seconds between two heartbeats, and so the longest time in which a cancellation is unnoticed
 
 log = structlog.get_logger(__name__)
 
 
 class Heartbeat:
-    """Renews a lease in a thread of its own, and passes on where the work stands, until the block ends.
+    """Renews a lease from a thread of its own, with the current stage and progress, until the block ends.
 
     `lost` is set when the lease is void, when the ledger could not be reached for as long as the lease holds, and when
-    the ledger does not take what it is told.
+    the ledger refuses the heartbeat.
     """
 
     def __init__(self, ledger: Ledger, lease: Lease, lease_seconds: float) -> None:
@@ -43,7 +43,7 @@ class Heartbeat:
         self._thread.join()
 
     def at(self, stage: str, fraction: float) -> None:
-        """Where the work stands; a new stage shows at once."""
+        """Set the current stage and share done; a new stage is sent at once."""
         if stage != self._at[0]:
             self._wake.set()
         self._at = (stage, fraction)
@@ -51,7 +51,7 @@ class Heartbeat:
     def _run(self) -> None:
         renewed = time.monotonic()
         while not self._over:
-            self._wake.clear()  # before the look at what to tell: what is told after it sets it again
+            self._wake.clear()  # before reading the stage: a stage set later wakes the thread again
             try:
                 if not self._ledger.heartbeat(self._lease, self._lease_seconds, *self._at):
                     break

@@ -1,4 +1,4 @@
-"""The bucket of an upload hook: what is dropped there is read, what was made of it is written."""
+"""Bucket of an upload hook: dropped objects are read from it, results are written to it."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -18,14 +18,14 @@ from service.jobs import s3_bucket
 from service.jobs.artifacts import CHUNK, StoreUnavailableError
 
 REFUSALS = (PermissionDeniedError, UnauthenticatedError)
-TIMEOUTS = ("5s", "120s")
+TIMEOUTS = ("5s", "120s")  # of connecting, and of a request
 RETRIES: Any = {"max_retries": 2, "retry_timeout": timedelta(seconds=10)}
 
 log = structlog.get_logger(__name__)
 
 
 def open_bucket(hook: HookSource) -> S3Store:
-    """The hook's bucket."""
+    """Connect to the hook's bucket."""
     keys = (hook.access_key_id, hook.secret_access_key)
     return s3_bucket.open_bucket(hook.bucket, None, hook.endpoint, hook.region, *keys, TIMEOUTS, RETRIES)
 
@@ -53,8 +53,8 @@ def read_object(hook: HookSource, key: str, target: BinaryIO, limit: int, check:
 def write_object(hook: HookSource, key: str, content: Path, media_type: str) -> None:
     """Write a file to an object; it appears when it is whole.
 
-    A file, and nothing that asks the artifact store for its content meanwhile: a bucket's library panics where it is
-    asked for something while it asks for something.
+    The content is a file, not a stream from the artifact store: the bucket's library panics if it is called while it
+    reads the content of another call.
 
     Raises:
         MeshmarkError: it may not be written.

@@ -1,7 +1,7 @@
-"""Write what became of dropped objects back to their buckets.
+"""Write the results of dropped objects back to their buckets.
 
 A step of its own beside the jobs, in a thread for each hook: a bucket that fails or hangs delays no job and no other
-bucket. A worker that dies leaves its rows to the others, and what was written twice is the same.
+bucket. Rows of a worker that died are taken by others, and writing twice is idempotent.
 """
 
 from functools import partial
@@ -18,7 +18,7 @@ from worker.hook_bucket import write_object
 from worker.repeating import repeatedly
 from worker.tasks import Worker
 
-INTERVAL = 1.0  # seconds
+INTERVAL = 1.0  # seconds between two queries for due objects
 SUFFIXES = {ArtifactKind.REPORT: ".report.json", ArtifactKind.MODEL: ".watermarked.glb"}  # the model last
 MEDIA_TYPES = {ArtifactKind.REPORT: "application/json", ArtifactKind.MODEL: "model/gltf-binary"}
 
@@ -26,7 +26,7 @@ log = structlog.get_logger(__name__)
 
 
 def write_outputs(worker: Worker, source: str) -> None:
-    """Write the results of all jobs of a hook's objects that have ended since."""
+    """Write the results of all jobs of a hook's objects that are due."""
     sessions = worker.ledger.sessions
     while not worker.stopping.is_set() and (item := dropped.take_due(sessions, source)):
         try:
@@ -62,6 +62,6 @@ def _copy(store: ArtifactStore, hook: HookSource, job: Job, key: str) -> None:
 
 
 def start_writer(worker: Worker) -> None:
-    """Write in the background, for each hook that there is, until the worker stops."""
+    """Write results in the background, for each hook, until the worker stops."""
     for source in worker.settings.hooks:
         repeatedly(f"hook-outputs-{source}", partial(write_outputs, worker, source), INTERVAL, worker.stopping)

@@ -1,8 +1,8 @@
-"""Whether a worker still takes messages: a file that is touched while it does, and `python -m worker --check`.
+"""Liveness of a worker: a file that is touched while it takes messages, and `python -m worker --check`.
 
-A worker whose process lives may have stopped consuming, for example after its broker was restarted. It is seen by what
-does not happen: messages wait in a queue that it serves, it has a free place, and nothing comes. A broker that does not
-answer is no reason to restart the worker.
+A worker whose process lives may have stopped consuming, for example after its broker was restarted. The symptom is that
+messages wait in a queue that it serves, it has a free slot, and none comes. A broker that does not answer is no reason
+to restart the worker.
 """
 
 import os
@@ -25,9 +25,9 @@ log = structlog.get_logger(__name__)
 
 
 class Pulse:
-    """Counts what a worker does, and beats while it does what it should.
+    """Counts a worker's running messages, and beats while it consumes as it should.
 
-    A beat comes four times per lease; messages that wait for two leases beside a free place end it.
+    It beats four times per lease, until messages have waited for two leases beside a free slot.
     """
 
     def __init__(self, settings: Settings, broker: Celery) -> None:
@@ -43,17 +43,17 @@ class Pulse:
         self.path = folder / f"{socket.gethostname()}.{os.getpid()}"
 
     def began(self) -> None:
-        """A message came."""
+        """Count a message that was taken."""
         with self._lock:
             self._busy, self._well = self._busy + 1, time.monotonic()
 
     def ended(self) -> None:
-        """What it asked for is done."""
+        """Count a message that is done."""
         with self._lock:
             self._busy, self._well = self._busy - 1, time.monotonic()
 
     def beat(self) -> None:
-        """Touch the file, unless messages have been left waiting for too long."""
+        """Touch the file, unless messages have waited for too long."""
         expecting = self._busy < self._places and self._messages_wait()
         if not expecting:
             self._well = time.monotonic()
@@ -82,7 +82,7 @@ class Pulse:
 
 
 def check(settings: Settings) -> str | None:
-    """What is wrong with the workers on this machine (of this container) and in this data folder; None: nothing."""
+    """Check the workers of this machine (of this container) and this data folder; returns a fault in words, or None."""
     latest = time.time() - 4 * settings.lease_seconds
     alive = {path: process for path in _folder(settings).glob("*") if (process := _process(path))}
     if not alive:
@@ -99,7 +99,7 @@ def _folder(settings: Settings) -> Path:
 
 
 def _process(path: Path) -> int | None:
-    """The process that a file is of, if it is one of this machine and lives."""
+    """Process id in a file's name, if it is a living process of this machine."""
     host, _, process = path.name.rpartition(".")
     if host != socket.gethostname() or not process.isdecimal() or not psutil.pid_exists(int(process)):
         return None

@@ -1,4 +1,4 @@
-"""How the Celery apps that receive messages are set up and started, that of jobs and that of webhooks."""
+"""Setup and start of the Celery apps that receive messages, of jobs and of webhooks."""
 
 import signal
 import warnings
@@ -18,7 +18,7 @@ log = structlog.get_logger(__name__)
 
 
 def receive(app: Celery, concurrency: int) -> None:
-    """Let an app receive messages with so many threads.
+    """Configure an app to receive messages with so many threads.
 
     Threads: each only waits, for a child process of its own or for a server, so it needs neither its own interpreter
     nor billiard's daemonic processes, which may not have children; and the consumer's thread stays free to keep the
@@ -37,15 +37,15 @@ def receive(app: Celery, concurrency: int) -> None:
         worker_cancel_long_running_tasks_on_connection_loss=False,  # the ledger decides, not the connection
     )
     hangup = hangup_handler()
-    # In place of Celery's own, which starts the worker anew, in the background, and heeds no `nohup`.
+    # In place of Celery's own handler, which restarts the worker in the background and ignores `nohup`.
     worker_ready.connect(lambda **_: signal.signal(signal.SIGHUP, hangup), weak=False)
 
 
 def take(app: Celery, task: str, work: Callable[[str], None]) -> None:
-    """Do some work for each message of a task, which is an id.
+    """Register a task that does some work for each message, which is an id.
 
-    What is no Exception, such as a panic of a native library, ends the process: Celery would go on without taking
-    messages any more.
+    An error that is no Exception, such as a panic of a native library, ends the process: Celery would go on without
+    taking messages.
     """
 
     def run(identifier: str) -> None:
@@ -60,7 +60,7 @@ def take(app: Celery, task: str, work: Callable[[str], None]) -> None:
 
 
 def required(step: Callable[[], None]) -> Callable[..., None]:
-    """A handler of `worker_init` for a step without which there is to be no worker; Celery would go on without it."""
+    """Handler of `worker_init` for a step that the worker cannot do without; Celery itself would ignore its failure."""
 
     def handle(**_: Any) -> None:
         try:
@@ -81,7 +81,7 @@ def _say_stopped(**_: Any) -> None:
 
 
 def _say_nothing(*_: Any) -> None:
-    """In place of the plain text in which Celery tells stdout of each signal; the log is JSON."""
+    """Replace the plain text that Celery writes to stdout at each signal; the log is JSON."""
 
 
 def run_until_stopped(app: Celery, *options: str) -> None:

@@ -1,4 +1,4 @@
-"""What a worker does again and again beside its jobs."""
+"""Periodic steps of a worker, in the background."""
 
 import threading
 from collections.abc import Callable
@@ -10,16 +10,16 @@ from sqlalchemy.exc import OperationalError
 from service.background import in_background
 from service.jobs.artifacts import StoreUnavailableError
 
-# What is raised while a server or the disk does not answer, which ends without anybody's doing here.
+# Transient errors of a server or disk that does not answer, which need no action here.
 AWAY = (StoreUnavailableError, OperationalError, KombuError, OSError)
 
 log = structlog.get_logger(__name__)
 
 
 def repeatedly(name: str, step: Callable[[], object], interval: float, stopping: threading.Event) -> threading.Thread:
-    """Take a step in the background again and again, after a pause of so many seconds each, until told to stop.
+    """Repeat a step in a background thread, with a pause of so many seconds before each, until told to stop.
 
-    A step that fails is logged, and the next one comes. That a server is away is a line, that it is back another one.
+    A step that fails is logged, and repeated. An outage is logged once at its beginning and once at its end.
     """
 
     def run() -> None:

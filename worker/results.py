@@ -1,4 +1,4 @@
-"""What the engine's process wrote. It has read a hostile file, so what lies there may be no file at all."""
+"""Files that the engine's process wrote. It has read a hostile file, so they may be no plain files."""
 
 import os
 import stat
@@ -9,9 +9,9 @@ from core.errors import ErrorCode, MeshmarkError
 
 
 def open_result(path: Path) -> BinaryIO:
-    """A file that the engine wrote, open for reading.
+    """Open a file that the engine wrote, for reading.
 
-    A link could lead to what the worker may read and the engine may not; a pipe would hold the worker up for ever.
+    A link could lead to files that the worker may read and the engine may not; a pipe would block the worker for ever.
 
     Raises:
         MeshmarkError: ``engine_crashed``, there is no plain file.
@@ -27,7 +27,7 @@ def open_result(path: Path) -> BinaryIO:
 
 
 def replace_result(path: Path, content: bytes) -> None:
-    """Put a new file in the place of what the engine wrote, whatever that is and leads to."""
+    """Replace a file that the engine wrote by a new one, without following it if it is a link."""
     path.unlink()
     with path.open("xb") as file:  # which follows no link
         file.write(content)

@@ -1,4 +1,4 @@
-"""Run the engine in a child process that may crash, hang or eat memory without harm to the worker."""
+"""Run the engine in a child process that may crash, hang or exhaust memory without harm to the worker."""
 
 import json
 import os
@@ -21,17 +21,17 @@ from service.jobs.models import ArtifactKind
 from service.template import Child, Template, tail
 from worker.child import SUFFIXES
 
-TICK = 0.1  # seconds between two looks at the child
-LONGEST_MESSAGE = 2**20
+TICK = 0.1  # seconds between two checks of the child's limits
+LONGEST_MESSAGE = 2**20  # bytes
 
 log = structlog.get_logger(__name__)
 
 
 @dataclass(frozen=True)
 class Work:
-    """One call of the engine: its input files, and a folder that is its own.
+    """Call of the engine: its input files, and a working folder of its own.
 
-    Of the private folders it sees nothing else; with `sandbox` "required" it does not run without being shut in.
+    It can read nothing else in the private folders; with `sandbox` "required" it does not run outside a whole sandbox.
     """
 
     input: Path
@@ -68,9 +68,9 @@ class Published:
 
 
 def run_engine(template: Template, work: Work, limits: Limits) -> Generator[Progress | Published | None]:
-    """What the child reports, as it comes, and None at least once per tick; ends when the engine is done.
+    """Run the engine in a child; yields its events as they come, and None at least once per tick, until it is done.
 
-    Close the generator to stop the child. Whatever way the iteration ends, the child and what it started are killed.
+    Close the generator to stop the child. However the iteration ends, the child and what it started are killed.
 
     Raises:
         StoreUnavailableError: the disk under the working folder is full.
@@ -112,7 +112,7 @@ def _request(work: Work, limits: Limits) -> str:
 def _listen(
     child: Child, channel: int, limits: Limits, folder: Path
 ) -> Generator[Progress | Published | None, None, bool]:
-    """Returns whether the engine said that it is done, before the pipe was closed."""
+    """Yield the events of a child; returns whether it said that it is done, before the pipe was closed."""
     try:
         while (pid := child.pid(TICK)) is None:
             yield None
@@ -165,7 +165,7 @@ def _check_limits(pid: int, limits: Limits, deadline: float) -> None:
 
 
 def _crashed(exit_code: int | None) -> MeshmarkError:
-    """Why the pipe closed without a result."""
+    """Error for a pipe that closed without a result."""
     if exit_code is None:
         reason = "stopped answering"
     elif exit_code < 0:

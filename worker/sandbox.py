@@ -1,14 +1,14 @@
-"""Take from a process what the engine does not need before it reads what is hostile.
+"""Sandbox of processes that read hostile input: they drop every right that they do not need.
 
-- The network: a seccomp filter refuses to make sockets of any kind, and io_uring, which could make them past it. It
-  refuses to look into other processes and to take their connections, too. (An inherited descriptor stays usable: there
+- The network: a seccomp filter refuses to create sockets of any kind, and io_uring, which could create them past it. It
+  also refuses access to other processes' memory and descriptors. (An inherited descriptor stays usable: there
   are a pipe and two files.)
 - Files: Landlock lets the process write in its own folder only, and read nothing in the private folders, which hold
-  other tenants' files, the ledger and secrets, and of `/proc` only what is about itself.
-- Its process group, which it cannot leave: what it starts is killed with it.
-- Privileges: what is executed from here on gains none (`no_new_privs`).
+  other tenants' files, the ledger and secrets, and of `/proc` only its own entry.
+- Its process group, which it cannot leave: its children are killed with it.
+- Privileges: executed programs gain none (`no_new_privs`).
 
-Linux only; no rights are needed, so it works in a container and for any user. What is missing is said.
+Linux only; no privileges are needed, so it works in a container and for any user. Missing protections are reported.
 
 `python -m worker.sandbox FOLDER` tries it and prints what is in force.
 """
@@ -32,7 +32,7 @@ SYSTEM_CALLS = {
     "x86_64": (0xC000003E, (41, 101, 310, 311, 425, 438, 109, 112)),
     "aarch64": (0xC00000B7, (198, 117, 270, 271, 425, 438, 154, 157)),
 }
-X32 = 0x40000000  # from here on, numbers are of another way to call the same
+X32 = 0x40000000  # system calls of the x32 ABI are numbered from here on
 # linux/bpf_common.h: load a word, jump if equal, jump if greater or equal, return
 LOAD, EQUAL, GREATER, RETURN = 0x20, 0x15, 0x35, 0x06
 # linux/seccomp.h
@@ -40,12 +40,12 @@ ALLOW, KILL, REFUSE = 0x7FFF0000, 0x80000000, 0x00050000 | 13  # EACCES
 
 CREATE_RULESET, ADD_RULE, RESTRICT_SELF = 444, 445, 446
 GET_VERSION, PATH_BENEATH = 1, 1
-# linux/landlock.h: execute, write, read file, read folder; then what removes, makes, moves and truncates
+# linux/landlock.h: execute, write, read file, read folder; then removal, creation, renaming and truncation
 EXECUTE, WRITE, READ_FILE, READ_FOLDER = 1, 2, 4, 8
 RIGHTS_BY_VERSION = {1: (1 << 13) - 1, 2: (1 << 14) - 1, 3: (1 << 15) - 1}
 FILE_RIGHTS = EXECUTE | WRITE | READ_FILE | 1 << 14
 LIBRARIES = [sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")]
-DEVICES, SHARED = Path("/dev"), ("shm", "mqueue", "pts")  # what of them other processes see
+DEVICES, SHARED = Path("/dev"), ("shm", "mqueue", "pts")  # devices, and those among them that other processes share
 
 libc = ctypes.CDLL(None, use_errno=True)
 
@@ -56,24 +56,24 @@ def enter(folder: Path, private: Iterable[Path], writable: Iterable[Path] = ()) 
     Call it while the process has one thread.
 
     Args:
-        folder: where everything is allowed.
+        folder: working folder, in which everything is allowed.
         private: folders of which nothing but `folder` may be read.
         writable: other folders in which everything is allowed, where they exist.
 
     Returns:
-        What is in force: ``network`` and ``files``.
+        Protections in force: ``network`` and ``files``.
     """
     if sys.platform != "linux" or libc.prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0):
         return {"network": False, "files": False}
     devices = [path for path in DEVICES.iterdir() if path.name not in SHARED]
-    os.open(f"/proc/{os.getpid()}", os.O_PATH)  # stays open: the rule is about what is there while it is in use
+    os.open(f"/proc/{os.getpid()}", os.O_PATH)  # stays open: the rule holds for the entry while it is in use
     readable = _all_but([*(path.resolve() for path in private), *_other_processes()])
     return {"files": _restrict_files(readable, [folder, *devices, *writable]), "network": _refuse_sockets()}
 
 
 def shut() -> dict[str, bool]:
     """Give up the network, other processes, all writing, and all reading but of installed libraries, which import parts
-    of themselves late. What was opened before stays usable.
+    of themselves late. Descriptors opened before stay usable.
 
     Call it while the process has one thread.
 
@@ -86,7 +86,7 @@ def shut() -> dict[str, bool]:
 
 
 def probe(folder: Path, private: Iterable[Path]) -> dict[str, bool]:
-    """What would be in force here, tried in a process of its own."""
+    """Protections that would be in force here, tried in a process of its own."""
     command = [sys.executable, "-m", "worker.sandbox", os.fspath(folder), *map(os.fspath, private)]
     return dict(json.loads(subprocess.run(command, check=True, capture_output=True).stdout))
 
@@ -95,7 +95,7 @@ def _refuse_sockets() -> bool:
     if platform.machine() not in SYSTEM_CALLS:
         return False
     architecture, refused = SYSTEM_CALLS[platform.machine()]
-    number, arch = 0, 4  # offsets in what a filter looks at
+    number, arch = 0, 4  # offsets in struct seccomp_data
     count = len(refused)
     program = [
         (LOAD, 0, 0, arch),
@@ -145,19 +145,19 @@ def _allow(ruleset: int, path: Path, rights: int) -> None:
 
 
 def _other_processes() -> Iterator[Path]:
-    """Where `/proc` tells of them: their environments hold passwords. Those to come get no rule either."""
+    """Entries of other processes in `/proc`, whose environments hold passwords. Later processes get no rule either."""
     return (path for path in Path("/proc").iterdir() if path.name.isdecimal() and path.name != str(os.getpid()))
 
 
 def _all_but(private: Iterable[Path]) -> Iterator[Path]:
-    """The largest parts of the file system that hold nothing private: Landlock knows no exceptions."""
+    """Largest parts of the file system without anything private: Landlock knows no exceptions."""
     closed = set(map(os.fspath, private))
     ways = [[os.fspath(parent) for parent in Path(path).parents] for path in closed]
     opened = {folder for way in ways if closed.isdisjoint(way) for folder in way}
     for folder in opened:
         with suppress(OSError), os.scandir(folder) as entries:
             for entry in entries:
-                # Where a link leads, there is a rule or is none.
+                # The target of a link has a rule of its own, or has none.
                 if entry.path not in closed and entry.path not in opened and not entry.is_symlink():
                     yield Path(entry.path)
 

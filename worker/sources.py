@@ -1,9 +1,9 @@
-"""Bring the asset of a job whose client did not send it.
+"""Download the asset of a job whose client did not send it.
 
-A worker does so itself, before it starts the engine and under the job's own lease: so a download is cancelled, tried
-again after a crash, counted and given up as any other part of a job, and needs no queue and no states of its own. The
-engine's process has no part in it. It is bounded: three tries of two minutes. The bucket of a
-hook is waited for as the artifact store is.
+A worker does so itself, before it starts the engine and under the job's own lease: so a download is canceled, retried
+after a crash, counted and given up as any other part of a job, and needs no queue and no states of its own. The
+engine's process has no part in it. It is bounded: three tries of two minutes. The bucket of a hook is retried as the
+artifact store is.
 """
 
 from collections.abc import Callable
@@ -30,7 +30,7 @@ log = structlog.get_logger(__name__)
 
 
 class Sources:
-    """Where assets are brought from: addresses, and the buckets of upload hooks."""
+    """Downloads assets from their sources: addresses, and the buckets of upload hooks."""
 
     def __init__(self, settings: Settings, sessions: sessionmaker[Session]) -> None:
         self._limit = settings.max_upload_bytes
@@ -39,12 +39,12 @@ class Sources:
         self._client = OutboundClient(settings.outbound, TIMEOUTS)
 
     def bring(self, job_id: str, path: Path, check: Callable[[], None], pause: Callable[[float], object]) -> bool:
-        """Write a job's asset to a file; False where nothing is known of where it lies.
+        """Write a job's asset to a file; False where no source of it is known.
 
         Args:
             job_id: the job.
             path: the file to write.
-            check: called often; what it raises ends the download.
+            check: called often; an error in it ends the download.
             pause: waits so many seconds.
 
         Raises:
@@ -65,7 +65,7 @@ class Sources:
         return True
 
     def _way_to(self, job_id: str, check: Callable[[], None]) -> Callable[[BinaryIO], object] | None:
-        """What writes a job's asset to an open file."""
+        """Function that writes a job's asset to an open file; None where no source of it is known."""
         if url := sources.url_of(self._sessions, job_id):
             return lambda target: download(self._client, url, target, self._limit, check)
         if item := dropped.object_of(self._sessions, job_id):

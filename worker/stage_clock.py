@@ -1,4 +1,4 @@
-"""How long an attempt stays in each stage, for metrics and traces."""
+"""Durations of an attempt's stages, for metrics and traces."""
 
 import time
 from types import TracebackType
@@ -9,18 +9,18 @@ from opentelemetry.trace import INVALID_SPAN, Span
 from service.metrics import STAGE_SECONDS
 from service.tracing import tracer
 
-# Those of core.pipeline; what else a child may say, which has read a hostile file, is "other".
+# Stages of core.pipeline; any other name from a child, which has read a hostile file, is "other".
 STAGES = ("reading", "lettering", "placing", "embossing", "writing", "reporting", "rendering", "evaluating")
 OTHER = "other"
 
 
 def known(stage: str) -> str:
-    """A stage that a child named, if it is one."""
+    """Stage that a child named, if it is one, else "other"."""
     return stage if stage in STAGES else OTHER
 
 
 class StageClock:
-    """Runs while the engine does."""
+    """Timer of the engine's stages: an observation and a span for each."""
 
     def __init__(self) -> None:
         self._stage: str | None = None
@@ -36,7 +36,7 @@ class StageClock:
         self.at(None)
 
     def at(self, stage: str | None) -> None:
-        """The stage the engine is in from now on; None: in none."""
+        """Enter a stage; None: leave the current one."""
         stage = None if stage is None else known(stage)
         if stage == self._stage:
             return

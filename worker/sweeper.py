@@ -1,4 +1,4 @@
-"""Find what nobody works on and nobody needs: jobs of workers that vanished, messages and files that were lost."""
+"""Sweeper: recovers the jobs of dead workers and lost messages, and deletes expired and orphaned files."""
 
 import random
 import shutil
@@ -16,14 +16,14 @@ from service.jobs.models import Queue
 from worker.repeating import repeatedly
 from worker.tasks import Worker, scratch_name
 
-BATCHES = 10  # of old jobs, each forgotten in one transaction, between two looks for what has expired
+BATCHES = 10  # of old jobs in one step, each forgotten in one transaction
 SHARES = 256  # of the store, by the first two digits of the hash; all are swept once in a grace period
 
 log = structlog.get_logger(__name__)
 
 
 def sweep(worker: Worker) -> None:
-    """One pass over the ledger. Any number of workers may sweep at the same time."""
+    """Sweep the ledger once. Any number of workers may sweep at the same time."""
     settings = worker.settings
     requeued, failed = worker.ledger.recover(settings.max_attempts, WORKER_LOST)
     for job_id in requeued:
@@ -31,7 +31,7 @@ def sweep(worker: Worker) -> None:
     for job_id in failed:
         log.warning("job failed: its worker disappeared", job=job_id)
     for each in Queue:
-        # While messages wait in the broker, a job that waits long is one of many and not a lost one.
+        # While messages wait in the broker, a job waits because of the load, not because its message was lost.
         lost = [] if queue.depth(worker.celery, each) else worker.ledger.waiting(settings.lease_seconds, each)
         for job_id in lost:
             log.warning("job announced again", job=job_id)
@@ -54,7 +54,7 @@ def remove_expired(worker: Worker) -> None:
 
 
 def forget_old_jobs(worker: Worker) -> None:
-    """Delete the jobs without results that ended long ago, some thousand an hour of them."""
+    """Delete jobs without results that ended long ago, at most BATCHES batches of them."""
     if not (days := worker.settings.history_days):
         return
     for _ in range(BATCHES):
@@ -67,7 +67,7 @@ def forget_old_jobs(worker: Worker) -> None:
 
 
 def sweep_store(worker: Worker, share: int) -> None:
-    """Remove content that no job refers to from one of 256 shares of the store, and what killed processes left here."""
+    """Remove content that no job refers to from one of 256 shares of the store, and drafts of killed processes here."""
     worker.artifacts.clear_staging(GRACE)
     uploads.remove_expired(worker.ledger.sessions, worker.artifacts)
     for sha256 in contents.discard_orphans(worker.ledger, worker.artifacts, f"{share % SHARES:02x}"):
@@ -75,14 +75,14 @@ def sweep_store(worker: Worker, share: int) -> None:
 
 
 class FileSweep:
-    """Deletes what has expired, and sweeps the store, slowly, from a share drawn by chance on."""
+    """Deletes expired files, and sweeps the store, slowly, from a random share on."""
 
     def __init__(self, worker: Worker) -> None:
         self._worker = worker
         self._share, self._due = random.randrange(SHARES), time.monotonic()
 
     def step(self) -> None:
-        """One pass."""
+        """Sweep once."""
         try:
             remove_expired(self._worker)
             forget_old_jobs(self._worker)
@@ -90,14 +90,14 @@ class FileSweep:
                 self._share, self._due = self._share + 1, time.monotonic() + GRACE / SHARES
                 sweep_store(self._worker, self._share)
         except Exception:
-            self._worker.artifacts.reserve.give_up()  # on a full disk, what has expired goes by the room kept for it
+            self._worker.artifacts.reserve.give_up()  # on a full disk, expired files are deleted in the reserved space
             raise
 
 
 def start_sweeper(worker: Worker) -> None:
     """Sweep in the background, several times per lease, until the worker stops.
 
-    In two threads: no lost job waits for a store that is slow to delete.
+    In two threads: a store that is slow to delete delays no lost job.
     """
     interval = worker.settings.lease_seconds / 4
     repeatedly("sweeper", partial(sweep, worker), interval, worker.stopping)

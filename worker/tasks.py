@@ -1,4 +1,4 @@
-"""The task behind a message: one attempt at one job."""
+"""Task of a worker: one attempt at one job."""
 
 import json
 import os
@@ -38,7 +38,7 @@ from worker.sources import Sources
 from worker.stage_clock import StageClock, known
 from worker.template import Template
 
-# Seconds: how long to go on trying where store or ledger do not answer, and the pauses between.
+# Seconds: to retry in all where store or ledger do not answer, and the exponential backoff between.
 PATIENCE = 60.0
 FIRST_PAUSE, LONGEST_PAUSE = 0.2, 5.0
 LARGEST_REPORT = 2**26  # bytes
@@ -48,7 +48,7 @@ T = TypeVar("T")
 
 
 class LeaseLostError(Exception):
-    """The job was canceled, or handed to another worker: whatever this one has is of no use any more."""
+    """The lease is void: the job was canceled or claimed by another worker, and this attempt is discarded."""
 
 
 class StoppingError(Exception):
@@ -57,7 +57,7 @@ class StoppingError(Exception):
 
 @dataclass
 class Worker:
-    """What the tasks of one worker process share."""
+    """Shared state of a worker process's tasks."""
 
     settings: Settings
     celery: Celery
@@ -75,17 +75,17 @@ class Worker:
         self.template = Template(self.engine, threads)
 
     def close(self) -> None:
-        """End what it holds: the template of the jobs' processes, and the connections to the ledger."""
+        """Close the template of the jobs' processes, and the connections to the ledger."""
         self.template.close()
         self.ledger.close()
 
     def stop(self) -> None:
-        """Begin no more jobs; those that run have some seconds to end before they are given back."""
+        """Shut down gracefully: begin no more jobs, and give back those that do not end within the shutdown time."""
         self.stop_by = time.monotonic() + self.settings.shutdown_seconds
         self.stopping.set()
 
     def run(self, job_id: str) -> None:
-        """Try the job whose turn it is in the queue of this one; where none waits, the message changes nothing."""
+        """Attempt the job that is next in this one's queue; where none waits, the message changes nothing."""
         if self.stopping.is_set():
             self.announce(job_id)
             return
@@ -106,7 +106,7 @@ class Worker:
             self._attempt(job)
 
     def announce(self, job_id: str) -> None:
-        """Say that a job waits."""
+        """Announce a waiting job."""
         if waits_in := turns.queue_of(self.ledger.sessions, job_id):
             log.info("job announced", job=job_id)
             queue.send(self.celery, job_id, waits_in)
@@ -175,7 +175,7 @@ class Worker:
         self._publish(job.lease, Published(ArtifactKind.REPORT, report), heartbeat)
 
     def _follow(self, job: Job, work: Work, limits: Limits, heartbeat: Heartbeat) -> None:
-        """Run the engine, publish what it makes but the report, and pass on how it goes."""
+        """Run the engine, publish its artifacts except the report, and pass on its progress."""
         with closing(run_engine(self.template, work, limits)) as events, StageClock() as clock:
             for event in events:
                 self._check(heartbeat)
@@ -186,7 +186,7 @@ class Worker:
                     clock.at(event.stage)
 
     def _bring(self, job: Job, folder: Path, heartbeat: Heartbeat) -> Artifact | None:
-        """Take an asset that the client did not send into the store, as if it had been sent."""
+        """Download an asset that the client did not send into the store, as if it had been sent."""
         path = folder / "source"
         heartbeat.at("fetching", 0.0)
         if not self._patiently(
@@ -204,7 +204,7 @@ class Worker:
         except FileNotFoundError:
             if lease in self.ledger.running():
                 raise
-            raise LeaseLostError from None  # deleted by whoever sent it, after the claim
+            raise LeaseLostError from None  # deleted by its client after the claim
         ARTIFACT_BYTES.labels(artifact.kind).inc(artifact.size)
         return path
 
@@ -222,7 +222,7 @@ class Worker:
         ARTIFACT_BYTES.labels(event.kind).inc(size)
 
     def _patiently(self, heartbeat: Heartbeat, call: Callable[[], T]) -> T:
-        """Call again and again while store or ledger do not answer, as long as the lease holds and PATIENCE lasts."""
+        """Retry a call while store or ledger do not answer, as long as the lease holds and PATIENCE lasts."""
         deadline, pause = time.monotonic() + PATIENCE, FIRST_PAUSE
         while True:
             self._check(heartbeat)
@@ -243,7 +243,7 @@ class Worker:
 
 
 def _explained(report: bytes, error: MeshmarkError) -> bytes:
-    """The report with what ended the measurement as the reason of every metric that is missing."""
+    """Report in which the error that ended the measurement is the reason of every missing metric."""
     content = json.loads(report)
     if content["metrics"] is not None:
         reason = asdict(error.notice())
@@ -252,7 +252,7 @@ def _explained(report: bytes, error: MeshmarkError) -> bytes:
 
 
 def private_folders(settings: Settings) -> tuple[Path, ...]:
-    """What the engine must not see: the ledger, other jobs' files, the queue, and secrets."""
+    """Folders hidden from the engine: the ledger, other jobs' files, the queue, and secrets."""
     private = [settings.data_dir.resolve(), SECRETS]
     if settings.secrets_key:
         private.append(settings.secrets_key.resolve())
@@ -263,7 +263,7 @@ def private_folders(settings: Settings) -> tuple[Path, ...]:
 
 
 def scratch_name(lease: Lease) -> str:
-    """The working folder's name of one attempt."""
+    """Name of one attempt's working folder."""
     return f"{lease.job_id}.{lease.token}"
 
 

@@ -1,4 +1,4 @@
-"""The process that the processes of jobs are forked from: `python -m worker.template ENGINE`, one for each worker."""
+"""Template process that the processes of jobs are forked from: `python -m worker.template ENGINE`, one per worker."""
 
 import importlib
 import socket
@@ -10,11 +10,11 @@ from worker import child
 
 
 class Template(template.Template):
-    """The worker's side of it.
+    """Owner's handle of it, in the worker.
 
     Args:
         engine: as "module:function". The module has a function ``preload`` too, which imports what the other will need.
-        threads: how many a job may use.
+        threads: number that a job may use.
     """
 
     def __init__(self, engine: str, threads: int) -> None:

@@ -1,7 +1,7 @@
 """`python -m worker.webhooks [PID]`: sends webhooks; given a process, it ends with it.
 
-A process of its own on a queue of its own: an endpoint that is slow, or that is none, holds up no job. Its threads only
-wait for others, so there are many.
+A process of its own on a queue of its own: slow or missing endpoints delay no job. Its threads only wait for endpoints,
+so there are many.
 """
 
 import random
@@ -36,16 +36,16 @@ from worker.child import die_with_parent
 from worker.receiving import receive, required, run_until_stopped, take
 from worker.repeating import repeatedly
 
-CONCURRENCY = 32
-INTERVAL = 0.5  # seconds between two looks for what is due
-PATIENCE = 5.0  # seconds between two looks for what was lost
+CONCURRENCY = 32  # threads, each with one attempt
+INTERVAL = 0.5  # seconds between two queries for due deliveries
+PATIENCE = 5.0  # seconds between two queries for lost messages
 
 log = structlog.get_logger(__name__)
 
 
 @dataclass
 class Sender:
-    """What the tasks of one process share."""
+    """Shared state of a sender process's tasks."""
 
     settings: Settings
     celery: Celery
@@ -93,7 +93,7 @@ class Sender:
 
 
 def sweep(sender: Sender, lost: bool) -> None:
-    """Announce what is due: the first attempts, those to be repeated, and now and then those whose message was lost."""
+    """Announce due deliveries: first attempts, retries, and now and then those whose message was lost."""
     lost = lost and queue.is_empty(sender.celery)
     due = deliveries.announce(sender.ledger.sessions, lost)
     try:
@@ -118,7 +118,7 @@ def start_sweeper(sender: Sender) -> None:
 
 
 def create_sender(settings: Settings) -> Celery:
-    """A Celery app that sends webhooks."""
+    """Create the Celery app that sends webhooks."""
     app = create_queue(settings)
     app.conf.update(
         task_queues={queue.QUEUE: {"exchange": queue.QUEUE, "routing_key": queue.QUEUE}},
