@@ -1,1 +1,1 @@
-"""From a text and a font to the closed outlines that are embossed."""
+"""Artwork to emboss: fonts, the shaping of text, and its glyphs as closed, disjoint outlines."""

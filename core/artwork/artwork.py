@@ -1,4 +1,4 @@
-"""The outlines that are embossed, whatever they were made of."""
+"""Outlines to emboss, independent of their source."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Font files: what is accepted, and the one that ships with the engine."""
+"""Font files: checks of uploaded ones, and the one that ships with the engine."""
 
 import struct
 from functools import lru_cache

@@ -16,13 +16,13 @@ from core.geometry.triangles import ring_area
 
 MAX_POINTS = 20_000
 
-# Chord tolerance of flattened curves: a share of the text's width, as long text is placed smaller; in ems no more than
-# turns a letter into a polygon one can see, and no less than is seen in a letter two hundred pixels high. Twice as much
-# in "watermark" is seen there, and spares a fifth of its triangles only.
+# Share of the text's width, since long text is placed smaller; chord tolerance of flattened curves. In ems it is
+# bounded above, so that no letter is visibly a polygon, and below by the visible error in a letter two hundred pixels
+# high. Twice as much is visible there in "watermark", and saves a fifth of its triangles only.
 WIDTH_TOLERANCE = 0.0008
 EM_TOLERANCE = 0.0045, 0.01
 
-# Shares of the text's width. Rings come no closer to each other or to themselves than CLEARANCE: what touches would
+# Shares of the text's width. Rings come no closer to each other or to themselves than CLEARANCE: rings that touch would
 # be cut into a surface as a non-manifold seam.
 CLEARANCE = 1e-4
 MERGE_DISTANCE = 2e-5
@@ -112,7 +112,7 @@ def _united(glyphs: list[list[Float]], text: str) -> CrossSection:
     union = CrossSection.batch_boolean(sections, OpType.Add).simplify(MERGE_DISTANCE)
     reach = [union.offset(sign * CLEARANCE / 2, JoinType.Miter) for sign in (-1, 1)]
     if any(_topology(section) != _topology(union) for section in reach):
-        # Something touches or nearly does: an opening cuts hairline necks and widens hairline gaps.
+        # Rings touch or nearly do: a morphological opening cuts hairline necks and widens hairline gaps.
         union = union.offset(-CLEARANCE, JoinType.Miter).offset(CLEARANCE / 2, JoinType.Miter)
         union = union.simplify(MERGE_DISTANCE)
     return union

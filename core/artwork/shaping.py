@@ -10,7 +10,7 @@ from fontTools.unicodedata import script as script_of
 
 from core.errors import ErrorCode, MeshmarkError
 
-# A font may write a letter as several glyphs (marks, parts of a conjunct), but its rules can also multiply without end.
+# Glyphs a character, at most: a letter may be several (marks, parts of a conjunct), but rules can multiply without end.
 GLYPHS_PER_CHARACTER = 32
 
 _JOINERS = "\u200c\u200d"  # zero-width (non-)joiners steer the shaping of Arabic and Indic scripts
@@ -20,7 +20,7 @@ _COMMON_SCRIPTS = ("Zyyy", "Zinh", "Zzzz")  # take the script of the text around
 
 @dataclass(frozen=True)
 class Glyph:
-    """One glyph of the shaped line: its number in the font and where its origin stands, in font units."""
+    """One glyph of the shaped line: its number in the font and its origin, in font units."""
 
     id: int
     x: int
@@ -64,7 +64,7 @@ def shape(text: str, font: hb.Font) -> list[Glyph]:
         buffer.language = "und"  # never the machine's locale: the same text must give the same letters anywhere
         try:
             hb.shape(font, buffer)
-        except MemoryError:  # HarfBuzz bounds by itself what a font may make of a text
+        except MemoryError:  # HarfBuzz bounds the glyphs that a font makes of a text
             raise _endless_rules() from None
         if len(buffer) > GLYPHS_PER_CHARACTER * (stop - start):
             raise _endless_rules()

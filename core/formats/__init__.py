@@ -1,1 +1,1 @@
-"""All that is not a GLB: each format is recognised, checked and read into a glTF document."""
+"""All formats but GLB: each is recognised, checked and read into a glTF document."""

@@ -41,7 +41,7 @@ def admit(data: bytes, budgets: Budgets = DEFAULT_BUDGETS) -> Admitted:
 
     Args:
         data: the whole file.
-        budgets: what it may declare.
+        budgets: bounds its declarations.
 
     Raises:
         MeshmarkError: ``empty_file``, ``unknown_format``, ``unsupported_format``, ``unsupported_feature``,
@@ -61,13 +61,13 @@ def admit(data: bytes, budgets: Budgets = DEFAULT_BUDGETS) -> Admitted:
 def document_of(admitted: Admitted, budgets: Budgets = DEFAULT_BUDGETS) -> Document:
     """The asset as a GLB document; a GLB is taken as it is, a glTF with its files is packed into one.
 
-    OBJ, STL, PLY and OFF become one node with one mesh; 3MF and DAE a node for each thing they draw: see
+    OBJ, STL, PLY and OFF become one node with one mesh; 3MF and DAE a node for each body they draw: see
     :func:`core.formats.assemble.assemble`. Alpha of vertex colours is carried in COLOR_0 and not drawn. Losses are in
     the ``warnings`` of the document.
 
     Args:
         admitted: a file that :func:`admit` let pass.
-        budgets: bounds what no header declares: triangles of polygons, instances of instances.
+        budgets: bounds also undeclared counts: triangles of polygons, instances of instances.
 
     Raises:
         MeshmarkError: ``malformed_file``, ``truncated_file``, ``no_faces``, ``index_out_of_range``,
@@ -101,8 +101,8 @@ def _unpacked(archive: Archive, file_format: Format, budgets: Budgets) -> Source
 
 
 def _carried_unread(document: Document) -> list[Notice]:
-    """A warning for each part of a sound document that is carried through although nothing here can read it; of images
-    :func:`core.gltf.textures.undecoded_textures` speaks."""
+    """A warning for each part of a sound document that is carried unread; for images see
+    :func:`core.gltf.textures.undecoded_textures`."""
     warnings = []
     if document.chunks:
         listed = ", ".join(repr(kind.decode("latin-1").rstrip("\0 ")) for kind, _ in document.chunks[:3])

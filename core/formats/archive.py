@@ -18,12 +18,12 @@ from core.refusals import malformed, truncated
 
 MAGIC = (b"PK\x03\x04", b"PK\x05\x06")
 
-# What operating systems add to a folder before they pack it.
+# Files that operating systems add to a folder before they pack it.
 _IGNORED = re.compile(r"(^|/)(__MACOSX/|\.DS_Store$|Thumbs\.db$|desktop\.ini$|\._)", re.IGNORECASE)
 _NESTED = re.compile(r"\.(zip|7z|rar|gz|tgz|bz2|xz|zst|tar|usdz|zae)$", re.IGNORECASE)
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _OTHER_METHODS = {1: "shrinking", 6: "imploding", 9: "Deflate64", 12: "bzip2", 14: "LZMA", 93: "Zstandard", 95: "XZ"}
-_SMALL = 2**20  # an entry of up to a megabyte may be as repetitive as it likes
+_SMALL = 2**20  # bytes; entries up to this size may have any ratio of compression
 _LOCAL_HEADER_BYTES = 30
 _UNICODE_PATH = 0x7075
 
@@ -33,7 +33,7 @@ class Archive:
 
     Args:
         data: the whole file.
-        budgets: how many entries it may have, and how many bytes they may unpack to.
+        budgets: bounds its entries, and the bytes that they unpack to.
 
     Raises:
         MeshmarkError: ``malformed_file``, ``truncated_file``, ``budget_exceeded``, or ``unsupported_feature`` for
@@ -65,11 +65,11 @@ class Archive:
             _check_entry(entry, budgets)
         within(sum(entry.file_size for entry in entries), budgets.unpacked_bytes, "bytes of unpacked files")
         _check_overlap(entries, self._zip.start_dir)
-        self._guesses = budgets.archive_entries  # no honest file refers to more that its archive does not have
+        self._guesses = budgets.archive_entries  # bound of references to files that the archive does not have
 
     @property
     def names(self) -> list[str]:
-        """The names of all files, in the order of the directory; what operating systems add is left out."""
+        """The names of all files, in the order of the directory; those that operating systems add are left out."""
         return list(self._entries)
 
     def size(self, name: str) -> int:
@@ -80,11 +80,11 @@ class Archive:
         """The content of one of :attr:`names`.
 
         Raises:
-            MeshmarkError: ``malformed_file`` where it is not what the directory declares.
+            MeshmarkError: ``malformed_file`` where it contradicts the directory.
         """
         entry = self._entries[name]
         try:
-            with self._zip.open(entry) as file:  # stops at the declared size, however much more is packed
+            with self._zip.open(entry) as file:  # stops at the declared size, also where more is packed
                 content = file.read()
         except (zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError, ValueError, RuntimeError):
             content = b""
@@ -113,14 +113,13 @@ class Archive:
     def find(self, reference: str | bytes, beside: str, *, escaped: bool = True) -> str | None:
         """The name of the file that a reference in the file ``beside`` means; ``None`` where there is none.
 
-        Exporters write backslashes, names as they are where a URI belongs and URIs where names do, escape twice, and
-        do not mind the code page nor upper and lower case: what the reference says by the rules comes first, then
-        what it says otherwise.
+        Exporters write backslashes, unescaped names in place of URIs and URIs in place of names, escape twice, and
+        ignore code pages and case: the reading by the rules comes first, then the others.
 
         Args:
             reference: a URI, or a path.
             beside: one of :attr:`names`, which the reference is relative to.
-            escaped: whether it is a URI by the rules of the format, not a path.
+            escaped: it is a URI by the rules of the format, not a path.
 
         Raises:
             MeshmarkError: ``external_reference`` for a reference that leads out of the archive.
@@ -154,7 +153,7 @@ class Archive:
         return found or self.find_by_name(reference)
 
     def _readings(self, reference: str | bytes, escaped: bool) -> Iterator[str]:
-        """What a reference can mean, the likeliest first: with fewer or more escapes, each in every code page."""
+        """Paths that a reference can mean, the likeliest first: with fewer or more escapes, each in every code page."""
         raw = reference.encode("utf-8", "surrogatepass") if isinstance(reference, str) else reference
         once = unquote_to_bytes(raw)
         path = unquote_to_bytes(re.split(rb"[?#]", raw)[0])
@@ -167,7 +166,7 @@ class Archive:
 
     @cached_property
     def _by_folded_name(self) -> dict[str, str]:
-        """Names by what they can be compared as; what one is goes before what another could be."""
+        """Names by the folded forms that match them; a name's own form goes before the other readings of any."""
         table = {folded(name): name for name in reversed(self._entries)}
         for name, entry in self._entries.items():
             if not _is_utf8(entry):
@@ -220,7 +219,7 @@ def _is_utf8(entry: zipfile.ZipInfo) -> bool:
 
 
 def _raw_name(entry: zipfile.ZipInfo) -> bytes:
-    """The name as its bytes stand in the archive: zipfile takes all that is not UTF-8 for code page 437."""
+    """The bytes of the name in the archive: zipfile takes all that is not UTF-8 for code page 437."""
     return entry.orig_filename.partition("\0")[0].encode("utf-8" if _is_utf8(entry) else "cp437")
 
 

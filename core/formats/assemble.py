@@ -19,7 +19,7 @@ from core.gltf.document import Document
 from core.gltf.images import mime_type
 from core.refusals import no_faces, non_finite
 
-# Beyond this ratio of coordinate to size, float32 leaves less than four digits of shape after the decimal point.
+# Ratio of coordinate to size; beyond it float32 leaves less than four digits of shape after the decimal point.
 FAR_FROM_ORIGIN = 1e3
 GREY = (0.8, 0.8, 0.8, 1.0)
 WHITE = (1.0, 1.0, 1.0, 1.0)
@@ -36,8 +36,8 @@ def assemble(assembly: Assembly) -> Document:
     keep their order; polygons are triangulated. Coordinates far from the origin are stored relative to the node.
     A matrix that glTF forbids in a node, since it shears, is applied to the positions.
 
-    The formats that come here know no culling: closed parts are turned outwards, normals on the wrong side with them,
-    open ones the way their normals look, and a mesh that is not closed throughout is double-sided.
+    These formats have no culling: closed components are made to face outwards, normals on the wrong side with them,
+    open ones the way of their normals, and a mesh that is not closed throughout is double-sided.
 
     Raises:
         MeshmarkError: ``no_faces``, ``index_out_of_range`` or ``non_finite_positions``.
@@ -60,7 +60,7 @@ def assemble(assembly: Assembly) -> Document:
 
 
 def _is_transform(matrix: Float) -> bool:
-    """Whether a matrix (4, 4) is a translation, rotation and scale: whether it keeps right angles."""
+    """True where a matrix (4, 4) is a translation, rotation and scale: it keeps right angles."""
     columns = matrix[:3, :3]
     angles = np.abs(product(columns.T, columns))
     length = np.sqrt(np.diag(angles))
@@ -115,7 +115,7 @@ def _usable(name: str, attribute: Attribute) -> Attribute:
 
 
 def _fits_float32(values: Float) -> NDArray[np.bool_]:
-    """(N,) which rows of (N, n) hold only finite numbers in the range of float32."""
+    """(N,) rows of (N, n) that hold only finite numbers in the range of float32."""
     return np.asarray(np.all(np.abs(values) <= np.finfo(np.float32).max, axis=1))
 
 
@@ -128,17 +128,17 @@ def _check_positions(positions: Float, corners: Int) -> None:
 
 
 def _origin(positions: Float) -> Float:
-    """(3,) where the node stands: the middle of the asset if float32 would lose its shape, else zero."""
+    """(3,) translation of the node: the centre of the asset if float32 would lose its shape, else zero."""
     low, high = positions.min(axis=0), positions.max(axis=0)
     is_far = np.abs(positions).max() > FAR_FROM_ORIGIN * (high - low).max()
     return (low + high) / 2 if is_far and np.any(positions.astype(np.float32) != positions) else np.zeros(3)
 
 
 def _faced_outwards(body: PolygonMesh, triangles: Int) -> tuple[PolygonMesh, Int, bool]:
-    """Triangles (T, 3) of corner numbers with closed parts turned outwards, and whether all parts are closed.
+    """Triangles (T, 3) of corner numbers with closed components facing outwards, and True if all components are closed.
 
-    Normals that then look against the side they are on are turned as well; their corners get numbers of their own, so
-    that a body comes back too. Of open parts the normals say which side is the front, where there are some.
+    Normals that then point away from the front of their face are reversed as well; their corners get numbers of their
+    own, so that a body is returned too. The front of open components is that of their normals, where there are some.
     """
     found = outward(body.positions, body.corners[triangles])
     triangles = _reversed(triangles, found.turned)
@@ -157,8 +157,8 @@ def _reversed(triangles: Int, which: Bool) -> Int:
 def _against_normals(body: PolygonMesh, triangles: Int, found: Outward) -> Bool:
     """(T,) the triangles that are wound against their normals.
 
-    The triangles of a part that were turned, and those that were not, are taken together: slivers and sharp edges may
-    have normals on either side.
+    The flipped triangles of a component are taken together, and so are its others: slivers and sharp edges may have
+    normals on either side.
     """
     normals = body.attributes["NORMAL"]
     index = normals.index[triangles]
@@ -199,7 +199,7 @@ class _Assembler:
         self._builder = Builder(Document({"asset": asset, "scene": 0, "scenes": [{"nodes": []}]}, b""))
         self._builder.json |= {name: [] for name in _ARRAYS}  # in the order of the specification
         self._extensions: set[str] = set()
-        self._numbers: dict[Any, int] = {}  # of materials and images, by what they are made of
+        self._numbers: dict[Any, int] = {}  # of materials and images, by their content
 
     def mesh(self, name: str, body: PolygonMesh) -> tuple[int, Float] | None:
         """Add a body; returns its number and the point (3,) it is stored relative to; ``None`` without triangles."""
@@ -297,7 +297,7 @@ class _Assembler:
         self._builder.append("nodes", node)
 
     def document(self, frame: Float) -> Document:
-        """Everything so far, under a node of this ``frame`` (4, 4) if it is not the identity.
+        """The document so far, under a node of this ``frame`` (4, 4) if it is not the identity.
 
         Raises:
         """

@@ -1,4 +1,4 @@
-"""What the readers of all formats but glTF give: bodies with their materials, and where each of them stands."""
+"""Bodies with their materials, and their instances: the result of the readers of all formats but glTF."""
 
 from dataclasses import dataclass, field
 
@@ -16,7 +16,7 @@ class Instance:
 
     Attributes:
         name: of the node.
-        body: which one, a number into :attr:`Assembly.bodies`.
+        body: number in :attr:`Assembly.bodies`.
         matrix: (4, 4) float64 from the body to the assembly, for column vectors.
     """
 
@@ -32,9 +32,9 @@ class Assembly:
     Attributes:
         bodies: the meshes, by number.
         names: their names.
-        instances: what is drawn, in file order.
+        instances: the drawn ones, in file order.
         frame: (4, 4) from the assembly to metres with Y up, where the format defines unit and axes.
-        warnings: what of the file could not be carried.
+        warnings: content of the file that could not be carried.
     """
 
     bodies: list[PolygonMesh]
@@ -45,7 +45,7 @@ class Assembly:
 
 
 def single(mesh: PolygonMesh, warnings: list[Notice]) -> Assembly:
-    """The assembly of a format that knows one mesh and no names."""
+    """The assembly of a format of a single mesh without names."""
     return Assembly([mesh], ["model"], [Instance("model", 0)], warnings=warnings)
 
 

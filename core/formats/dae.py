@@ -54,13 +54,13 @@ def read_dae(source: Source, scan: Scan, budgets: Budgets) -> Assembly:
 
     Args:
         source: the file.
-        scan: what :func:`check_dae` returned.
+        scan: from :func:`check_dae`.
         budgets: bounds the pixels of textures.
 
     Raises:
         MeshmarkError: ``malformed_file``, ``no_faces`` or ``budget_exceeded``.
     """
-    # Imported here because it takes half a second, which no other format shall cost.
+    # Imported here because it takes half a second, for this format only.
     from trimesh.exchange.dae import load_collada
 
     warnings: list[Notice] = []
@@ -69,7 +69,7 @@ def read_dae(source: Source, scan: Scan, budgets: Budgets) -> Assembly:
     try:
         with np.errstate(all="ignore"):
             loaded = load_collada(io.BytesIO(prepared), resolver=images)  # type: ignore[no-untyped-call]
-    except Exception as error:  # pycollada lets everything through that its own code runs into
+    except Exception as error:  # pycollada raises errors of all kinds on malformed files
         raise malformed(f"The DAE cannot be read ({type(error).__name__}: {str(error)[:100]}).") from None
     assembly = Assembly([], [], [], product(_UP[scan.up_axis], np.diag([scan.metres] * 3 + [1.0])), warnings)
     for use in loaded["graph"]:
@@ -98,7 +98,7 @@ def read_dae(source: Source, scan: Scan, budgets: Budgets) -> Assembly:
 
 
 class _Images:
-    """Stands in for the textures: trimesh gets an empty image whose width is a number, so that it decodes nothing.
+    """Placeholders of the textures: trimesh gets an empty image whose width is a number, so that it decodes nothing.
 
     Images are never re-encoded, and trimesh keeps them decoded only.
     """
@@ -132,7 +132,7 @@ class _Images:
         return stream.getvalue()
 
     def of(self, placeholder: Any) -> bytes | None:
-        """The bytes that a placeholder stands for."""
+        """The encoded image of a placeholder."""
         return None if placeholder is None else list(self._loaded.values())[placeholder.width - 1]
 
 

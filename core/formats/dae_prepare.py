@@ -1,4 +1,4 @@
-"""A DAE rewritten into what its loader understands: skins and morphs at rest, transparency in one convention."""
+"""A DAE rewritten for its loader: skins and morphs at rest, transparency in one convention."""
 
 from xml.etree import ElementTree
 
@@ -10,19 +10,19 @@ from core.formats.dae_scan import CONTROLLER_DEPTH
 from core.notices import Notice
 
 _NOT_LOADED = ("library_controllers", "library_animations", "library_animation_clips", "library_physics_scenes")
-_LUMINANCE = np.array([0.212671, 0.715160, 0.072169])  # of COLLADA 1.5, "Determining Transparency"
+_LUMINANCE = np.array([0.212671, 0.715160, 0.072169])  # weights of linear RGB (COLLADA 1.5, "Determining Transparency")
 
 
 def prepare(data: bytes, warnings: list[Notice]) -> bytes:
-    """The same scene without what the loader cannot read, or would refuse a whole file for.
+    """The same scene without elements that the loader cannot read, or would refuse a whole file for.
 
-    A skin becomes its geometry in bind pose: its bind shape matrix applied, at the root of the scene, since it stands
-    where its joints are and not where its node is. A morph becomes its base geometry in the place of its node. Each
-    transparency becomes an alpha.
+    A skin becomes its geometry in bind pose: its bind shape matrix applied, at the root of the scene, since its joints
+    place it and not its node. A morph becomes its base geometry in the place of its node. Each transparency becomes an
+    alpha.
 
     Args:
         data: XML that :class:`core.formats.dae_scan.Scan` has let pass.
-        warnings: what is lost is appended.
+        warnings: losses are appended.
     """
     if not any(word in data for word in (b"controller", b"animation", b"transparen")):
         return data
@@ -75,7 +75,8 @@ class _Controllers:
                     node.append(use)
 
     def _geometry(self, key: str) -> tuple[str, Float | None]:
-        """What a controller controls in the end, and the matrix (4, 4) of its skins; ``None`` without a skin."""
+        """The geometry at the end of a chain of controllers, and the matrix (4, 4) of its skins; ``None`` without a
+        skin."""
         matrix: Float | None = None
         for _ in range(CONTROLLER_DEPTH):
             if key not in self._found:
@@ -95,7 +96,7 @@ def _shaders(root: ElementTree.Element, space: str) -> list[ElementTree.Element]
 
 
 def _set_alpha(shader: ElementTree.Element, space: str) -> bool:
-    """Replace what a shader says about transparency by an alpha; whether it comes from a texture, which is lost."""
+    """Replace the transparency of a shader by an alpha; returns True where it comes from a texture, which is lost."""
     transparent, transparency = (shader.find(f"{space}{name}") for name in ("transparent", "transparency"))
     color, mode, textured = np.ones(4), "A_ONE", False
     if transparent is not None:
@@ -118,10 +119,10 @@ def _set_alpha(shader: ElementTree.Element, space: str) -> bool:
 
 
 def _alpha(color: Float, amount: float, mode: str) -> float:
-    """How opaque a material is (COLLADA 1.5, "Determining Transparency").
+    """Opacity of a material, 0 to 1 (COLLADA 1.5, "Determining Transparency").
 
-    What would be invisible everywhere comes from exporters that confuse the conventions (a lone transparency of 0, as
-    in 3ds Max), and is opaque.
+    A material that would be invisible everywhere comes from exporters that confuse the conventions (a lone transparency
+    of 0, as in 3ds Max), and is opaque.
     """
     share = amount * (float(color[:3] @ _LUMINANCE) if mode.startswith("RGB") else float(color[3]))
     alpha = 1 - share if mode.endswith("ZERO") else share
@@ -129,7 +130,7 @@ def _alpha(color: Float, amount: float, mode: str) -> float:
 
 
 def _numbers(element: ElementTree.Element | None) -> Float:
-    """The numbers (N,) in an element; none where it is missing or holds something else."""
+    """The numbers (N,) in an element; none where it is missing or has other content."""
     text = "" if element is None else element.text or ""
     try:
         values = np.array([float(word) for word in text.split()])

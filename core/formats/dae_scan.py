@@ -1,4 +1,4 @@
-"""What a DAE draws, how often, and how large: counted before it is loaded."""
+"""Geometries that a DAE draws, their instances and sizes: counted before it is loaded."""
 
 from dataclasses import dataclass, field
 
@@ -14,7 +14,7 @@ _LOST = {
     "instance_light": "lights",
 }
 _NOT_READ = ("tristrips", "trifans")
-CONTROLLER_DEPTH = 8  # a skin over a morph has two
+CONTROLLER_DEPTH = 8  # controllers in a chain, at most; a skin over a morph has two
 _USES = ("instance_node", "instance_geometry", "instance_controller")
 
 
@@ -42,8 +42,8 @@ class Scan:
         metres: length of its unit.
         up_axis: ``X_UP``, ``Y_UP`` or ``Z_UP``.
         names: of the geometries, by id.
-        drawn: how many sets of polygons the scene draws.
-        has_controllers: whether it draws skins or morphs.
+        drawn: number of sets of polygons that the scene draws.
+        has_controllers: it draws skins or morphs.
         not_read: names of elements that are not read.
 
     Raises:
@@ -136,10 +136,10 @@ class Scan:
         elif element == "up_axis":
             self._text += text[:20]
         elif element == "p":
-            self._indices += len(text.split())  # one that stands in two pieces counts twice
+            self._indices += len(text.split())  # one that is split between two pieces counts twice
 
     def _count(self, node: _Node, known: dict[int, tuple[int, int] | None]) -> tuple[int, int]:
-        """How many sets of polygons and triangles a node draws."""
+        """Numbers of sets of polygons and of triangles that a node draws."""
         if id(node) in known:
             if (counted := known[id(node)]) is None:
                 raise malformed("The nodes of the DAE refer to each other in a circle.")

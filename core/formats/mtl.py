@@ -16,7 +16,7 @@ Load = Callable[[bytes], bytes | None]
 
 Table = dict[str, bytes]  # values as they are written, by keyword
 
-# How many arguments an option of a texture map takes; -o, -s and -t take one to three numbers.
+# Arguments of each option of a texture map; -o, -s and -t take one to three numbers.
 _OPTIONS = {
     b"-blendu": 1,
     b"-blendv": 1,
@@ -46,7 +46,7 @@ _NOT_CARRIED = {
 
 
 def read_mtl(data: bytes, load: Load) -> tuple[dict[bytes, Material], list[Notice]]:
-    """The materials of an MTL by the bytes of their name, and what of them a glTF cannot hold.
+    """The materials of an MTL by the bytes of their name, and warnings of properties that a glTF cannot hold.
 
     Kd is taken as sRGB and, as in modelling programs, replaced by the texture where there is one; d is the alpha; Ke,
     Pr, Pm and Ns (where Ks is not black) become emission, roughness and metallic. Ambient and specular colours have no
@@ -72,7 +72,7 @@ def read_mtl(data: bytes, load: Load) -> tuple[dict[bytes, Material], list[Notic
 
 
 class _Images:
-    """Loads each texture once and says once what cannot be carried."""
+    """Loads each texture once and warns once of one that cannot be carried."""
 
     def __init__(self, load: Load, warnings: list[Notice]) -> None:
         self.load = load
@@ -99,7 +99,7 @@ def _material(name: str, table: Table, images: _Images, warnings: list[Notice]) 
         warnings.append(dropped(f"The texture of material {name[:60]!r} is drawn without its scale and offset."))
     alpha = _numbers(table.get("d"), 1)
     if alpha is None and (transparency := _numbers(table.get("tr"), 1)) is not None and transparency[0] < 1:
-        alpha = 1 - transparency  # MeshLab and others write the alpha here: nobody sells what is wholly invisible
+        alpha = 1 - transparency  # MeshLab and others write the alpha here: no asset is wholly invisible
     color = _numbers(table.get("kd"), 3)
     rgb = (1.0, 1.0, 1.0) if texture is not None else (0.8, 0.8, 0.8) if color is None else _rgb(color)
     emissive = _numbers(table.get("ke"), 3)
@@ -131,7 +131,7 @@ def _rgb(color: np.ndarray[tuple[int], np.dtype[np.float64]]) -> tuple[float, fl
 
 
 def _numbers(text: bytes | None, count: int, most: float = 1.0) -> np.ndarray[tuple[int], np.dtype[np.float64]] | None:
-    """The first numbers of a line, clipped to 0 and ``most``; one number stands for all of a colour."""
+    """The first numbers of a line, clipped to 0 and ``most``; a single number counts for all channels of a colour."""
     try:
         values = np.array([float(word) for word in (text or b"").split()[:count]], np.float64)
     except ValueError:
@@ -142,7 +142,7 @@ def _numbers(text: bytes | None, count: int, most: float = 1.0) -> np.ndarray[tu
 
 
 def _is_moved(value: bytes) -> bool:
-    """Whether the options of a texture map scale it or move it."""
+    """True where the options of a texture map scale it or move it."""
     words, neutral = value.split(), 0.0
     is_option = False
     for word in words:

@@ -1,24 +1,24 @@
-"""Names of files and materials that are bytes in a code page which nothing tells: what text they mean."""
+"""Texts of names of files and materials that are bytes in an undeclared code page."""
 
 import math
 import unicodedata
 from collections.abc import Iterable, Iterator
 from itertools import islice
 
-# What exporters and packers of the last thirty years wrote, the likelier ones first.
+# Code pages that exporters and packers of the last thirty years wrote, the likelier ones first.
 _SCORED = ("cp1252", "cp1251", "cp866", "cp850", "cp437", "gb18030", "cp932", "cp949", "cp950")
 _UNSCORED = ("cp1250", "cp1253", "cp1254", "cp852", "mac_roman")
-_LONGEST = 1024  # bytes of a name that are looked at: no file system has longer ones
-_NAMES, _SAMPLE = 256, 256  # names that must be in a code page, and characters of them that tell it
+_LONGEST = 1024  # bytes of a name that are read: no file system has longer ones
+_NAMES, _SAMPLE = 256, 256  # names that must be valid in a code page, and characters of them that it is detected by
 
-# How often a character of a kind is written: what is read in a wrong code page is full of the rare kinds. The large
-# alphabets count as one over their common characters, times how much rarer such names are among assets.
+# Logarithms of the frequencies of kinds of characters: text read in a wrong code page is full of the rare kinds. The
+# large alphabets count as one over their common characters, times the relative frequency of such names among assets.
 _IN_PLACE = math.log(1 / 60)  # a letter of a small alphabet where it belongs: "grün", "Дерево"
 _CAPITAL = math.log(1 / 150)
 _OUT_OF_PLACE = math.log(1 / 5000)  # Latin letters in a row: "Äåðåâî"; lower case before upper case
 _KANA, _IDEOGRAPH, _SYLLABLE = math.log(1 / 120), math.log(1 / 4000), math.log(1 / 2500)
 _BIG5 = math.log(1 / 8000)
-_ASCII = math.log(1 / 20)  # also how rare it is that such a letter stands right beside one of East Asia
+_ASCII = math.log(1 / 20)  # also the frequency of such a letter right beside one of East Asia
 _KOREAN = math.log(1 / 5)  # names in Korean, of which many could be Chinese ones
 _MARK = math.log(1e-4)
 _RARE = math.log(1e-6)
@@ -30,7 +30,7 @@ def decode(name: bytes) -> str:
 
 
 def texts(names: Iterable[bytes]) -> dict[bytes, str]:
-    """The texts of names by one program; U+FFFD for what is too long, or comes too late, to tell its code page."""
+    """The texts of names by one program, in one code page; U+FFFD for bytes that are no text in it."""
     distinct = dict.fromkeys(names)
     page = code_page(distinct)
     return {name: name.decode(page, "replace") for name in distinct}
@@ -39,7 +39,7 @@ def texts(names: Iterable[bytes]) -> dict[bytes, str]:
 def code_page(names: Iterable[bytes]) -> str:
     """The one encoding of several names by the same program, as Python calls it.
 
-    Told by the first of them, so that a later one may be none in it.
+    It is detected by the first of them, so that a later one may be invalid in it.
     """
     telling = (name for name in names if not name.isascii() and len(name) <= _LONGEST)
     joined = b"\n".join(islice(telling, _NAMES))
@@ -72,7 +72,7 @@ def decoded(name: bytes, page: str) -> str | None:
 
 
 def _likelihood(text: str, page: str) -> float:
-    """The logarithm of how likely names are in a code page."""
+    """Log-likelihood of names in a code page."""
     each = (
         _ASCII if character.isascii() else _rarity(character, before, after, page)
         for before, character, after in zip(f"\n{text}", text, f"{text}\n"[1:], strict=False)
@@ -96,7 +96,7 @@ def _rarity(character: str, before: str, after: str, page: str) -> float:
 
 
 def _belongs(character: str, before: str, after: str, kind: str) -> bool:
-    """Whether a letter of a small alphabet stands where one does: between those of the same case and alphabet."""
+    """True where a letter of a small alphabet is in its usual context: between those of the same case and alphabet."""
     if (before.islower() and character.isupper()) or (before.isupper() and after.isupper() and character.islower()):
         return False
     if kind == "LATIN":  # the accented ones of western Europe, hardly ever three in a row

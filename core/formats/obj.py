@@ -111,7 +111,7 @@ def material_libraries(data: bytes) -> list[bytes]:
 
 
 def _positions(text: bytes) -> tuple[Float, Int, Float]:
-    """(V, 3) the first numbers of each vertex line, (V,) how many it has, and all of them."""
+    """(V, 3) the first numbers of each vertex line, (V,) their number, and all of them."""
     counts = tokens_per_line(text)
     if len(counts) and counts.min() < 3:
         raise malformed(f"A vertex line of the OBJ has {counts.min()} numbers instead of 3.")
@@ -130,7 +130,7 @@ def _readable(text: bytes, least: int, width: int) -> Float:
 
 def _colors(values: Float, counts: Int) -> Float:
     """(V, 4) the colours of vertices as written, NaN for those without."""
-    # six numbers are x y z r g b; seven begin with x y z w, but for writers whose last is an alpha that is opaque
+    # six numbers are x y z r g b; seven begin with x y z w, except of writers whose last is an alpha that is opaque
     fourth, last = _column(values, counts, 3)[counts == 7], _column(values, counts, 6)[counts == 7]
     has_alpha = np.any(fourth != 1) and np.all(np.isin(last, (1, 255)))
     first = np.where((counts == 7) & (not has_alpha) | (counts >= 8), 4, 3)

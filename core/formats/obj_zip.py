@@ -26,8 +26,8 @@ def read_obj_zip(data: bytes, archive: Archive, name: str, budgets: Budgets) -> 
     """An OBJ that came in an archive under a ``name``; its materials from the MTL files it names, or from the only one
     there is.
 
-    Textures are looked for where the MTL says, then by their bare name anywhere in the archive, since exporters write
-    the paths of their own machine. Without any MTL the only image of the archive is the base colour.
+    Textures are looked up by the path in the MTL, then by their bare name anywhere in the archive, since exporters
+    write the paths of their own machine. Without any MTL the only image of the archive is the base colour.
 
     Raises:
         MeshmarkError: as :func:`core.formats.obj.read_mesh`; ``external_reference`` for textures on the network.

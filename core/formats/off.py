@@ -26,7 +26,7 @@ Polygons = tuple[Int, Int, Float | None]  # sizes, corners, and colours where so
 
 @dataclass(frozen=True)
 class Header:
-    """Which vertex columns an OFF declares, its counts, and where its body starts: behind them.
+    """Header of an OFF: the prefix that declares its vertex columns, its counts, and their end, where the body starts.
 
     ``order`` is the byte order of a binary file, as numpy writes it, and empty for a text.
     """
@@ -39,7 +39,7 @@ class Header:
 
     @property
     def least_bytes(self) -> int:
-        """What the body takes at least, with faces of no corners."""
+        """Least length of the body in bytes, with faces of no corners."""
         if self.order:
             return 4 * (3 * self.vertices + self.faces)
         return len("0 0 0\n") * self.vertices + len("0\n") * self.faces - 1
@@ -111,11 +111,11 @@ def read_off(source: Source, header: Header, budgets: Budgets) -> Assembly:
     """Read an OFF, text or binary.
 
     A text with one vertex or polygon on each line may have colours of faces; one whose numbers run on freely may not,
-    since nothing but the end of its line tells where a polygon ends.
+    since only the end of its line shows the end of a polygon.
 
     Args:
         source: the file.
-        header: what :func:`check_off` returned.
+        header: from :func:`check_off`.
         budgets: bounds corners and triangles.
 
     Raises:
@@ -174,7 +174,7 @@ def _read_binary(header: Header, data: bytes, budgets: Budgets) -> tuple[Float, 
     """Words of four bytes: the vertices as floats, then each polygon with its size, its corners, and its colour.
 
     Geomview puts the number of components before the colour, 0 where there is none; the PMP library has no colours
-    and no such number. Which of both it is shows in where the file ends.
+    and no such number. The length of the file decides between both.
     """
     columns, width = _vertex_columns(header, 2**31)
     words = np.frombuffer(data, f"{header.order}i4", (len(data) - header.end) // 4, header.end).astype(np.int32)
@@ -205,7 +205,7 @@ def _read_binary(header: Header, data: bytes, budgets: Budgets) -> tuple[Float, 
 
 @dataclass(frozen=True, eq=False)
 class _Walk:
-    """Where each face starts (P,), how many components its colour has (P,) where faces say so, and where all end."""
+    """Start (P,) of each face, number of components (P,) of its colour where faces declare it, and the end of all."""
 
     start: Int
     components: Int | None
@@ -213,7 +213,7 @@ class _Walk:
 
 
 def _walk(numbers: memoryview, faces: int, colored: bool) -> _Walk | None:
-    """The faces one after another, each of which tells where the next one starts; ``None`` where they cannot be."""
+    """The faces one after another, as each determines the start of the next; ``None`` where they are inconsistent."""
     start, components, at = [], [], 0
     try:
         for _ in range(faces):
@@ -241,15 +241,13 @@ def _cut_off(header: Header, found: int) -> MeshmarkError:
 
 
 def _vertex_columns(header: Header, width: int) -> tuple[dict[str, slice], int]:
-    """Where each attribute lies in a vertex of ``width`` numbers, in the order position, normal, colour, texture.
-
-    Also how many of the numbers they take.
-    """
+    """Columns of each attribute in a vertex of ``width`` numbers, in the order position, normal, colour, texture; and
+    the number of columns that they take."""
     columns, end = {}, 3
     if "N" in header.prefix:
         columns["NORMAL"] = slice(end, end := end + 3)
     texture = 2 if "ST" in header.prefix else 0
-    if "C" in header.prefix:  # three or four components, whatever the line has room for
+    if "C" in header.prefix:  # three or four components, by the length of the line
         columns["COLOR_0"] = slice(end, end := end + (4 if width - end - texture >= 4 else 3))
     if texture:
         columns["TEXCOORD_0"] = slice(end, end := end + 2)

@@ -14,7 +14,7 @@ from core.gltf.validate import check_document, check_json_text, check_version
 Json = dict[str, Any]
 Load = Callable[[str], bytes | None]
 
-_ALIGNMENT = 8  # of an accessor's largest component, with room to spare
+_ALIGNMENT = 8  # bytes; a multiple of the largest component of accessors
 
 
 def check_gltf(source: Source, budgets: Budgets) -> Document:
@@ -109,7 +109,7 @@ def _pack_buffers(document: Document, binary: bytearray, name: str, load: Load) 
 
 
 def _move(owner: Json, place: list[tuple[int, int]]) -> None:
-    """Let a buffer view, or an extension in it that names a buffer, point to where its bytes are now."""
+    """Update the buffer and offset of a buffer view, or of an extension in it that names a buffer."""
     buffer, offset = owner.get("buffer"), owner.get("byteOffset", 0)
     if type(buffer) is not int or not 0 <= buffer < len(place) or type(offset) is not int:
         return  # refused by the gate, or no buffer at all
@@ -128,7 +128,7 @@ def _pack_images(document: Document, binary: bytearray, load: Load) -> None:
             continue
         content = document.image(number) if is_data_uri(uri) else _content(uri, load, f"images[{number}]")
         if not content:
-            continue  # carried as it is: the file may lie beside the result, and nothing else needs the picture
+            continue  # carried as it is: the file may be beside the result, and nothing else needs the picture
         content = bytes(content)
         if not document.json.setdefault("buffers", []):
             document.json["buffers"].append({"byteLength": 0})

@@ -72,7 +72,7 @@ def read_ply(source: Source, header: Header, budgets: Budgets) -> Assembly:
 
     Args:
         source: the file.
-        header: what :func:`check_ply` returned.
+        header: from :func:`check_ply`.
         budgets: bounds corners, triangles and the pixels of textures.
 
     Raises:
@@ -98,7 +98,7 @@ def read_mesh(data: bytes, header: Header, budgets: Budgets, load: Load = lambda
 
     Args:
         data: the file.
-        header: what :func:`check_ply` returned.
+        header: from :func:`check_ply`.
         budgets: bounds corners, triangles and the pixels of textures.
         load: the bytes of a texture by the name in a comment; ``None`` where it is not in the upload.
 
@@ -163,7 +163,7 @@ def _strip_corners(sizes: Int, corners: Int) -> Int:
     rank = at - np.maximum.accumulate(np.where(flat == -1, at, -1))  # 1, 2, 3, ... in each strip
     third = np.flatnonzero((rank >= 3) & (flat != -1))
     triangles = flat[third[:, None] + np.array([-2, -1, 0])]
-    turned = rank[third] % 2 == 0  # every second triangle of a strip is wound the other way
+    turned = rank[third] % 2 == 0  # every second triangle of a strip is flipped
     triangles[turned, :2] = triangles[turned, 1::-1]
     a, b, c = triangles.T
     return np.asarray(triangles[(a != b) & (b != c) & (c != a)].ravel())
@@ -221,7 +221,7 @@ def _corner_uv(lengths: Int, values: NDArray[Any], sizes: Int) -> Attribute:
 
 
 def _colors(header: Header, name: str, table: Columns) -> Float | None:
-    """(N, 4) colours in 0-1: bytes are fractions of 255, numbers of other types of what they plainly go up to."""
+    """(N, 4) colours in 0-1: bytes are fractions of 255, numbers of other types fractions of their apparent range."""
     names = next((names for names in _COLOR_NAMES if set(names) <= table.keys()), None)
     element = header.element(name)
     if names is None or element is None:

@@ -40,7 +40,7 @@ def read_element(element: Element, body: memoryview, offset: int, order: str) ->
 
 
 def _read_uneven(element: Element, body: memoryview, offset: int, order: str) -> tuple[dict[str, Any], int]:
-    """The same for lists of several lengths: walk the rows, then gather those of equal lengths together."""
+    """As :func:`read_element` for lists of several lengths: walk the rows, then gather those of equal lengths."""
     length, end = _walk(element, element.count, body, offset, order)
     start = np.concatenate([[offset], end[:-1]])
     kind = group_rows(length.astype(np.uint32))
@@ -56,7 +56,7 @@ def _read_uneven(element: Element, body: memoryview, offset: int, order: str) ->
 
 
 def _walk(element: Element, count: int, body: memoryview, offset: int, order: str) -> tuple[Int, Int]:
-    """The list lengths (count, L) of the rows from ``offset`` on, and where each ends.
+    """The list lengths (count, L) of the rows from ``offset`` on, and the end of each.
 
     A row starts where the one before ends, so that this is one step after another: they are kept small.
     """

@@ -20,7 +20,7 @@ _TYPES = {
     **dict.fromkeys(("float", "float32"), "f"),
     **dict.fromkeys(("double", "float64"), "d"),
 }
-# As MeshLab writes it, and all that read and write alike.
+# The comment that MeshLab and compatible programs write.
 _TEXTURE = re.compile(rb"\s*comment\s+TextureFile\s+(.*\S)", re.IGNORECASE)
 
 
@@ -49,7 +49,7 @@ class Element:
 
 @dataclass(frozen=True)
 class Header:
-    """The declarations of a PLY, and where its body starts.
+    """The declarations of a PLY, and the start of its body.
 
     ASCII numbers are parsed as doubles: ``kind`` still tells their type, since colours are scaled by it. ``textures``
     are names of files, in whatever code page.

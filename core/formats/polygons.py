@@ -23,17 +23,17 @@ class Attribute:
 
 @dataclass(frozen=True)
 class Material:
-    """How a group of polygons looks; all colours are linear.
+    """Material of a group of polygons; all colours are linear.
 
     Attributes:
         name: as in the file, empty where it has none.
-        color: base colour with alpha; ``None`` where the file says nothing.
+        color: base colour with alpha; ``None`` where the file has none.
         metallic: 0 to 1.
         roughness: 0 to 1, as perceived.
-        emissive: light of its own.
+        emissive: emission.
         texture: an encoded image that gives the base colour on TEXCOORD_0; its bytes are never changed.
         normal_map: an encoded tangent-space normal map.
-        masked: whether the alpha of the texture cuts the surface out.
+        masked: the alpha of the texture cuts the surface out.
     """
 
     name: str = ""
@@ -68,10 +68,10 @@ class PolygonMesh:
 
 
 def color_fractions(colors: Float) -> Float:
-    """Colours (N, 3 or 4) in 0-1 from numbers of a range that nothing tells; what is not finite stays.
+    """Colours (N, 3 or 4) in 0-1 from numbers of an undeclared range; values that are not finite stay.
 
-    They are in 0-255 where they plainly are, by whole numbers over 1 or by any over 2, and in 0-65535 over 255; what
-    an optimiser left slightly over 1 is clipped. An alpha of at most 1 is a fraction whatever the range of the others.
+    They are in 0-255 where whole numbers exceed 1 or any exceed 2, and in 0-65535 over 255; values that an optimiser
+    left slightly over 1 are clipped. An alpha of at most 1 is a fraction in every range of the others.
     """
     result = colors.copy()
     for channels in (slice(0, 3), slice(3, 4)):

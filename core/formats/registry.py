@@ -27,8 +27,8 @@ class FormatSpec(Generic[Parsed]):
     """A format.
 
     Attributes:
-        check: refuses a file by its headers, before anything is allocated for it, and returns what it parsed.
-        read: goes on from there; None where that is the document already.
+        check: refuses a file by its headers, before anything is allocated for it, and returns the parsed headers.
+        read: the content, given these; None where they are the document already.
     """
 
     check: Callable[[Source, Budgets], Parsed]

@@ -1,4 +1,4 @@
-"""What a file is, from its content alone; its name is never asked."""
+"""Formats of files, recognised by content alone, never by name."""
 
 import re
 from enum import StrEnum
@@ -40,9 +40,9 @@ _IN_ARCHIVE = tuple(each for each in Format if each.inner is not each)
 
 
 _HEAD = 4096
-_SEARCHED = 2**20  # how far the first vertex or face of an OBJ is looked for
+_SEARCHED = 2**20  # bytes within which the first vertex or face of an OBJ is searched
 
-# (pattern at the start, what it is); 3D formats that are recognised but not read
+# (pattern at the start, name of the format); 3D formats that are recognised but not read
 _OTHER_MODELS = (
     (rb"Kaydara FBX Binary|\s*; FBX ", "an FBX scene"),
     (rb"PXR-USDC|#usda", "a USD scene"),
@@ -95,8 +95,8 @@ def sniff(data: bytes, budgets: Budgets = DEFAULT_BUDGETS) -> Format:
     """The format of a non-empty file.
 
     Raises:
-        MeshmarkError: ``unsupported_format`` for other 3D formats, ``unknown_format`` for anything else; both say what
-            the file looks like. For an archive also as :class:`core.formats.archive.Archive`.
+        MeshmarkError: ``unsupported_format`` for other 3D formats, ``unknown_format`` for anything else; both name the
+            apparent format. For an archive also as :class:`core.formats.archive.Archive`.
     """
     head = data[:_HEAD].removeprefix(b"\xef\xbb\xbf")
     if head.startswith(b"glTF"):
@@ -156,7 +156,7 @@ def models_beside(archive: Archive, file_format: Format) -> list[str]:
 
 
 def _archive_format(archive: Archive) -> Format:
-    """What a ZIP holds, by the names in its directory; nothing is unpacked."""
+    """Format of the model in a ZIP, by the names in its directory; nothing is unpacked."""
     names = [name.lower() for name in archive.names]
     if any(name.endswith(".model") for name in names):
         return Format.THREEMF

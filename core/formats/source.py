@@ -1,4 +1,4 @@
-"""A model as it came: on its own, or in an archive with the files that belong to it."""
+"""A model as uploaded: on its own, or in an archive with the files that belong to it."""
 
 from dataclasses import dataclass
 
@@ -11,8 +11,8 @@ class Source:
 
     Attributes:
         data: the model itself.
-        archive: it came in this one; None where it came on its own.
-        name: of the model in its archive; empty where it came on its own.
+        archive: that contained it; None where it was uploaded on its own.
+        name: of the model in its archive; empty where it was uploaded on its own.
     """
 
     data: bytes
@@ -20,11 +20,11 @@ class Source:
     name: str = ""
 
     def load(self, path: str | bytes, *, escaped: bool = True) -> bytes | None:
-        """The file that the model refers to by ``path``; None where it did not come along.
+        """The file that the model refers to by ``path``; None where it is not in the upload.
 
         Args:
-            path: relative to the model, or only as good as its last part.
-            escaped: whether the path is a URI reference, with percent escapes.
+            path: relative to the model, or valid in its last part only.
+            escaped: the path is a URI reference, with percent escapes.
 
         Raises:
             MeshmarkError: as :meth:`core.formats.archive.Archive.locate` and ``read`` there.

@@ -20,22 +20,23 @@ HEADER_BYTES = 84
 TRIANGLE_BYTES = 50
 
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-_VALID = 0x8000  # the bit of an attribute word that says whether it is a colour
+_VALID = 0x8000  # bit of an attribute word that marks it as a colour, or as none: see :func:`_colors`
 
 
 def claimed_count(data: bytes) -> int:
-    """How many triangles the header of a binary STL claims; ``data`` holds at least the header."""
+    """Number of triangles that the header of a binary STL declares; ``data`` holds at least the header."""
     return int.from_bytes(data[80:HEADER_BYTES], "little")
 
 
 def triangle_count(data: bytes) -> int:
-    """How many triangles a binary STL has: as many as fit exactly where its header claims none, else the claim."""
+    """Number of triangles in a binary STL: as many as fit exactly where its header declares none, else the declared
+    number."""
     fitting, rest = divmod(len(data) - HEADER_BYTES, TRIANGLE_BYTES)
     return claimed_count(data) or (fitting if rest == 0 else 0)
 
 
 def is_ascii(data: bytes) -> bool:
-    """Whether an STL is text. Exporters also start binary files with "solid", so the size decides first."""
+    """True where an STL is text. Exporters also start binary files with "solid", so the size decides first."""
     if len(data) >= HEADER_BYTES and len(data) == HEADER_BYTES + TRIANGLE_BYTES * claimed_count(data):
         return False
     head = data[:1024]
@@ -43,7 +44,7 @@ def is_ascii(data: bytes) -> bool:
 
 
 def check_stl(source: Source, budgets: Budgets) -> None:
-    """Refuse an STL that has fewer bytes than it claims triangles, or far more; or is beyond the budgets.
+    """Refuse an STL that has fewer bytes than its declared triangles take, or far more; or is beyond the budgets.
 
     Raises:
         MeshmarkError: ``truncated_file``, ``malformed_file``, ``no_faces`` or ``budget_exceeded``.
@@ -70,8 +71,8 @@ def check_stl(source: Source, budgets: Budgets) -> None:
 def read_stl(source: Source, _parsed: None, _budgets: Budgets) -> Assembly:
     """Read an STL; exactly equal corners are one vertex, numbered by first appearance.
 
-    Facet normals repeat what the corners say and are not read; degenerate triangles are kept. The attribute words of
-    a binary file are colours of facets, as Magics or as VisCAM and SolidView write them.
+    Facet normals follow from the corners and are not read; degenerate triangles are kept. The attribute words of a
+    binary file are colours of facets, as Magics or as VisCAM and SolidView write them.
 
     Raises:
         MeshmarkError: ``malformed_file`` or ``non_finite_positions``.
@@ -121,8 +122,8 @@ def _colors(header: bytes, words: NDArray[np.uint16], warnings: list[Notice]) ->
     """(F, 4) colours of the facets, NaN for those that have none; ``None`` where the file has none.
 
     Five bits a channel, https://en.wikipedia.org/wiki/STL_(file_format)#Color: Magics has a colour of the whole part
-    in the header, red in the lowest bits, and a bit that says that the facet has no colour of its own; VisCAM and
-    SolidView have blue in the lowest bits, and a bit that says that it has one.
+    in the header, red in the lowest bits, and a bit that is set where the facet has no colour of its own; VisCAM and
+    SolidView have blue in the lowest bits, and a bit that is set where it has one.
     """
     part = re.search(rb"(?s)COLOR=(...)", header)
     has_color = (words & _VALID != 0) == (part is None)

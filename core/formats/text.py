@@ -49,7 +49,7 @@ class Lines:
         return self.text[self.start[index] : self.end[index]]
 
     def keyword(self, word: bytes) -> NDArray[np.bool_]:
-        """(N,) which lines start with ``word`` as a word of its own."""
+        """(N,) lines that start with ``word`` as a word of its own."""
         mask = np.asarray(self.end - self.start >= len(word))
         start = self.start[mask]
         found = np.isin(self.buffer[start + len(word)], tuple(b" \t\n"))
@@ -73,15 +73,15 @@ class Lines:
 
 
 def count_lines(data: bytes, letters: bytes) -> list[int]:
-    """How many lines start with each of these letters as a word of its own, indented or not.
+    """Numbers of lines that start with each of these letters as a word of its own, indented or not.
 
-    What the text holds hardly changes the time that this takes, and it needs no more memory than a piece of it.
+    The time hardly depends on the content of the text, and the memory is that of a piece of it.
     """
     buffer = np.frombuffer(data, np.uint8, offset=len(_MARK) if data.startswith(_MARK) else 0)
     counts = np.zeros(256, np.int64)
-    after_end = True  # whether nothing but blanks stands between the end of a line and the piece
+    after_end = True  # only blanks are between the end of a line and the piece
     for at in range(0, len(buffer), _PIECE):
-        piece = buffer[at : at + _PIECE + 1]  # one more, which tells whether the last letter is a word
+        piece = buffer[at : at + _PIECE + 1]  # one more, by which the last letter is a word or not
         blank = (piece == _BLANK) | (piece == _TAB)
         body, is_blank = piece[:-1], blank[:-1]
         words = np.flatnonzero(np.logical_or.reduce([body == letter for letter in letters]) & blank[1:])
@@ -102,7 +102,7 @@ def _ends_line(characters: NDArray[np.uint8]) -> NDArray[np.bool_]:
 
 
 def tokens_per_line(text: bytes) -> NDArray[np.int64]:
-    """(N,) how many blank-separated tokens each line has; every line ends with a newline."""
+    """(N,) number of blank-separated tokens in each line; every line ends with a newline."""
     if not text:
         return np.empty(0, np.int64)
     buffer = np.frombuffer(text, np.uint8)
@@ -111,7 +111,7 @@ def tokens_per_line(text: bytes) -> NDArray[np.int64]:
 
 
 def token_starts(buffer: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """(N,) where a token starts in a byte array."""
+    """(N,) bytes of an array at which a token starts."""
     starts = buffer > _BLANK
     starts[1:] &= buffer[:-1] <= _BLANK
     return starts
@@ -123,7 +123,7 @@ def parse_numbers(text: bytes, dtype: type[Scalar], what: str) -> NDArray[Scalar
     Args:
         text: the numbers.
         dtype: ``np.float64`` or ``np.int64``.
-        what: what the numbers are, for the error: "vertex", "face".
+        what: kind of the numbers, for the error: "vertex", "face".
 
     Raises:
         MeshmarkError: ``malformed_file``, quoting the first token that is not a number.

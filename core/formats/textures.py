@@ -1,4 +1,4 @@
-"""Which of the images beside a model can be carried."""
+"""Images beside a model: those that can be carried, and their size."""
 
 from collections.abc import Iterable
 

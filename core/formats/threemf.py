@@ -1,4 +1,4 @@
-"""3MF: what is built, with components, units and colours."""
+"""3MF: its build items, with components, units and colours."""
 
 import re
 from collections import Counter
@@ -55,7 +55,7 @@ def check_3mf(source: Source, budgets: Budgets) -> Archive:
 
 
 def read_3mf(_source: Source, archive: Archive, budgets: Budgets) -> Assembly:
-    """A body for each mesh that is built, an instance for each time it is; the frame has metres and Y up.
+    """A body for each mesh of the build, an instance for each of its uses; the frame has metres and Y up.
 
     Base materials become materials, colours of colour groups COLOR_0, texture groups TEXCOORD_0 and a texture. Supports
     and a slicer's tools (negative volumes, modifiers, support blockers and enforcers) are left out.
@@ -97,7 +97,7 @@ def read_3mf(_source: Source, archive: Archive, budgets: Budgets) -> Assembly:
 
 
 class _Package:
-    """The model parts of a 3MF, each read when it is first asked for."""
+    """The model parts of a 3MF, each read at its first use."""
 
     def __init__(self, archive: Archive, budgets: Budgets) -> None:
         self.archive = archive
@@ -152,9 +152,9 @@ class _Package:
 def _built(
     package: _Package, start: str, tools: Tools, left_out: Counter[str], budgets: Budgets
 ) -> list[tuple[Key, Float]]:
-    """Each mesh that is built, once for each time, in file order, and its matrix to the build.
+    """Each mesh of the build, once for each use, in file order, and its matrix to the build.
 
-    ``left_out`` counts the objects and components that are no parts of the model, by what they are.
+    ``left_out`` counts the objects and components that are no parts of the model, by kind.
     """
     found: list[tuple[Key, Float]] = []
     pending = [
@@ -239,7 +239,7 @@ class _Look:
         self._coordinates = _Table(count, 2)
 
     def add_materials(self, group: Group, rows: Int) -> None:
-        """Base materials: one for a whole triangle, which the specification asks of its three corners too."""
+        """Base materials: one for a whole triangle, as the specification demands of its three corners."""
         for row in np.unique(rows[:, 2]).tolist():
             base = group.rows[row]
             red, green, blue, alpha = linear(np.array(_rgba(base.get("displaycolor", "")))).round(6).tolist()
@@ -257,7 +257,7 @@ class _Look:
         self.materials.append(Material("", texture=image))
 
     def attributes(self) -> dict[str, Attribute]:
-        """Those that some triangle has."""
+        """The attributes that some triangle has."""
         named = {"COLOR_0": self._colors.attribute(), "TEXCOORD_0": self._coordinates.attribute()}
         return {name: attribute for name, attribute in named.items() if len(attribute.values)}
 

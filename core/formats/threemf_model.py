@@ -31,7 +31,7 @@ _PATH = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06 path"
 
 @dataclass(frozen=True, eq=False)
 class Use:
-    """A component or a build item: which object, in which part (``None``: this one), and its (4, 4) matrix."""
+    """A component or a build item: its object, the part of that (``None``: this one), and its (4, 4) matrix."""
 
     part: str | None
     object_id: str
@@ -50,7 +50,7 @@ class Object:
         triangles: three vertex numbers of each.
         properties: for each triangle with a property its number, the number of the group, and a row for each corner.
         groups: the ids of the groups, by their number.
-        components: what it is made of.
+        components: that it consists of.
     """
 
     name: str
@@ -85,7 +85,7 @@ class Model:
     Attributes:
         metres: the length of its unit.
         objects, groups, textures: by id; of a texture its path in the package.
-        items: what is built.
+        items: of the build.
 
     Raises:
         MeshmarkError: ``malformed_file``, ``budget_exceeded``, ``unsupported_feature``.
@@ -99,7 +99,7 @@ class Model:
         self.items: list[Use] = []
         self._what, self._budgets = what, budgets
         self._vertices = self._triangles = self._uses = 0
-        self._object = Object("", "", "", 0)  # the one being read; elements outside of any go nowhere
+        self._object = Object("", "", "", 0)  # the one being read; elements outside of any are discarded
         self._group = Group("", "")
         data, self._plain = _without_plain_rows(data)
         handlers: dict[str, Callable[[dict[str, str]], None]] = {

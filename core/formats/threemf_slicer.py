@@ -1,4 +1,4 @@
-"""What slicers note beside a 3MF model: which of its volumes are tools of theirs and not parts of the model."""
+"""Settings of slicers beside a 3MF model: volumes of it that are their tools and not parts of the model."""
 
 import re
 from dataclasses import dataclass, field
@@ -27,10 +27,10 @@ _KINDS = {
 
 @dataclass(eq=False)
 class Tools:
-    """Volumes that are no parts of the model; each value says what they are, in the plural.
+    """Volumes that are no parts of the model; each value is their kind, in the plural.
 
     Attributes:
-        ranges: by object: the first and last triangle of a volume in its mesh, and what it is.
+        ranges: by object: the first and last triangle of a volume in its mesh, and its kind.
         parts: by object and the object that a component of it means.
     """
 
@@ -45,7 +45,7 @@ def read_tools(archive: Archive, budgets: Budgets, tally: Tally, warnings: list[
         archive: the package.
         budgets: bounds the settings' XML.
         tally: of the XML parts of the package.
-        warnings: what is not read is appended.
+        warnings: settings that are not read are appended.
     """
     tools = Tools()
     for name in archive.names:

@@ -11,7 +11,7 @@ from core.refusals import malformed
 Start = Callable[[str, dict[str, str]], None]
 
 _ENCODINGS = ("utf-8", "utf8", "us-ascii", "iso-8859-1")
-_PIECE = 2**18  # bytes parsed at a time: no more than these and one tag are in the parser's hands
+_PIECE = 2**18  # bytes parsed at a time: the parser holds no more than these and one tag
 _TEXT_PIECE = 2**16  # characters; expat by itself gives each line and each escaped letter in a call of its own
 
 
@@ -44,7 +44,7 @@ def check_xml(data: bytes, what: str) -> None:
 
 
 def count_elements(data: bytes) -> int:
-    """How many elements a document starts, at most: comments may hold further signs of them."""
+    """Upper bound of the number of elements in a document: ``<`` in comments counts as well."""
     return data.count(b"<") - sum(map(data.count, (b"</", b"<!", b"<?")))
 
 
@@ -87,7 +87,7 @@ def parse_xml(
         rows: names of elements that the handlers count themselves.
 
     Raises:
-        MeshmarkError: ``malformed_file`` for what is not well-formed or not in UTF-8, ``unsupported_feature`` for
+        MeshmarkError: ``malformed_file`` for XML that is not well-formed or not in UTF-8, ``unsupported_feature`` for
             document types and entities, ``budget_exceeded``.
     """
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):

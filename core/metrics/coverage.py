@@ -13,7 +13,7 @@ def coverage(boxes: Boxes, points: Float, watermarked_index: SpatialIndex) -> fl
     """Share of 200 Fibonacci directions from which at least one mark is unobstructed; higher is better.
 
     A mark counts from a direction that it faces within 45 degrees when the rays from all its ``points``
-    (B, N, 3), see ``sight.above_letters``, get out past the watermarked asset.
+    (B, N, 3), see :func:`core.metrics.ray_origins.above_letters`, leave the watermarked asset unobstructed.
     """
     seen = visibility(boxes, points, watermarked_index, fibonacci_directions(DIRECTIONS))
     return float(seen.any(axis=0).mean())

@@ -1,4 +1,4 @@
-"""Which faces are anywhere near each mark: asked once, so that no metric goes over the whole asset for every mark."""
+"""Faces near each mark, found once, so that no metric goes over the whole asset for every mark."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,7 +7,7 @@ from core.arrays import Float, Int
 from core.geometry.boxes import Boxes
 from core.geometry.surface import Surface
 
-CELLS = 64  # along the longest side of all boxes together
+CELLS = 64  # cells along the longest side of the bounding box of all boxes
 
 
 def near(surface: Surface, boxes: Boxes) -> list[Int]:
@@ -24,12 +24,12 @@ def near(surface: Surface, boxes: Boxes) -> list[Int]:
     cell = (last.max(axis=0) - origin).max() / CELLS
 
     def cells(points: Float) -> NDArray[np.int16]:
-        # Two cells of margin on either side, which no box touches, hold all that lies outside.
+        # Two cells of margin on either side, which no box touches, hold all points outside.
         return np.asarray(np.clip((points - origin) / cell + 2, 0, CELLS + 3), dtype=np.int16)
 
     touched = np.zeros((CELLS + 4,) * 3, dtype=bool)
     for start, stop in zip(cells(first) - 1, cells(last) + 1, strict=True):
-        # From one cell before: a face that reaches into the box may begin there.
+        # From one cell before: a face that intersects the box may begin there.
         touched[start[0] : stop[0], start[1] : stop[1], start[2] : stop[2]] = True
     by_vertex = cells(surface.positions).T.copy()
     begins, large = [], np.zeros(len(surface.faces), dtype=bool)

@@ -1,4 +1,4 @@
-"""What a picture shows, as a vector: ResNet50 where its weights are installed, a hand-made descriptor where not."""
+"""Feature vectors of pictures: ResNet50 where its weights are installed, else a hand-made descriptor."""
 
 from pathlib import Path
 from typing import Protocol
@@ -17,7 +17,7 @@ Features = NDArray[np.float32]
 
 
 class Extractor(Protocol):
-    """Anything that turns (V, S, S, 3) uint8 sRGB pictures into (V, D) features whose cosines mean likeness."""
+    """Extractor of (V, D) features, whose cosines measure similarity, from (V, S, S, 3) uint8 sRGB pictures."""
 
     name: str
 
@@ -26,10 +26,10 @@ class Extractor(Protocol):
 
 
 def extractor(folder: Path | None = None) -> Extractor:
-    """The best extractor there is here; its ``name`` says which, and belongs beside every figure made with it.
+    """The best extractor available; its ``name`` belongs beside every figure made with it.
 
     Args:
-        folder: where models are kept; None for :func:`core.models.cache_folder`.
+        folder: of the models; None for :func:`core.models.cache_folder`.
 
     Raises:
         MeshmarkError: ``model_unavailable`` where the weights are there but damaged.
@@ -43,7 +43,7 @@ class ResNet50:
 
     The ONNX model zoo's ``resnet50-v1-12-int8``. Its graph declares only the 1000 class scores as output, and
     onnxruntime hands out nothing undeclared, so the pooled activations are declared too: see :func:`_declare_output`.
-    They are quantised with zero point 0; their scale, 0.0234, is left out, since a cosine does not see it.
+    They are quantised with zero point 0; their scale, 0.0234, is left out, since a cosine does not depend on it.
 
     Pictures are scaled to 224 px, not cropped as for photographs: the asset reaches the frame. Integer convolutions
     exist for onnxruntime's CPU only; on CUDA each would be a round trip, so CUDA is not used here.
@@ -58,7 +58,7 @@ class ResNet50:
     INPUT = "data"
     POOLED = "resnetv17_pool1_fwd_quantized"
     SIZE = 224
-    BATCH = 8  # 5 MB of input; larger ones are not faster
+    BATCH = 8  # pictures, 5 MB of input; larger ones are not faster
     MEAN = np.array([0.485, 0.456, 0.406], dtype=np.float32)
     DEVIATION = np.array([0.229, 0.224, 0.225], dtype=np.float32)
 
@@ -96,7 +96,7 @@ def _declare_output(model: bytes, tensor: str) -> bytes:
 
 
 class LayoutDescriptor:
-    """Where edges of which orientation and which colours are: what stands in for ResNet50 where it is not installed.
+    """Layout of oriented edges and of colours: the descriptor where ResNet50 is not installed.
 
     A picture is averaged down to 128 px. From its luma (0.299, 0.587, 0.114) come central differences, whose
     magnitudes are voted into 9 unsigned orientations, split linearly between the two nearest, in cells of 4 and of
@@ -114,7 +114,7 @@ class LayoutDescriptor:
     SIZE = 128
     CELL = 4
     ORIENTATIONS = 9
-    FLOOR = 0.02  # luma per pixel; gradients well below do not count
+    FLOOR = 0.02  # luma a pixel; gradients well below do not count
     PATCHES = 8
     LUMA = np.array([0.299, 0.587, 0.114], dtype=np.float32)
 

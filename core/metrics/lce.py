@@ -11,12 +11,12 @@ from core.metrics.faces_near import near
 
 
 def lce(original_index: SpatialIndex, watermarked: Surface, boxes: Boxes, relief: NDArray[np.float64]) -> float | None:
-    """Variance of the distance to the original over the vertices on each mark's top, mean over marks.
+    """Variance of the distance to the original over the vertices on each mark's caps, mean over marks.
 
-    Squared size-30 units; lower is better, 0 where letters follow the surface exactly. A vertex is on a top when
-    it lies in the box, extended by 1.5 reliefs to the front and back, more than half a relief off the original.
-    What looks away from the box is not what letters stand on: a sheet close above them whose back no viewer draws is
-    no ground. None where no mark has any such vertex. ``relief`` is (B,), the height of each mark's letters.
+    Squared size-30 units; lower is better, 0 where letters follow the surface exactly. A vertex is on a cap when
+    it is in the box, extended by 1.5 reliefs to the front and back, more than half a relief off the original.
+    Distances to faces that face away from the box do not count, such as those of a layer close above the letters whose
+    back no viewer draws. None where no mark has any such vertex. ``relief`` is (B,), the height of each mark's letters.
     """
     reach = Boxes(boxes.center, boxes.axes, boxes.size + 3 * np.abs(relief)[:, None] * [0.0, 0.0, 1.0])
     variances = []
@@ -49,8 +49,8 @@ def _look_down(
     distance: NDArray[np.float64],
     deepest: float,
 ) -> None:
-    """Where the closest ``face`` (N,) of ``points`` (N, 3) looks against ``normal`` (3,), their ``distance`` (N,)
-    becomes that to the plane of what is seen below them instead, if anything is within ``deepest``."""
+    """Replaces, in place, the ``distance`` (N,) of ``points`` (N, 3) whose closest ``face`` (N,) faces against
+    ``normal`` (3,) by that to the plane of the first face visible below them, if one is within ``deepest``."""
     away = np.flatnonzero(product(index.normals(face), normal[:, None])[:, 0] < 0)
     down, below = index.first_hit(points[away], np.broadcast_to(-normal, (len(away), 3)), Eye.ORIGIN)
     met = down <= deepest

@@ -11,15 +11,15 @@ from core.metrics.recognition import Reader
 
 Picture = NDArray[np.uint8]
 
-READABLE = 0.8  # ratio from which on a person sees what is meant: one or two of nine letters wrong
+READABLE = 0.8  # ratio from which on the text is recognisable: one or two of nine letters wrong
 MARGIN = 32  # pixels of background left around the asset
-MOST_LINES = 32  # a view; a text that is covered with writing of its own must not take minutes
+MOST_LINES = 32  # lines a view, at most: an asset covered with writing of its own must not take minutes
 TURNS = (0, 2, 1, 3)  # quarter turns; upside down before upright
 
 
 @dataclass(frozen=True, eq=False)
 class Ocr:
-    """How well a text is read; higher is better throughout.
+    """Readability of a text; higher is better throughout.
 
     Attributes:
         ratio: mean of ``per_view``.
@@ -35,7 +35,7 @@ class Ocr:
 
 
 def ocr(pictures: Picture, text: str, reader: Reader) -> Ocr:
-    """How well ``text`` is read in pictures of an asset.
+    """Readability of ``text`` in pictures of an asset.
 
     In each picture lines of text are detected, and each is read in four rotations (0, 180, 90 and 270 degrees). A
     reading scores ``difflib.SequenceMatcher(None, text, reading).ratio()``, without regard to case, and a picture
@@ -44,7 +44,7 @@ def ocr(pictures: Picture, text: str, reader: Reader) -> Ocr:
 
     Args:
         pictures: (V, H, W, 3) sRGB on a uniform background, which the upper left pixel shows.
-        text: what the watermark says.
+        text: of the watermark.
         reader: made once for many calls.
     """
     fresh: dict[bytes, int] = {}
@@ -69,7 +69,7 @@ def _ratio(text: str, reading: str) -> float:
 
 
 def _crop(picture: Picture) -> Picture:
-    """The picture around the asset: what is not there need not be searched."""
+    """The picture cropped to the asset: background need not be searched."""
     shown = (picture != picture[0, 0]).any(axis=2)
     rows, columns = (np.flatnonzero(shown.any(axis=axis)) for axis in (1, 0))
     if not len(rows):

@@ -11,16 +11,16 @@ from core.placement.selection import visibility
 
 
 def ray(boxes: Boxes, points: Float, watermarked_index: SpatialIndex) -> float:
-    """How well the marks are seen from the paper's 24 views, 0 to 1; higher is better.
+    """Visibility of the marks in the paper's 24 views, 0 to 1; higher is better.
 
-    In each view the marks that face the camera within 45 degrees score 1 if the rays from all their points get
-    to the camera past the watermarked asset, else 0; the view scores their mean, 0 where no mark faces it. The
+    In each view the marks that face the camera within 45 degrees score 1 if the rays from all their points reach the
+    camera unobstructed by the watermarked asset, else 0; the view scores their mean, 0 where no mark faces it. The
     result is the mean over views.
 
     Args:
         boxes: the marks.
-        points: (B, N, 3) where the rays of each mark start: ``sight.above_letters`` for ``ray``,
-            ``sight.top_face`` for the supplement's ``ray_box``.
+        points: (B, N, 3) ray origins of each mark: :func:`core.metrics.ray_origins.above_letters` for ``ray``,
+            :func:`core.metrics.ray_origins.top_face` for the supplement's ``ray_box``.
         watermarked_index: over the watermarked surface.
     """
     directions, _ = view_directions()

@@ -1,4 +1,4 @@
-"""From where the rays of the visibility metrics start (paper, supplement "Ray Casting Visibility")."""
+"""Ray origins of the visibility metrics (paper, supplement "Ray Casting Visibility")."""
 
 import numpy as np
 
@@ -8,16 +8,16 @@ from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
 from core.placement.filters import above, footprint
 
-GRID = (16, 4)  # 64 rays a box
-LIFT = 1.5  # reliefs: just clear of the letters
+GRID = (16, 4)  # points along the text and across it: 64 rays a box
+LIFT = 1.5  # reliefs above the surface: just clear of the letters
 CLEAR = 1e-3  # size-30 units above the top face
 
 
 def above_letters(original: Surface, original_index: SpatialIndex, boxes: Boxes, relief: Float) -> Float:
     """(B, 64, 3) points of a grid over each box, just clear of its letters, size-30 units.
 
-    They are 1.5 reliefs above the original surface under the box, or on the box's top face where that is higher:
-    there end the letters of a mark that does not follow the surface. ``relief`` is (B,), the height of the letters.
+    They are 1.5 reliefs above the original surface in the box, or on the box's top face where that is higher: the
+    letters of a mark that does not follow the surface end there. ``relief`` is (B,), the height of the letters.
     """
     clearance = LIFT * np.abs(relief)
     met = footprint(boxes, original_index, original.normals, clearance, GRID, margin=0.0)

@@ -22,16 +22,16 @@ from core.processors import available_processors
 Picture = NDArray[np.uint8]
 Rectangle = tuple[tuple[float, float], tuple[float, float], float]  # centre, size, degrees clockwise in the picture
 
-# Probability that a pixel belongs to text, and its mean over a box that is worth reading. PaddleOCR asks for 0.6 of a
-# box, to find nothing wrong; here a box is only read and compared, and raised letters without a colour get 0.3 to 0.6.
+# Probability that a pixel belongs to text, and its mean over a box, at least. PaddleOCR requires 0.6 of a box, to avoid
+# false positives; here a box is only read and compared, and raised letters without a colour get 0.3 to 0.6 (measured).
 TEXT = 0.3
-UNCLIP = 1.5  # the detector marks shrunken text: boxes grow on each side by this times area over perimeter
-SPECK = 3.0  # pixels; text this low is none
+UNCLIP = 1.5  # areas over perimeters; growth of boxes on each side, since the detector marks shrunken text
+SPECK = 3.0  # pixels; lower boxes are no text
 STRIDE = 32  # pixels; the detector takes sides that are multiples of this
-LINE_HEIGHT = 48  # pixels, of a line for the recogniser
-WIDTH_STEP = 64  # pixels; lines are filled up to a multiple, so that what is read does not depend on their company
-BATCH = 4096  # pixels of width read at once, 38 MB of output; more save no time
-FILL = 128  # grey, the recogniser's zero
+LINE_HEIGHT = 48  # pixels; height of a line for the recogniser
+WIDTH_STEP = 64  # pixels; lines are padded to a multiple, so that readings do not depend on the batch
+BATCH = 4096  # pixels of width read at once, 38 MB of output; larger ones are not faster
+FILL = 128  # 8-bit grey, the recogniser's zero
 
 # Mean and standard deviation of the colours, 0 to 255, in the order blue, green, red. The detector's are ImageNet's,
 # which PaddleOCR gives in the order red, green, blue, but applies to pictures in the other one: so did the training.
@@ -52,7 +52,7 @@ class Reader:
     CUDA is used where onnxruntime offers it. The same pictures give the same texts.
 
     Args:
-        threads: how many onnxruntime computes with; None for :func:`available_threads`.
+        threads: number of onnxruntime's; None for :func:`available_threads`.
     """
 
     def __init__(self, threads: int | None = None) -> None:
@@ -74,7 +74,7 @@ class Reader:
         self._characters = ["", *alphabet, " "]  # CTC's blank comes first
 
     def detect(self, picture: Picture) -> list[Picture]:
-        """What looks like lines of text in an (H, W, 3) sRGB picture, each cut out and turned to lie horizontally.
+        """Detected lines of text in an (H, W, 3) sRGB picture, each cut out and turned to be horizontal.
 
         A line that leans by up to 90 degrees comes out upright, any other upside down. Sorted by area times
         confidence, the most prominent line first.
@@ -99,7 +99,7 @@ class Reader:
         return [line for _, line in sorted(found, key=lambda entry: -entry[0])]
 
     def read(self, lines: Sequence[Picture]) -> list[str]:
-        """What is written in each (H, W, 3) sRGB picture of one upright line, however unsure."""
+        """Text of each (H, W, 3) sRGB picture of one upright line, at any confidence."""
         filled = [_fill_up(line) for line in lines]
         widths = np.array([line.shape[1] for line in filled])
         texts = [""] * len(lines)

@@ -4,16 +4,17 @@ from core.analysis.saliency import Saliency
 from core.arrays import Float
 from core.geometry.boxes import Boxes
 
-VOTE = 0.5  # the paper's
+VOTE = 0.5  # mean of the thresholded saliency above which a box votes (the paper's)
 
 
 def se(saliency: Saliency, boxes: Boxes) -> tuple[float, Float]:
     """Share of marks on salient parts of the original, 0 to 1; lower is better, 0 is best.
 
     A box votes 1 if the mean of the thresholded saliency within it is greater than 0.5, that is if more than half of
-    the surface inside it is salient, and 0 otherwise; the result is the mean vote. What lies inside a box, also one
-    too small for any sample, says :meth:`core.analysis.saliency.Saliency.under`. The vote is the paper's, the map not:
-    :func:`core.analysis.saliency.saliency` says how it differs, so the paper's figures are no measure for these.
+    the surface inside it is salient, and 0 otherwise; the result is the mean vote. For the surface inside a box, also
+    one too small for any sample, see :meth:`core.analysis.saliency.Saliency.under`. The vote is the paper's, the map is
+    not: see :func:`core.analysis.saliency.saliency` for the differences, by which the paper's figures are not
+    comparable with these.
 
     Args:
         saliency: of the original surface.

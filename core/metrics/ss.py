@@ -1,4 +1,4 @@
-"""Semantics score: how alike the asset looks to a vision model before and after."""
+"""Semantics score: similarity of the asset before and after, by a vision model."""
 
 import numpy as np
 from numpy.typing import NDArray

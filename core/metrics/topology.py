@@ -23,7 +23,7 @@ class Topology:
 
     @property
     def watertight(self) -> bool:
-        """Whether every edge has exactly two faces."""
+        """True where every edge has exactly two faces."""
         return self.boundary_edges == 0 and self.nonmanifold_edges == 0
 
 

@@ -12,7 +12,7 @@ def wps(original: Surface, boxes: Boxes) -> Float:
     """(B,) projected area of the original's faces wholly inside each box over the box's front area, 0 to 1.
 
     Higher is better. Faces with one vertex outside do not count, hence coarse meshes score low however well the
-    box sits: see ``wps_area``. Areas are projected onto the box's normal; faces that look away from it count
+    box sits: see ``wps_area``. Areas are projected onto the box's normal; faces that face away from it count
     nothing. The paper's Eq. 1 has ``max{., 1}``, which must mean ``min``.
     """
     score = np.zeros(len(boxes))

@@ -13,7 +13,7 @@ def wps_area(original: Surface, boxes: Boxes) -> Float:
 
     The paper's Eq. 1 with the box for the watermark and ``min`` for ``max``. Higher is better; 1 where the surface
     passes through the whole box. Triangles are clipped to the box, so the score does not depend on tessellation.
-    Only faces that look at the box count.
+    Only faces that face the box count.
     """
     score = np.zeros(len(boxes))
     for number, faces in enumerate(near(original, boxes)):
@@ -27,8 +27,8 @@ def wps_area(original: Surface, boxes: Boxes) -> Float:
 def _clipped_area(points: Float, half: Float) -> float:
     """Area on the xy plane of triangles, three rows of ``points`` each, inside the box of half sizes ``half``.
 
-    Sutherland-Hodgman on all triangles at once: polygons lie one after another in one array, ``owner`` tells
-    them apart, and each point is followed by where its edge to the next one crosses the plane.
+    Sutherland-Hodgman on all triangles at once: polygons follow one another in one array, ``owner`` numbers them, and
+    each point is followed by the intersection of its edge to the next one with the plane.
     """
     owner: Int = np.repeat(np.arange(len(points) // 3), 3)
     for axis in (0, 1, 2):

@@ -1,1 +1,1 @@
-"""Where watermarks go: candidates, fine-tuning, filters, selection."""
+"""Placement of watermarks: candidates, fine-tuning, filters, selection."""

@@ -1,4 +1,4 @@
-"""Where a watermark might go: boxes at even surface samples, facing along the normal, text upright."""
+"""Candidate boxes at even surface samples, facing along the normal, text upright."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,10 +10,10 @@ from core.geometry.products import cross
 from core.geometry.sampling import thin
 
 UP = np.array([0.0, 1.0, 0.0])
-# Within 20 degrees of +-Y the asset's up says nothing about the reading direction.
+# Cosine; normals within 20 degrees of +-Y have no reading direction by the asset's up.
 POLE = np.cos(np.radians(20.0))
-# A strip is looked for this many times as far away as it may be wide, so that no border of a wide face counts; it is
-# this many times as long as wide, as far as it is seen, and is judged by so many samples.
+# Of a strip: radius of its samples over its greatest width, so that no border of a wide face counts; ratio of length to
+# width within this radius, at least; and number of samples, at least.
 STRIP_REACH, STRIP, STRIP_SAMPLES = 1.7, 1.5, 12
 
 
@@ -82,8 +82,8 @@ def _spread(xx: Float, xy: Float, yy: Float) -> tuple[Float, Float, Float]:
 
 
 def right_way_up(boxes: Boxes) -> Boxes:
-    """The same boxes, with half a turn in their plane where the text would stand on its head: fitting may tip one over
-    an edge."""
+    """The same boxes, rotated by 180 degrees in their plane where the text would be upside down: fitting may turn one
+    over an edge."""
     level = np.einsum("bi,bi->b", boxes.axes[:, 1], upright(boxes.axes[:, 2])[:, 1])
     turned = np.where(level < 0, -1.0, 1.0)
     axes = boxes.axes * np.stack([turned, turned, np.ones(len(boxes))], axis=1)[:, :, None]

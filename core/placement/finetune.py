@@ -22,31 +22,31 @@ from core.geometry.spatial import SpatialIndex
 
 process.after_torch()
 
-LOSS_POINTS = 179  # the paper's J
-LOSS_THRESHOLD = 0.005  # the paper's well-aligned box, squared size-30 units
-# Of the longer side, the root mean square distance that is well aligned too: on a ball of radius 7, a rump or a head,
+LOSS_POINTS = 179  # points of a box's outline (the paper's J)
+LOSS_THRESHOLD = 0.005  # squared size-30 units; loss of a well-aligned box, at most (the paper's)
+# Share of the longer side; root mean square distance that is well aligned too: on a ball of radius 7, a rump or a head,
 # text may be 4.9 wide then, where the paper's threshold allows 3.4. On 33 assets uncoloured text is read better than
 # with less (0.02) and as well as with more (0.04).
 BEND = 0.03
-ADAM_STEPS = 200  # the paper's
-# Not given in the paper. Boxes below the threshold after at most 200 steps, of 231 on its elephant and 153 on its
-# shark: 21 and 69 at 0.005, 48 and 92 at 0.01, 73 and 110 at 0.02, 97 and 117 at 0.05, 108 and 122 at 0.1. Beyond
-# that the gain is small and boxes wander two units and more from where they were sampled.
+ADAM_STEPS = 200  # steps, at most (the paper's)
+# Learning rate, not given in the paper. Boxes below the threshold after at most 200 steps, of 231 on its elephant and
+# 153 on its shark: 21 and 69 at 0.005, 48 and 92 at 0.01, 73 and 110 at 0.02, 97 and 117 at 0.05, 108 and 122 at 0.1.
+# Beyond that the gain is small and boxes move two units and more from their samples.
 ADAM_RATE = 0.1
 
 COARSE_GRID, COARSE_STEPS = (8, 2), 8
-# By how much the mean squared distance after each pass may be above the limit; otherwise a box is given up. Of the
-# boxes that end well aligned, all but about one in twenty-five and one in a hundred are below.
+# Squared size-30 units; excess of the mean squared distance over the limit after each pass, at most: boxes of more are
+# rejected. Of the boxes that end well aligned, all but about one in twenty-five and one in a hundred are below.
 COARSE_SLACK, FINE_SLACK, EXACT_SLACK = 0.025, 0.015, 0.005
-COARSE_COPY = 0.06  # boxes closer than this after the coarse pass end as copies of one another (see distinct)
+COARSE_COPY = 0.06  # tolerance of ``distinct`` after the coarse pass: closer boxes end as copies of one another
 FINE_GRID, FINE_STEPS = (12, 3), 6
-EXACT_GRID, EXACT_STEPS = (10, 3), 2  # what is left to do on the surface itself after the passes on its stand-in
-DIGITS = 7  # of positions, directions and squared distances that a fit gives
+EXACT_GRID, EXACT_STEPS = (10, 3), 2  # of the pass on the surface itself, after those on its proxy
+DIGITS = 7  # decimals of the positions, directions and squared distances of a fit
 CONVERGED, NEGLIGIBLE = 0.01, 1e-6  # relative decrease of the cost; the cost itself
 LONGEST_MOVE, LARGEST_TURN = 1.0, 0.5  # per step: size-30 units, radians
-# Weight of the squared sine of the roll against the mean squared distance, in units of the limit that this may reach:
-# enough to keep text upright where the surface lets it, and on a saddle, which is straight along its diagonals only;
-# too little to hold a box off the surface.
+# Loss limits; weight of the squared sine of the roll against the mean squared distance: enough to keep text upright
+# where the surface allows it, and on a saddle, which is straight along its diagonals only; too little to hold a box off
+# the surface.
 ROLL_WEIGHT = 3.0
 
 
@@ -89,7 +89,7 @@ def alignment_loss(boxes: Boxes, index: SpatialIndex) -> Float:
 
 
 class Closest(Protocol):
-    """What answers where the nearest surface is: the surface itself, or a stand-in for it."""
+    """Closest-point queries on a surface or its proxy."""
 
     def closest(self, points: Float) -> tuple[Float, NDArray[np.int64], Float]:
         """As :meth:`core.geometry.spatial.SpatialIndex.closest`."""
@@ -112,16 +112,16 @@ def levenberg_marquardt(
     the letters too, not only under the outline.
 
     Args:
-        boxes: where to start.
+        boxes: to start from.
         index: over the surface.
-        stand_in: asked in the coarse and the fine pass (``surfels``), of which the surface itself then only corrects
-            the result; if None, the surface in all passes.
-        worth: (B,) which boxes are worth the fine pass, as the coarse one left them; all of them if None.
+        stand_in: the proxy surface (``surfels``) of the coarse and the fine pass, whose result the last pass corrects
+            on the surface itself; if None, the surface in all passes.
+        worth: (B,) the boxes to keep after the coarse pass, given these; all of them if None.
         settle: see :func:`correct`.
 
     Returns:
-        the fitted boxes, and their :func:`alignment_loss` (B,); inf where a box was given up on the way: it stayed
-        too far from the surface, came close to a better one, or was not promising.
+        the fitted boxes, and their :func:`alignment_loss` (B,); inf where a box was rejected: it stayed too far from
+        the surface, came close to a better one, or was not kept by ``worth`` or ``settle``.
     """
     device = torch.device(index.device)
     center, axes, rough = _fit(boxes, stand_in or index, device, COARSE_GRID, COARSE_STEPS)
@@ -146,10 +146,10 @@ def correct(boxes: Boxes, index: SpatialIndex, settle: Settle | None, up: Float 
     """The last pass, on the surface itself, for boxes that are nearly aligned.
 
     Args:
-        boxes: where to start.
+        boxes: to start from.
         index: over the surface.
-        settle: where boxes had better stand, and (B,) which of them are worth the pass; all as they are if None.
-        up: (B, 3) which way the texts' up is held; the boxes' own if None.
+        settle: recentres boxes on their support, and returns (B,) those to keep; all as they are if None.
+        up: (B, 3) up direction of the roll prior; the boxes' own if None.
 
     Returns:
         as :func:`levenberg_marquardt`.
@@ -174,8 +174,8 @@ def correct(boxes: Boxes, index: SpatialIndex, settle: Settle | None, up: Float 
 def distinct(boxes: Boxes, loss: Float, copy: float) -> NDArray[np.int64]:
     """Indices, in ascending order, of the boxes that are left when near copies of better ones are dropped.
 
-    Fitting draws many candidates to the same spot. Copies lie within ``copy`` times the longer side, turn by as many
-    radians, are longer by that share, or a bit of all; the one with the lowest loss stays.
+    Fitting moves many candidates to the same place. Copies are within ``copy`` times the longer side, turned by as many
+    radians, longer by that share, or a combination; the one with the lowest loss stays.
     """
     length = _longest(boxes.size)[:, None]
     pose = np.concatenate([boxes.center / length, boxes.axes[:, 0], boxes.axes[:, 2], np.log(length)], axis=1)
@@ -194,7 +194,7 @@ def _fit(
     """``steps`` damped Gauss-Newton steps per box over ``grid`` points; centres, axes, mean squared distance.
 
     All but the look-ups in ``index`` happens on ``device``.
-    ``reference`` (B, 3) is the up direction that the roll prior pulls to; the boxes' own if None.
+    ``reference`` (B, 3) is the up direction of the roll prior; the boxes' own if None.
     """
     unit = torch.tensor(np.pad(unit_grid(grid), ((0, 0), (0, 1))), device=device)
     local = unit[None] * torch.tensor(boxes.size, device=device)[:, None, :]
@@ -213,7 +213,7 @@ def _fit(
         trial = _linearise(moved, turned, local[going], up[going], weight[going], index)
         decrease = cost[going] - trial[1]
         better = decrease > 0
-        # A box whose last step gained next to nothing has arrived; asking for its distances again is waste.
+        # A box whose last step gained next to nothing has converged; its distances need no further queries.
         arrived = (better & (decrease < CONVERGED * cost[going])) | (trial[1] < NEGLIGIBLE)
         damping[going] = torch.where(better, damping[going] / 4, damping[going] * 4).clamp(1e-6, 1e4)
         taken = going[better]
@@ -228,7 +228,7 @@ def _fit(
 
 def _even(center: Float, axes: Float, squared: Float) -> tuple[Float, Float, Float]:
     """The result of a fit without its last digits, which differ from one kind of processor to another; axes (B, 3, 3)
-    made orthonormal anew."""
+    orthonormalised again."""
     right, normal = np.round(axes[:, 0], DIGITS), np.round(axes[:, 2], DIGITS)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     right -= np.einsum("bi,bi->b", right, normal)[:, None] * normal

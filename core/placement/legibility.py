@@ -1,4 +1,4 @@
-"""How well text is read, by the height of its letters; every threshold of legibility comes from here."""
+"""Legibility of text by the height of its letters; the source of every threshold of legibility."""
 
 import numpy as np
 
@@ -10,17 +10,17 @@ from core.geometry.surface import MODEL_SIZE
 # recognition reads 0.54 of a text 9 pixels high, 0.64 at 15, 0.75 at 19 and 0.80 from 24 on; 0.15 is what it reads
 # where there is no text. Between 4 and 24 pixels that is about the square root. Over 551 views with one red mark each
 # of nineteen assets it reads 0.39 at 4.5 pixels, 0.51 at 6.5, 0.92 at 8.5 and hardly more up to 14, 0.99 above.
-PIXELS, TINY = 1024 / 36, 4.0  # pixels of a size-30 unit; pixels up to which nothing is read
-PLAIN, COLORED = (24.0, 0.5), (9.0, 1.0)  # pixels from which on text is read, and the exponent up to there
-LEGIBLE = 0.3945  # text that is read less well than this counts as legible from close up only
-# Heights are meant for a word like "watermark", an eighth as high as wide. Shorter text covers the same area, but is at
-# most so many times as high.
+PIXELS, TINY = 1024 / 36, 4.0  # pixels of a size-30 unit; pixels of height up to which nothing is read
+PLAIN, COLORED = (24.0, 0.5), (9.0, 1.0)  # pixels of height from which on text is read, and the exponent up to there
+LEGIBLE = 0.3945  # legibility below which text counts as legible from close up only
+# Height over width of a word like "watermark", to which heights refer; and the greatest ratio to it by which shorter
+# text, which covers the same area, is higher.
 USUAL_ASPECT, TALLEST = 0.125, 2.0
 
 
 def legibility(height: Float, color: str | None = None) -> Float:
-    """How well text of a ``height`` (any shape, size-30 units) is read on the metrics' pictures: 0 to 1. Letters of a
-    ``color`` of their own need less height than those of the ground's (None)."""
+    """Legibility of text of a ``height`` (any shape, size-30 units) in the metrics' pictures: 0 to 1. Letters of a
+    ``color`` of their own need less height than those of the surface's (None)."""
     readable, power = PLAIN if color is None else COLORED
     return np.asarray(np.clip((height * PIXELS - TINY) / (readable - TINY), 0.0, 1.0) ** power)
 

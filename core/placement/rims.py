@@ -1,4 +1,4 @@
-"""Edges that no letter can be cut across: where a surface ends or turns away, or more than two faces meet."""
+"""Edges that no letter can be cut across: boundaries and creases of a surface, and edges of more than two faces."""
 
 from dataclasses import dataclass
 
@@ -17,21 +17,21 @@ from core.placement.filters import FACING
 
 SPACING = 0.05  # size-30 units between points of an edge, about a stroke of legible text; wider where edges are many
 MOST_POINTS = 1_000_000
-TEXELS = 1024  # of the text's width
-CREASE = 0.5  # cosine between the normals of two faces under which one may look away where the other is written on
-UPPERMOST = 1e-3  # size-30 units under what a ray meets first
+TEXELS = 1024  # across the text's width
+CREASE = 0.5  # cosine between the normals of two faces; below it one may face away from a box on the other
+UPPERMOST = 1e-3  # size-30 units below the first hit of a ray, within which points are visible
 
 
 @dataclass(frozen=True, eq=False)
 class Rims:
     """Points on the edges of a surface that do not join exactly two of its faces, wound alike, and on sharp ones.
 
-    The wall of a low step is seen by no ray of a footprint, and neither is a crack.
+    The rays of a footprint hit neither the wall of a low step nor a crack.
 
     Attributes:
         tree: over the (N) points, size-30 units.
         normals: (N, 2, 3) of both faces that meet there; zero where these do not join.
-        ink: (H, W) what of the text's bounding box the letters cover, the first row at the bottom.
+        ink: (H, W) texels of the text's bounding box that the letters cover, the first row at the bottom.
     """
 
     tree: cKDTree
@@ -39,8 +39,8 @@ class Rims:
     ink: Bool
 
     def crossed(self, boxes: Boxes, index: SpatialIndex) -> Bool:
-        """(B,) boxes in which a letter would be cut across an edge that does not join two faces that look at the box;
-        what another layer hides does not count. ``index`` is over the surface."""
+        """(B,) boxes in which a letter would be cut across an edge that does not join two faces facing the box; edges
+        hidden by another layer do not count. ``index`` is over the surface."""
         owner, which, local = boxes.contained(self.tree)
         apart = (np.einsum("nfi,ni->nf", self.normals[which], boxes.axes[owner, 2]) <= FACING).any(axis=1)
         texel = (local[:, :2] / boxes.size[owner, :2] + 0.5) * self.ink.shape[::-1]
@@ -55,7 +55,7 @@ class Rims:
 
 
 def rims(surface: Surface, distinct: Bool, artwork: Artwork) -> Rims | None:
-    """The :class:`Rims` of the ``distinct`` (F,) faces of a ``surface`` under a text; None where it has none, as a
+    """The :class:`Rims` of the ``distinct`` (F,) faces of a ``surface`` for a text; None where it has none, as a
     smooth closed manifold."""
     ends, normals = _sharp_edges(surface.edges.among(distinct), surface.normals)
     if not len(ends):

@@ -1,4 +1,4 @@
-"""Which of the surviving boxes to use: those that together are worth most (:mod:`core.placement.objective`)."""
+"""Selection of boxes that together maximise the objective (:mod:`core.placement.objective`)."""
 
 from collections.abc import Callable, Collection, Sequence
 from functools import cache
@@ -11,15 +11,15 @@ from core.geometry.spatial import Eye, SpatialIndex
 from core.placement.filters import overlapping
 from core.placement.objective import Placement, facing
 
-Free = Callable[[list[int]], Bool]  # (B,) which boxes overlap none of the given; (B, K) none of them but the K-th
+Free = Callable[[list[int]], Bool]  # (B,) boxes that overlap none of the given; (B, K) none of them but the K-th
 
-SPACING = 0.3  # between boxes, size-30 units
-EXCHANGES = 64
-NEGLIGIBLE = 1e-6  # gain for which nothing is exchanged
+SPACING = 0.3  # size-30 units between boxes
+EXCHANGES = 64  # at most
+NEGLIGIBLE = 1e-6  # gain of the objective up to which nothing is exchanged
 
 
 def visibility(boxes: Boxes, points: Float, index: SpatialIndex, directions: Float) -> Bool:
-    """(B, D) which boxes face each direction and have nothing in the way of any of their ``points`` (B, N, 3)."""
+    """(B, D) boxes that face each direction, with the rays from all of their ``points`` (B, N, 3) unobstructed."""
     visible = facing(boxes, directions)
     box, view = np.nonzero(visible)
     origins = points[box]
@@ -38,9 +38,9 @@ def select(
 ) -> list[int]:
     """Indices of at most ``count`` boxes that do not overlap, in the order in which to emboss them.
 
-    Whatever adds most to the objective is added while anything adds; then single boxes are exchanged or given up while
-    that helps. The same is done from ``start``, and the better result is returned: one that was found already is never
-    made worse, however many more boxes there are to choose from. Barred boxes are used only where no other is left.
+    The box with the greatest gain of the objective is added while there is any gain; then single boxes are exchanged or
+    dropped while that helps. The same is done from ``start``, and the better result is returned: a larger choice of
+    boxes never makes the result worse. Boxes of last resort are used only where no other is left.
 
     Args:
         placement: the survivors.
@@ -80,7 +80,7 @@ def select(
 
 
 def _add(placement: Placement, chosen: list[int], free: Free, count: int) -> None:
-    """Add the box that gains most, while any gains. The first is added even so: an asset is never
+    """Add the box of the greatest gain, while there is any. The first is added without a gain, too: an asset is never
     left unmarked."""
     while len(chosen) < count:
         gain = np.where(free(chosen), placement.gain(chosen), -np.inf)

@@ -1,1 +1,1 @@
-"""Pictures of a GLB as an ordinary glTF viewer shows it: what the preview and the visual metrics look at."""
+"""Renderings of a GLB as an ordinary glTF viewer shows it: the preview, and the views of the visual metrics."""

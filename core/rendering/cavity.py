@@ -1,22 +1,22 @@
-"""Cavity shading: what makes low relief legible in a small picture."""
+"""Cavity shading, which makes low relief legible in a small picture."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 STEP = 0.3  # size-30 units; a fold this deep between neighbouring pixels gets the full effect
-QUIET = 0.04  # size-30 units; shallower folds are the facets of a smoothly shaded mesh, which nobody should see
+QUIET = 0.04  # size-30 units; shallower folds are the facets of a smoothly shaded mesh, and not accentuated
 DARKEN = 0.55  # share of the colour that the deepest fold loses
-BRIGHTEN = 70  # added to the colour of the sharpest ridge, so that letters show on dark surfaces too
+BRIGHTEN = 70  # 8-bit levels added to the colour of the sharpest ridge, so that letters show on dark surfaces too
 
 _NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))  # each with its opposite
 
 
 def cavity(picture: NDArray[np.uint8], depth: NDArray[np.float32], shaded: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """``picture`` with folds darkened and ridges brightened, as far as its surfaces show light and shade at all.
+    """``picture`` with folds darkened and ridges brightened, in proportion to the shading of its surfaces.
 
     A letter 0.2 units high that faces the camera has walls thinner than a pixel: shading alone hardly shows it.
-    The second difference of the depth does, and it is zero on planes however they are turned. Modelling tools offer
-    the same for sculpting.
+    The second difference of the depth does, and it is zero on planes of any orientation. Modelling tools offer the
+    same for sculpting.
 
     Args:
         picture: (H, W, 3) sRGB.

@@ -9,8 +9,8 @@ from core.rendering.cavity import cavity
 from core.rendering.renderer import Renderer
 
 COLUMNS = 4
-GAP = 4  # pixels
-SUPERSAMPLING = 2  # small letters need smooth edges more than anything else
+GAP = 4  # pixels between views
+SUPERSAMPLING = 2  # samples a pixel and axis: small letters need smooth edges
 GAP_COLOR = (255, 255, 255)
 
 # Azimuth from +Z (the front in glTF) towards +X, and elevation, in degrees, row by row.
@@ -18,7 +18,7 @@ VIEWS = ((0, 15), (90, 15), (180, 15), (270, 15), (45, 35), (225, 35), (0, 89.9)
 
 
 def contact_sheet(renderer: Renderer) -> bytes:
-    """PNG of eight views of what ``renderer`` has loaded in two rows of four, each half as wide as its pictures.
+    """PNG of eight views of the asset loaded in ``renderer``, in two rows of four, each half as wide as its pictures.
 
     Front, right, back and left from slightly above; two corners from higher up; top and bottom.
     Folds and ridges are accentuated, so that letters without a colour of their own can be read.
