@@ -17,8 +17,7 @@ from core.formats.admission import admit, document_of
 from core.geometry.boxes import Boxes
 from core.geometry.surface import MODEL_SIZE, Surface
 from core.geometry.triangles import unit
-from core.gltf.document import Document
-from core.gltf.scene import flatten
+from core.gltf.scene import Scene, flatten
 from core.metrics.measure import Pair, Pictures, Subject, measure
 from core.parameters import Evaluate
 from core.rendering.pictures import PICTURE_SIZE, pictures
@@ -121,7 +120,7 @@ def evaluate(
     shown, written, frame = eye_index(first, surface), eye_index(second, surface), second.surface.in_frame_of(surface)
     boxes, relief = to_boxes(watermarks, surface)
     text = text or next((mark.text for mark in watermarks if mark.text), "")
-    views = _views(before, after) if level is Evaluate.FULL else (None, None)
+    views = _views(first, second) if level is Evaluate.FULL else (None, None)
     pair = Pair(
         Subject(*shown, views[0], seed),
         Subject(*written, views[1]),
@@ -145,10 +144,10 @@ def evaluate(
     }
 
 
-def _views(before: Document, after: Document) -> tuple[Pictures, Pictures] | tuple[MeshmarkError, MeshmarkError]:
+def _views(before: Scene, after: Scene) -> tuple[Pictures, Pictures] | tuple[MeshmarkError, MeshmarkError]:
     try:
         with Renderer(PICTURE_SIZE) as renderer:
-            first = pictures(before.to_glb(), renderer)
-            return first, pictures(after.to_glb(), renderer, frame=renderer.frame)
+            first = pictures(before, renderer)
+            return first, pictures(after, renderer, frame=renderer.frame)
     except MeshmarkError as error:
         return error, error

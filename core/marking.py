@@ -17,9 +17,8 @@ from core.artwork.outline import text_artwork
 from core.embossing.mesh import WorkingMesh
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
-from core.gltf.document import Document
 from core.gltf.prune import unreferenced_bytes
-from core.gltf.scene import flatten
+from core.gltf.scene import flatten, scene_of
 from core.gltf.textures import undecoded_textures
 from core.gltf.validate import is_beside
 from core.gltf.write import write
@@ -240,4 +239,4 @@ def _written(asset: Asset, context: "PlacementContext", embossed: Embossed) -> O
     model = write(asset.scene, asset.analysis.with_file_winding(embossed.mesh.edit()), styles)
     marks = AssetMarks(surface, boxes, embossed.letters, styles, parameters)
     model, copies = mark_copies(model, marks)
-    return Output(embossed, styles, model, copies, flatten(Document.from_glb(model)))
+    return Output(embossed, styles, model, copies, scene_of(model))

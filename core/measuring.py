@@ -57,10 +57,10 @@ def render(asset: Asset, output: Output, run: Run) -> Pictures:
     try:
         with Renderer(PICTURE_SIZE) as renderer:
             if measured:
-                before = pictures(asset.scene.document.to_glb(), renderer)
-                views = before, pictures(output.model, renderer, frame=renderer.frame)
+                before = pictures(asset.scene, renderer)
+                views = before, pictures(output.scene, renderer, frame=renderer.frame)
             else:
-                renderer.load(output.model)
+                renderer.load(output.scene)
             if request.preview:
                 preview = contact_sheet(renderer)
                 run.publish("preview", preview)

@@ -18,7 +18,7 @@ from core.errors import MeshmarkError
 from core.formats.admission import admit, document_of
 from core.geometry.spatial import SpatialIndex
 from core.gltf.document import Document
-from core.gltf.scene import flatten
+from core.gltf.scene import flatten, scene_of
 from core.parameters import Evaluate, Parameters
 from core.pipeline import Result, watermark
 from tests.validator import validate
@@ -126,7 +126,7 @@ def _whole_letters(data: bytes, result: Result) -> tuple[int, int]:
     """How many letters stand whole, and how many there should be: near the point one relief above the original
     surface the written one must be raised, all over the letter."""
     original = flatten(document_of(admit(data))).surface
-    written = flatten(Document.from_glb(result.model)).surface.in_frame_of(original)
+    written = scene_of(result.model).surface.in_frame_of(original)
     before = SpatialIndex(original.positions, original.faces)
     after = SpatialIndex(written.positions, written.faces)
     parameters: dict[str, Any] = result.report["parameters"]

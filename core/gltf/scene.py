@@ -98,6 +98,15 @@ class _Vertices:
     world: Float
 
 
+def scene_of(glb: bytes) -> Scene:
+    """The scene of a GLB, see :func:`flatten`.
+
+    Raises:
+        MeshmarkError: as :meth:`core.gltf.document.Document.from_glb` and :func:`flatten`.
+    """
+    return flatten(Document.from_glb(glb))
+
+
 def flatten(document: Document) -> Scene:
     """Every triangle of the default scene in one size-30 :class:`Surface`, at the default pose.
 

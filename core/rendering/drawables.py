@@ -12,7 +12,7 @@ from core.gltf.accessors import dequantize, read_accessor
 from core.gltf.document import Document, malformed
 from core.gltf.hierarchy import hidden_nodes
 from core.gltf.materials import Emission, Material, read_material
-from core.gltf.scene import DrawnPrimitive, determinants, flatten
+from core.gltf.scene import DrawnPrimitive, Scene, determinants
 from core.gltf.textures import read_texture
 
 Float32 = NDArray[np.float32]
@@ -42,8 +42,8 @@ class Drawable:
     material: Material
 
 
-def drawables(glb: bytes, texture_limit: int) -> list[Drawable]:
-    """What the default scene of ``glb`` shows at its default pose, see-through primitives last.
+def drawables(scene: Scene, texture_limit: int) -> list[Drawable]:
+    """The drawn primitives of a scene at its default pose, see-through ones last.
 
     Nodes that KHR_node_visibility hides, triangles without an area, and what lies outside the frame of all that is seen
     (:mod:`core.gltf.viewer`), such as a far box of alpha 0, are left out, unless that leaves nothing.
@@ -51,11 +51,9 @@ def drawables(glb: bytes, texture_limit: int) -> list[Drawable]:
     ``texture_limit`` pixels a side.
 
     Raises:
-        MeshmarkError: as :func:`core.gltf.scene.flatten`, and ``malformed_file`` for attributes and materials
-            that contradict themselves.
+        MeshmarkError: ``malformed_file`` for attributes and materials that contradict themselves.
     """
-    document = Document.from_glb(glb)
-    scene = flatten(document)
+    document = scene.document
     texture = cache(partial(read_texture, document, limit=texture_limit))
     material = cache(partial(read_material, document, read_texture=texture))
     surface, hidden = scene.surface, hidden_nodes(document)

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from core.arrays import Float
 from core.geometry.directions import view_directions
+from core.gltf.scene import Scene
 from core.rendering.renderer import Frame, Renderer
 
 PICTURE_SIZE = 1024  # pixels; what OCR can read depends on it more than on anything else
@@ -12,14 +13,14 @@ DIRECTIONS, UPS = view_directions()
 
 
 def pictures(
-    glb: bytes, renderer: Renderer, directions: Float = DIRECTIONS, ups: Float = UPS, frame: Frame | None = None
+    scene: Scene, renderer: Renderer, directions: Float = DIRECTIONS, ups: Float = UPS, frame: Frame | None = None
 ) -> NDArray[np.uint8]:
-    """(V, S, S, 3) sRGB pictures of ``glb``, one for each camera; by default the paper's 24 views.
+    """(V, S, S, 3) sRGB pictures of a scene, one for each camera; by default the paper's 24 views.
 
     A camera that occurs twice, as the front does in the 24 views, is drawn once.
 
     Args:
-        glb: the asset; it stays loaded.
+        scene: it stays loaded.
         renderer: S is its size.
         directions: (V, 3) from the object to each camera.
         ups: (V, 3) what points upwards in each picture.
@@ -28,6 +29,6 @@ def pictures(
     Raises:
         MeshmarkError: as :func:`core.rendering.drawables.drawables`.
     """
-    renderer.load(glb, frame)
+    renderer.load(scene, frame)
     cameras, row = np.unique(np.hstack([directions, ups]), axis=0, return_inverse=True)
     return np.stack([renderer.render(camera[:3], camera[3:]) for camera in cameras])[row]

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from core import process
 from core.arrays import Float
 from core.errors import ErrorCode, MeshmarkError
+from core.gltf.scene import Scene
 from core.gltf.textures import Texture
 from core.rendering.drawables import Drawable, drawables
 
@@ -91,17 +92,17 @@ class Renderer:
     ) -> None:
         self._context.delete()
 
-    def load(self, glb: bytes, frame: Frame | None = None) -> None:
-        """Take a GLB as it is: its normals (flat shading where there are none), base colours, vertex colours, emission.
+    def load(self, asset: Scene, frame: Frame | None = None) -> None:
+        """Take an asset as it is: normals (flat shading where there are none), base colours, vertex colours, emission.
 
         Args:
-            glb: the asset.
+            asset: its scene.
             frame: what to look at; None: the asset. To compare two assets, show both in the frame of one.
 
         Raises:
             MeshmarkError: as :func:`core.rendering.drawables.drawables`.
         """
-        shown = drawables(glb, texture_limit=2 * self.size)  # finer texels could not be told apart
+        shown = drawables(asset, texture_limit=2 * self.size)  # finer texels could not be told apart
         points = np.concatenate([drawable.positions for drawable in shown])
         self.frame = frame or _frame(points)
         self._center, near = np.array(self.frame.center), MARGIN * self.frame.radius

@@ -8,8 +8,7 @@ import pytest
 from core.artwork.fonts import DEFAULT_FONT
 from core.cli import main
 from core.errors import ErrorCode, MeshmarkError
-from core.gltf.document import Document
-from core.gltf.scene import flatten
+from core.gltf.scene import scene_of
 from tests.core.gltf.builder import CUBE, CUBE_FACES, simple
 from tests.validator import error_counts
 
@@ -120,7 +119,7 @@ def test_a_preview_that_cannot_be_rendered_is_said_whatever_else_there_was_to_wa
 def test_an_attack_leaves_a_file_that_is_damaged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     left = tmp_path / "left.glb"
     assert main(["attack", "crop", str(SPOT), str(left), "--strength", "0.3", "--seed", "2"]) == 0
-    assert 0 < len(flatten(Document.from_glb(left.read_bytes())).surface.faces) < 5856
+    assert 0 < len(scene_of(left.read_bytes()).surface.faces) < 5856
     assert str(left) in capsys.readouterr().out
 
 

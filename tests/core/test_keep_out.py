@@ -12,8 +12,7 @@ from core.analysis.regions import regions
 from core.arrays import Float
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.surface import Surface
-from core.gltf.document import Document
-from core.gltf.scene import flatten
+from core.gltf.scene import scene_of
 from core.parameters import NodeRegion, Parameters, parse_parameters
 from core.pipeline import Result, watermark
 from tests.core.formats.meshes import MESHES
@@ -65,7 +64,7 @@ def drawn(surface: Surface) -> Float:
 
 def added(before: bytes, after: bytes) -> Float:
     """(N, 3) points of the marked asset that are none of the original's, world."""
-    old, new = (drawn(flatten(Document.from_glb(data)).surface) for data in (before, after))
+    old, new = (drawn(scene_of(data).surface) for data in (before, after))
     known = {tuple(point) for point in np.round(old, 5)}
     return new[[tuple(point) not in known for point in np.round(new, 5)]]
 
@@ -147,7 +146,7 @@ PARTS = {"truck-yellow-kenney.glb": "body", "mage-kaykit.glb": "head"}
 
 def part(data: bytes, name: str) -> set[tuple[float, ...]]:
     """The triangles of a node or bone, world."""
-    scene = flatten(Document.from_glb(data))
+    scene = scene_of(data)
     faces = scene.surface.faces[
         regions(scene, scene.surface, Parameters(text="a", prefer=[NodeRegion(node=name)])).preferred
     ]

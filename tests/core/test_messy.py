@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from core.arrays import Int
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.surface import Surface
-from core.gltf.document import Document
-from core.gltf.scene import flatten
+from core.gltf.scene import scene_of
 from core.parameters import Evaluate, Mode, Parameters
 from core.pipeline import Result, watermark
 from tests.core.gltf.builder import simple
@@ -223,7 +222,7 @@ def _double_sided_glb(shape: Surface) -> bytes:
 def test_letters_on_a_part_that_is_inside_out_rise_where_they_are_seen() -> None:
     """A GLB keeps its winding; of a format that knows no culling the faces are turned."""
     files = _file(BALL), _file(_inside_out()), _double_sided_glb(_inside_out())
-    surfaces = [flatten(Document.from_glb(_marked(data).model)).surface for data in files]
+    surfaces = [scene_of(_marked(data).model).surface for data in files]
     furthest = np.linalg.norm(BALL.positions, axis=1).max() * surfaces[0].scale
     for found, sign in zip(surfaces, (1.0, 1.0, -1.0), strict=True):
         radius = np.linalg.norm(found.positions[found.faces].mean(axis=1), axis=1)

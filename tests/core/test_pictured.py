@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from core.errors import MeshmarkError
 from core.gltf.document import Document
-from core.gltf.scene import flatten
+from core.gltf.scene import scene_of
 from core.parameters import Evaluate, Parameters
 from core.pipeline import watermark
 from core.rendering.renderer import Frame, Renderer
@@ -114,9 +114,9 @@ def renderer() -> Iterator[Renderer]:
 
 def head_on(renderer: Renderer, glb: bytes, mark: Json) -> NDArray[np.int16]:
     """A mark in the middle of the picture; what stands between it and the camera is cut away."""
-    surface = flatten(Document.from_glb(glb)).surface
+    surface = scene_of(glb).surface
     x, y, z = ((np.array(mark["center"]) - surface.offset) * surface.scale).tolist()
-    renderer.load(glb, Frame((x, y, z), float(np.hypot(*mark["size"][:2])) / 2 * surface.scale))
+    renderer.load(scene_of(glb), Frame((x, y, z), float(np.hypot(*mark["size"][:2])) / 2 * surface.scale))
     camera: Any = renderer._camera.camera
     camera.znear = renderer._distance - max(mark["size"][2], 4 * mark["relief"]) * surface.scale
     return renderer.render(mark["normal"], mark["up"]).astype(np.int16)

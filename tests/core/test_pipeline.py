@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from core.errors import ErrorCode, MeshmarkError
 from core.gltf.document import Document
 from core.gltf.prune import unreferenced_bytes
-from core.gltf.scene import flatten
+from core.gltf.scene import scene_of
 from core.parameters import Evaluate, Mode, Parameters, Preset
 from core.pipeline import STAGES, Result, watermark
 from tests.core.gltf.ktx2_samples import UASTC
@@ -51,7 +51,7 @@ def test_the_asset_stays_what_it_was_but_for_the_letters(spot: Result) -> None:
 
 
 def test_the_report_says_where_every_watermark_is(spot: Result) -> None:
-    surface = flatten(Document.from_glb(SPOT.read_bytes())).surface
+    surface = scene_of(SPOT.read_bytes()).surface
     units = spot.report["units"]
     for mark in spot.report["watermarks"]:
         right, up, normal = (np.array(mark[name]) for name in ("right", "up", "normal"))
@@ -181,7 +181,7 @@ def test_a_texture_that_cannot_be_decoded_is_warned_of(image: bytes, codes: list
 
 def test_sunken_letters_take_material_away_and_raised_ones_add_it(spot: Result) -> None:
     def volume(glb: bytes) -> float:
-        surface = flatten(Document.from_glb(glb)).surface
+        surface = scene_of(glb).surface
         world = surface.to_world(surface.positions)
         return float(trimesh.Trimesh(world, surface.faces, process=False).volume)
 

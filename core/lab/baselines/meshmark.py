@@ -3,8 +3,7 @@
 import numpy as np
 
 from core.geometry.boxes import Boxes
-from core.gltf.document import Document
-from core.gltf.scene import flatten
+from core.gltf.scene import scene_of
 from core.lab.baselines.strategy import Marked, Prepared
 from core.lab.plain import plain
 from core.parameters import Evaluate, Parameters
@@ -33,4 +32,4 @@ def meshmark(
         np.array([mark["size"] for mark in marks]),
     ).to_frame(surface.offset, surface.scale)
     relief = np.array([mark["relief"] for mark in marks]) * surface.scale
-    return Marked(plain(flatten(Document.from_glb(result.model)).surface.in_frame_of(surface)), boxes, relief)
+    return Marked(plain(scene_of(result.model).surface.in_frame_of(surface)), boxes, relief)

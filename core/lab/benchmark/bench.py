@@ -17,6 +17,7 @@ from core.errors import MeshmarkError
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
+from core.gltf.scene import scene_of
 from core.lab.attacks.attack import ATTACKS
 from core.lab.attacks.target import Attacked, Target, letter_faces, whole
 from core.lab.baselines import STRATEGIES
@@ -235,7 +236,7 @@ class AssetBench:
         views = np.arange(self._options.views) * len(DIRECTIONS) // self._options.views
         try:
             with _timed(seconds, step):
-                return pictures(glb, renderer, DIRECTIONS[views], UPS[views], frame)
+                return pictures(scene_of(glb), renderer, DIRECTIONS[views], UPS[views], frame)
         except MeshmarkError as error:
             return error
 

@@ -8,8 +8,7 @@ from numpy.typing import ArrayLike
 
 from core.analysis.analyse import analyse
 from core.geometry.spatial import Eye
-from core.gltf.document import Document
-from core.gltf.scene import Scene, flatten
+from core.gltf.scene import Scene, scene_of
 from tests.core.rendering.glb import CORNERS, CUBE_FACES, GlbWriter, plain
 
 INWARDS = CUBE_FACES[:, ::-1]
@@ -22,7 +21,7 @@ def _scene(*parts: tuple[ArrayLike, ArrayLike, dict[str, Any]], **node: Any) -> 
     writer = GlbWriter()
     for positions, faces, material in parts:
         writer.mesh(positions, faces, material=material, **node)
-    return flatten(Document.from_glb(writer.bytes()))
+    return scene_of(writer.bytes())
 
 
 def test_a_room_is_looked_into_through_the_backs_of_its_walls() -> None:
@@ -81,6 +80,6 @@ def test_a_box_that_nobody_sees_hides_nothing_and_carries_nothing() -> None:
 
 def test_one_part_in_odd_coordinates_is_coarse_alone() -> None:
     writer = GlbWriter().mesh(CORNERS, CUBE_FACES).mesh(CORNERS + 17000, CUBE_FACES, translation=[-17000.0] * 3)
-    ground = analyse(flatten(Document.from_glb(writer.bytes())))
+    ground = analyse(scene_of(writer.bytes()))
     assert np.isclose(ground.resolution[:8], 15 * 2.0**-23).all()
     assert np.isclose(ground.resolution[8:], 15 * 2.0**-9, rtol=1e-3).all()

@@ -7,8 +7,7 @@ from numpy.typing import ArrayLike
 from core.analysis.color import appearance, base_color
 from core.arrays import Float
 from core.errors import ErrorCode, MeshmarkError
-from core.gltf.document import Document
-from core.gltf.scene import Scene, flatten
+from core.gltf.scene import Scene, scene_of
 from tests.core.placement.shapes import inside_out
 from tests.core.rendering.glb import QUAD, QUAD_FACES, QUAD_UV, GlbWriter, plain, png
 
@@ -28,7 +27,7 @@ def quad(pixels: ArrayLike = QUARTERS, uv: ArrayLike = QUAD_UV, material: Any = 
 
 
 def flat(writer: GlbWriter) -> Scene:
-    return flatten(Document.from_glb(writer.bytes()))
+    return scene_of(writer.bytes())
 
 
 def at(shown: Scene, *places: tuple[float, float]) -> Float:

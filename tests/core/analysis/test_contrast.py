@@ -10,9 +10,8 @@ from core.analysis.texture import cielab, from_cielab
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
 from core.gltf.colors import hex_linear, hex_srgb
-from core.gltf.document import Document
 from core.gltf.edit import Style
-from core.gltf.scene import Scene, flatten
+from core.gltf.scene import Scene, scene_of
 from tests.core.rendering.glb import QUAD, QUAD_FACES, QUAD_UV, GlbWriter, plain, png
 
 UNLIT: dict[str, Any] = {"extensions": {"KHR_materials_unlit": {}}}
@@ -39,7 +38,7 @@ def square(material: dict[str, Any], image: Any = None, role: str = "emissiveTex
         material = material | (
             {role: texture} if role == "emissiveTexture" else {"pbrMetallicRoughness": {role: texture}}
         )
-    return flatten(Document.from_glb(writer.mesh(QUAD, QUAD_FACES, attributes, material).bytes()))
+    return scene_of(writer.mesh(QUAD, QUAD_FACES, attributes, material).bytes())
 
 
 def lightness(color: str | None) -> float:

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from core.analysis.opacity import opacity
-from core.gltf.document import Document
-from core.gltf.scene import Scene, flatten
+from core.gltf.scene import Scene, scene_of
 from tests.core.rendering.glb import QUAD, QUAD_FACES, QUAD_UV, GlbWriter, png
 
 WINDOW = [[(90, 90, 90, 255), (90, 90, 90, 40)]]  # the right half is glass
@@ -19,7 +18,7 @@ def _wall(pixels: Any = WINDOW, mode: str = "BLEND") -> Scene:
     material = {"alphaMode": mode, "pbrMetallicRoughness": {"baseColorTexture": reference}}
     writer.mesh(QUAD, QUAD_FACES, {"TEXCOORD_0": QUAD_UV}, material)
     writer.mesh(QUAD - (0, 0, 1), QUAD_FACES)
-    return flatten(Document.from_glb(writer.bytes()))
+    return scene_of(writer.bytes())
 
 
 @pytest.mark.parametrize("mode", ["BLEND", "MASK"])

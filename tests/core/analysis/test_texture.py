@@ -17,8 +17,7 @@ from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
 from core.geometry.boxes import Boxes
 from core.geometry.sampling import sample
-from core.gltf.document import Document
-from core.gltf.scene import Scene, flatten
+from core.gltf.scene import Scene, flatten, scene_of
 from core.placement.objective import LUMINANCE
 from tests.core.placement.shapes import box, boxes, rotation
 from tests.core.rendering.glb import QUAD, QUAD_FACES, QUAD_UV, GlbWriter, plain, png
@@ -55,7 +54,7 @@ def plate(pixels: NDArray[np.uint8], uv: NDArray[np.float32] = QUAD_UV, **transf
 
 
 def scene(writer: GlbWriter) -> Scene:
-    return flatten(Document.from_glb(writer.bytes()))
+    return scene_of(writer.bytes())
 
 
 def look(shown: Scene, seed: int = 0) -> TextureSaliency | None:

@@ -7,9 +7,8 @@ import pytest
 
 from core.analysis.analyse import HIDING
 from core.embossing.drawn import drawn_marks
-from core.gltf.document import Document
 from core.gltf.edit import Kind, SurfaceEdit
-from core.gltf.scene import Scene, flatten
+from core.gltf.scene import Scene, scene_of
 from tests.core.rendering.glb import QUAD, QUAD_FACES, QUAD_UV, GlbWriter, plain, png
 
 BACKWARDS = np.array(QUAD_FACES)[:, ::-1]
@@ -22,7 +21,7 @@ def _file(faces: Any = QUAD_FACES, material: dict[str, Any] | None = None, **nod
     if material and "picture" in material:
         material = {"alphaMode": material["picture"], "pbrMetallicRoughness": {"baseColorTexture": {"index": image}}}
     writer.mesh(QUAD, faces, {"TEXCOORD_0": QUAD_UV}, material, **node)
-    return flatten(Document.from_glb(writer.bytes()))
+    return scene_of(writer.bytes())
 
 
 def _drawn(written: Scene, marks: tuple[int, int] = (0, 0), opaque: float = HIDING) -> list[bool]:

@@ -7,14 +7,13 @@ import numpy as np
 from core.analysis.analyse import analyse
 from core.analysis.saliency import saliency
 from core.embossing.unmarked import unmarked_parts
-from core.gltf.document import Document
-from core.gltf.scene import flatten
+from core.gltf.scene import scene_of
 from core.notices import Notice
 from tests.core.rendering.glb import CORNERS, CUBE_FACES, GlbWriter, plain
 
 
 def _said(writer: GlbWriter, *marked: int) -> Notice | None:
-    scene = flatten(Document.from_glb(writer.bytes()))
+    scene = scene_of(writer.bytes())
     ground = analyse(scene)
     samples = saliency(ground.surface, 0)
     return unmarked_parts(scene, ground.surface, samples, ground.index, np.array(marked, dtype=np.int64))

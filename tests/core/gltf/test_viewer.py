@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
 
-from core.gltf.document import Document
-from core.gltf.scene import Scene, flatten
+from core.gltf.scene import Scene, flatten, scene_of
 from core.gltf.viewer import Viewed
 from tests.core.gltf.builder import CUBE, CUBE_FACES, Builder
 from tests.core.rendering.glb import QUAD, QUAD_FACES, QUAD_UV, GlbWriter, plain, png
@@ -37,7 +36,7 @@ def _square(pixels: ArrayLike, **material: Any) -> Viewed:
     reference = {"index": writer.image_texture(png(pixels), magFilter=9728)}
     material = {"pbrMetallicRoughness": {"baseColorTexture": reference}, **material}
     writer.mesh(QUAD, QUAD_FACES, {"TEXCOORD_0": QUAD_UV}, material)
-    return flatten(Document.from_glb(writer.bytes())).viewed
+    return scene_of(writer.bytes()).viewed
 
 
 def _texels(alpha: list[list[int]]) -> NDArray[np.uint8]:
@@ -94,7 +93,7 @@ def test_vertex_colours_have_alpha_too() -> None:
     writer = GlbWriter()
     colors = np.array([[1, 1, 1, 1], [1, 1, 1, 1], [1, 1, 1, 1], [1, 1, 1, 0]], dtype=np.float32)
     writer.mesh(QUAD, QUAD_FACES, {"COLOR_0": colors}, {"alphaMode": "BLEND"})
-    opacity = flatten(Document.from_glb(writer.bytes())).viewed.opacity
+    opacity = scene_of(writer.bytes()).viewed.opacity
     assert opacity[0] == 1
     assert opacity[1] == pytest.approx(1 - 0.9**2, abs=0.03)  # a tenth of one corner is all that may be missing
 

@@ -10,7 +10,7 @@ from core.errors import ErrorCode, MeshmarkError
 from core.gltf.document import Document
 from core.gltf.edit import Kind, Style
 from core.gltf.prune import unreferenced_bytes
-from core.gltf.scene import Scene, flatten
+from core.gltf.scene import Scene, flatten, scene_of
 from core.gltf.write import write
 from tests.core.formats.meshes import real_glbs
 from tests.core.gltf.builder import CUBE, CUBE_FACES, QUAD, QUAD_FACES, Builder, grid, simple
@@ -186,7 +186,7 @@ def test_a_lift_goes_outwards_whatever_the_node_does(scale: list[float]) -> None
     )
     scene = flatten(document)
     edit = centroid_split(scene, range(12), [CAP, WALL] * 6, lift=2.0)
-    after = flatten(Document.from_glb(write(scene, edit, [Style()])))
+    after = scene_of(write(scene, edit, [Style()]))
 
     expected = scene.surface.to_world(edit.position.reshape(-1, 3))
     size = float(np.ptp(expected, axis=0).max())

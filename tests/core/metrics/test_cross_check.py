@@ -16,8 +16,7 @@ from core.geometry.directions import fibonacci_directions, view_directions
 from core.geometry.sampling import sample
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
-from core.gltf.document import Document
-from core.gltf.scene import flatten
+from core.gltf.scene import flatten, scene_of
 from core.lab.plain import plain
 from core.metrics import smse as smse_module
 from core.metrics.coverage import coverage
@@ -56,7 +55,7 @@ def pair(request: pytest.FixtureRequest) -> Pair:
         np.array([[mark["right"], mark["up"], mark["normal"]] for mark in marks]),
         np.array([mark["size"] for mark in marks]) * original.scale,
     )
-    written = flatten(Document.from_glb(result.model)).surface.in_frame_of(original)
+    written = scene_of(result.model).surface.in_frame_of(original)
     return Pair(original, written, boxes, np.array([mark["relief"] for mark in marks]) * original.scale)
 
 

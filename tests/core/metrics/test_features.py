@@ -11,6 +11,7 @@ from onnx import TensorProto, helper
 
 from core import models
 from core.errors import ErrorCode, MeshmarkError
+from core.gltf.scene import scene_of
 from core.metrics.features import LayoutDescriptor, ResNet50, extractor
 from core.metrics.ss import ss
 from core.models import MODELS, Model
@@ -187,9 +188,9 @@ def renderer() -> Iterator[Renderer]:
 
 @pytest.mark.parametrize("path", ASSETS, ids=[path.stem for path in ASSETS])
 def test_another_asset_scores_far_lower_than_a_change_of_the_same(path: Path, renderer: Renderer) -> None:
-    same = pictures(path.read_bytes(), renderer)
+    same = pictures(scene_of(path.read_bytes()), renderer)
     changed = same.copy()
     changed[:, 120:128, 100:156] //= 2
-    other = pictures(ASSETS[ASSETS.index(path) - 1].read_bytes(), renderer)
+    other = pictures(scene_of(ASSETS[ASSETS.index(path) - 1].read_bytes()), renderer)
     assert ss(same, changed, LayoutDescriptor()) > 0.8
     assert ss(same, other, LayoutDescriptor()) < 0.6

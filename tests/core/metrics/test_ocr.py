@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from core.gltf.scene import scene_of
 from core.metrics.ocr import Ocr, ocr
 from core.metrics.recognition import Reader
 from core.parameters import Evaluate, Parameters
@@ -104,6 +105,8 @@ def test_coloured_letters_on_a_plate_are_read_exactly_from_both_sides(reader: Re
     asked = Parameters(text="watermark", size=20.0, count=2, color="#d02020", evaluate=Evaluate.NONE)
     model = watermark(plate, asked, preview=False).model
     with Renderer(1024) as renderer:
-        marked, unmarked = (pictures(glb, renderer, DIRECTIONS[FRONT_BACK], UPS[FRONT_BACK]) for glb in (model, plate))
+        marked, unmarked = (
+            pictures(scene_of(glb), renderer, DIRECTIONS[FRONT_BACK], UPS[FRONT_BACK]) for glb in (model, plate)
+        )
     assert ocr(marked, "watermark", reader).exact == 1
     assert ocr(unmarked, "watermark", reader).ratio == 0

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from core.gltf.scene import scene_of
 from core.rendering.renderer import BACKGROUND, Renderer
 
 Picture = NDArray[np.uint8]
@@ -15,7 +16,7 @@ FOUR_COLORS = np.array([[RED, GREEN], [BLUE, YELLOW]], dtype=np.uint8).repeat(8,
 
 
 def shoot(renderer: Renderer, glb: bytes, direction: tuple[float, ...] = FRONT) -> Picture:
-    renderer.load(glb)
+    renderer.load(scene_of(glb))
     return renderer.render(direction, UP)
 
 

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from core.gltf.scene import scene_of
 from core.rendering.renderer import Renderer
 from tests.core.rendering.glb import CORNERS, CUBE_FACES, QUAD, QUAD_FACES, QUAD_UV, GlbWriter, cube, plain, png
 from tests.core.rendering.shots import (
@@ -153,7 +154,7 @@ def test_it_is_known_how_much_of_what_is_seen_is_made_by_light(
     renderer: Renderer, material: dict[str, Any], low: float, high: float
 ) -> None:
     writer = GlbWriter().mesh(QUAD * 2 - [0, 0, 0.5], QUAD_FACES, material=plain((1, 1, 1, 1)))
-    renderer.load(writer.mesh(QUAD, QUAD_FACES, material=material).bytes())
+    renderer.load(scene_of(writer.mesh(QUAD, QUAD_FACES, material=material).bytes()))
     picture, depth, shaded = renderer.render_with_depth(FRONT, UP)
     assert low <= shaded[SIZE // 2, SIZE // 2] <= high
     assert picture.shape == (SIZE, SIZE, 3)

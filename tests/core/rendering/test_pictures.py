@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
 
+from core.gltf.scene import scene_of
 from core.rendering.pictures import pictures
 from core.rendering.renderer import Renderer
 from tests.core.rendering.glb import QUAD, QUAD_FACES, GlbWriter, cube, plain
@@ -34,7 +35,7 @@ def one_sided_card() -> bytes:
 
 
 def test_there_are_24_pictures_and_the_view_that_occurs_twice_is_drawn_once(renderer: Counting) -> None:
-    shown = pictures(cube(), renderer)
+    shown = pictures(scene_of(cube()), renderer)
     assert shown.shape == (24, SIZE, SIZE, 3)
     assert shown.dtype == np.uint8
     assert renderer.drawn == 23
@@ -44,13 +45,13 @@ def test_there_are_24_pictures_and_the_view_that_occurs_twice_is_drawn_once(rend
 def test_each_picture_is_what_the_renderer_shows_from_its_direction(renderer: Counting) -> None:
     directions = np.array([[0.0, 0, 1], [1, 0, 0], [0, 0, 1], [0, 0, -1]])
     ups = np.array([[0.0, 1, 0], [0, 1, 0], [1, 0, 0], [0, 1, 0]])
-    shown = pictures(cube(RED), renderer, directions, ups)
+    shown = pictures(scene_of(cube(RED)), renderer, directions, ups)
     for picture, direction, up in zip(shown, directions, ups, strict=True):
         np.testing.assert_array_equal(picture, renderer.render(direction, up))
 
 
 def test_the_first_view_is_the_front_and_the_seventh_the_back(renderer: Counting) -> None:
-    shown = pictures(one_sided_card(), renderer)
+    shown = pictures(scene_of(one_sided_card()), renderer)
     red = (shown[..., 0] > shown[..., 1].astype(int) + 50).mean(axis=(1, 2))
     assert red[0] == red.max()
     assert red[0] > 0.3
@@ -58,4 +59,5 @@ def test_the_first_view_is_the_front_and_the_seventh_the_back(renderer: Counting
 
 
 def test_the_same_asset_gives_the_same_pictures(renderer: Counting) -> None:
-    np.testing.assert_array_equal(pictures(cube(), renderer), pictures(cube(), renderer))
+    first, second = (pictures(scene_of(cube()), renderer) for _ in range(2))
+    np.testing.assert_array_equal(first, second)

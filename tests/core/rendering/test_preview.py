@@ -9,6 +9,7 @@ from PIL import Image
 
 from core.artwork.outline import text_artwork
 from core.errors import ErrorCode, MeshmarkError
+from core.gltf.scene import scene_of
 from core.rendering.cavity import cavity
 from core.rendering.preview import COLUMNS, GAP, VIEWS, contact_sheet
 from core.rendering.renderer import Renderer
@@ -20,7 +21,7 @@ REAL = [MESHES / name for name in ("fox.glb", "egyptian-cat.glb", "mage-kaykit.g
 
 def sheet(glb: bytes, size: int) -> bytes:
     with Renderer(size) as renderer:
-        renderer.load(glb)
+        renderer.load(scene_of(glb))
         return contact_sheet(renderer)
 
 
@@ -54,7 +55,7 @@ def test_letters_without_a_colour_of_their_own_can_be_seen_from_straight_ahead()
     mesh = solid.to_mesh()
     glb = GlbWriter().mesh(mesh.vert_properties[:, :3], mesh.tri_verts, material=plain((0.6, 0.6, 0.6, 1))).bytes()
     with Renderer(256) as renderer:
-        renderer.load(glb)
+        renderer.load(scene_of(glb))
         picture, depth, shaded = renderer.render_with_depth((0, 0, 1), (0, 1, 0))
     letters = np.s_[112:144, 60:196]
     assert cavity(picture, depth, shaded)[letters].std() > 2 * picture[letters].std()

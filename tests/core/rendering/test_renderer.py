@@ -10,6 +10,7 @@ import pytest
 
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.directions import fibonacci_directions, view_directions
+from core.gltf.scene import scene_of
 from core.rendering.renderer import Renderer
 from tests.core.rendering.glb import QUAD, QUAD_FACES, QUAD_UV, GlbWriter, cube
 from tests.core.rendering.shots import GREY, SIZE, UP, shoot, shown
@@ -35,7 +36,7 @@ def test_a_red_cube_is_red(renderer: Renderer) -> None:
 
 @pytest.mark.parametrize("stretch", [(1, 1, 1), (20, 1, 1), (1, 20, 0.1)])
 def test_an_object_is_wholly_in_the_frame_from_everywhere(renderer: Renderer, stretch: tuple[float, ...]) -> None:
-    renderer.load(cube((0.2, 0.2, 0.2, 1), scale=list(stretch), translation=[100.0, -50.0, 3.0]))
+    renderer.load(scene_of(cube((0.2, 0.2, 0.2, 1), scale=list(stretch), translation=[100.0, -50.0, 3.0])))
     directions, ups = view_directions()
     more = fibonacci_directions(16)
     for direction, up in zip(np.r_[directions, more], np.r_[ups, np.tile(UP, (16, 1))], strict=True):
@@ -47,9 +48,10 @@ def test_an_object_is_wholly_in_the_frame_from_everywhere(renderer: Renderer, st
 def test_the_same_view_gives_the_same_pixels_in_a_new_context(renderer: Renderer) -> None:
     del renderer  # contexts of one process share a display, so the other picture is taken in another process
     code = (
-        "import hashlib; from core.rendering.renderer import Renderer; from tests.core.rendering.glb import cube\n"
+        "import hashlib; from core.rendering.renderer import Renderer; from core.gltf.scene import scene_of\n"
+        "from tests.core.rendering.glb import cube\n"
         "with Renderer(64) as renderer:\n"
-        "    renderer.load(cube((0.3, 0.6, 0.9, 1)))\n"
+        "    renderer.load(scene_of(cube((0.3, 0.6, 0.9, 1))))\n"
         "    print(hashlib.sha256(renderer.render((1, 2, 3), (0, 1, 0)).tobytes()).hexdigest())"
     )
     runs = [subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True) for _ in range(2)]
@@ -59,7 +61,7 @@ def test_the_same_view_gives_the_same_pixels_in_a_new_context(renderer: Renderer
 def test_malformed_attributes_are_refused(renderer: Renderer) -> None:
     glb = GlbWriter().mesh(QUAD, QUAD_FACES, {"NORMAL": QUAD[:2]}).bytes()
     with pytest.raises(MeshmarkError, match="NORMAL") as caught:
-        renderer.load(glb)
+        renderer.load(scene_of(glb))
     assert caught.value.code == ErrorCode.MALFORMED_FILE
 
 
@@ -90,9 +92,10 @@ def test_pictures_are_drawn_where_there_are_no_libraries_of_x11() -> None:
         "    return load(*names, **options)\n"
         "pyglet.lib.load_library = without_x11\n"
         "from core.rendering.renderer import Renderer\n"
+        "from core.gltf.scene import scene_of\n"
         "from tests.core.rendering.glb import cube\n"
         "with Renderer(64) as renderer:\n"
-        "    renderer.load(cube((0.3, 0.6, 0.9, 1)))\n"
+        "    renderer.load(scene_of(cube((0.3, 0.6, 0.9, 1))))\n"
         "    print(len(renderer.render((1, 2, 3), (0, 1, 0))))"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from core.gltf.scene import scene_of
 from core.rendering.renderer import Renderer
 from tests.core.gltf.ktx2_samples import ETC1S, UASTC
 from tests.core.rendering.glb import QUAD, QUAD_FACES, QUAD_UV, GlbWriter, plain, png
@@ -96,5 +97,5 @@ def test_primitives_that_share_a_texture_draw_it_from_one_copy(
     for place in range(5):
         material = {"pbrMetallicRoughness": {"baseColorTexture": texture}, "name": str(place)}
         writer.mesh(QUAD + np.array([place, 0, 0]), QUAD_FACES, {"TEXCOORD_0": QUAD_UV}, material)
-    renderer.load(writer.bytes())
+    renderer.load(scene_of(writer.bytes()))
     assert len(made) == 1

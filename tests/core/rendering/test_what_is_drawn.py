@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from core.gltf.scene import scene_of
 from core.rendering.renderer import Renderer
 from tests.core.rendering.glb import CORNERS, CUBE_FACES, QUAD, QUAD_FACES, QUAD_UV, GlbWriter, cube, plain, png
 from tests.core.rendering.shots import FRONT, SIZE, UP, shoot, shown
@@ -26,7 +27,7 @@ def room(**node: Any) -> bytes:
 
 
 def depth_of_middle(renderer: Renderer, glb: bytes) -> float:
-    renderer.load(glb)
+    renderer.load(scene_of(glb))
     return float(renderer.render_with_depth(FRONT, UP)[1][SIZE // 2, SIZE // 2])
 
 
