@@ -1,4 +1,4 @@
-"""A GLB as what a renderer needs: triangles, normals, colours and materials."""
+"""A GLB as input of a renderer: triangles, normals, colours and materials."""
 
 from dataclasses import dataclass
 from functools import cache, partial
@@ -29,8 +29,8 @@ class Drawable:
         uv: (N, 2) float32 as in glTF (v points down), its transform applied, or ``None``.
         emission_uv: the same for the texture of its emission.
         colors: (N, 4) float32 linear RGBA, or ``None``.
-        material: how it looks; its texture is drawn only where there is ``uv``, its emission, where that has a
-            texture, only where there is ``emission_uv``.
+        material: its texture is drawn only where there is ``uv``, its emission, where that has a texture, only where
+            there is ``emission_uv``.
     """
 
     positions: Float32
@@ -45,7 +45,7 @@ class Drawable:
 def drawables(scene: Scene, texture_limit: int) -> list[Drawable]:
     """The drawn primitives of a scene at its default pose, see-through ones last.
 
-    Nodes that KHR_node_visibility hides, triangles without an area, and what lies outside the frame of all that is seen
+    Nodes that KHR_node_visibility hides, triangles without an area, and those outside the frame of all drawn faces
     (:mod:`core.gltf.viewer`), such as a far box of alpha 0, are left out, unless that leaves nothing.
     Positions and normals follow node transforms and skins; morph targets move positions only. Textures are reduced to
     ``texture_limit`` pixels a side.
@@ -95,7 +95,7 @@ def _drawable(document: Document, drawn: DrawnPrimitive, faces: Int, positions: 
 
 
 def _uv(document: Document, attributes: dict[str, Any], rows: Int, layer: Material | Emission) -> Float32 | None:
-    """(N, 2) where a texture is sampled; ``None`` where the vertices do not have its set of coordinates."""
+    """(N, 2) coordinates at which a texture is sampled; ``None`` where the vertices do not have its set."""
     uv = _attribute(document, attributes, f"TEXCOORD_{layer.uv_set}", rows)
     if uv is None:
         return None

@@ -8,7 +8,7 @@ from core.geometry.directions import view_directions
 from core.gltf.scene import Scene
 from core.rendering.renderer import Frame, Renderer
 
-PICTURE_SIZE = 1024  # pixels; what OCR can read depends on it more than on anything else
+PICTURE_SIZE = 1024  # pixels a side; OCR depends on it more than on anything else
 DIRECTIONS, UPS = view_directions()
 
 
@@ -23,8 +23,8 @@ def pictures(
         scene: it stays loaded.
         renderer: S is its size.
         directions: (V, 3) from the object to each camera.
-        ups: (V, 3) what points upwards in each picture.
-        frame: what to look at; None: the asset.
+        ups: (V, 3) directions that point upwards in each picture.
+        frame: the view; None: of the asset.
 
     Raises:
         MeshmarkError: as :func:`core.rendering.drawables.drawables`.

@@ -20,8 +20,8 @@ from core.rendering.drawables import Drawable, drawables
 Float32 = NDArray[np.float32]
 
 BACKGROUND = 0.92  # sRGB grey
-FIELD_OF_VIEW = np.radians(20)  # a long lens: letters keep their shape away from the middle
-MARGIN = 1.03
+FIELD_OF_VIEW = np.radians(20)  # radians; a long lens: letters keep their shape away from the middle
+MARGIN = 1.03  # radius of the view over that of the frame
 
 _SHADERS = Path(__file__).parent / "shaders"
 _ARRAYS = ("ctypesarrays", "ctypesparameters", "ctypespointers", "lists", "numpymodule", "strings")  # of PyOpenGL
@@ -36,8 +36,8 @@ def _pyrender() -> ModuleType:
 
 
 def preload() -> None:
-    """Import what a renderer will, without opening a display."""
-    with suppress(Exception):  # where there is no OpenGL, the renderer says so
+    """Import the libraries of a renderer, without opening a display."""
+    with suppress(Exception):  # where there is no OpenGL, the renderer raises
         _pyrender()
         for name in ("pyrender.platforms.egl", *(f"OpenGL.arrays.{handler}" for handler in _ARRAYS)):
             import_module(name)
@@ -45,7 +45,7 @@ def preload() -> None:
 
 @dataclass(frozen=True)
 class Frame:
-    """What the camera looks at: a sphere, in world coordinates."""
+    """View of the camera: a sphere, in world coordinates."""
 
     center: tuple[float, float, float]
     radius: float
@@ -60,7 +60,7 @@ class Renderer:
         size: width and height of the pictures in pixels.
 
     Attributes:
-        frame: what the pictures show, once an asset is loaded.
+        frame: of the pictures, once an asset is loaded.
 
     Raises:
         MeshmarkError: ``rendering_unavailable`` where no OpenGL context can be had.
@@ -73,7 +73,7 @@ class Renderer:
         try:
             self._gl = _pyrender()
             self._context = self._gl.OffscreenRenderer(size, size)
-        except Exception as error:  # each layer between here and the driver fails in its own way
+        except Exception as error:  # each layer down to the driver raises errors of its own
             raise MeshmarkError(
                 ErrorCode.RENDERING_UNAVAILABLE,
                 f"This machine offers no OpenGL context to draw pictures with ({type(error).__name__}).",
@@ -97,7 +97,7 @@ class Renderer:
 
         Args:
             asset: its scene.
-            frame: what to look at; None: the asset. To compare two assets, show both in the frame of one.
+            frame: the view; None: of the asset. To compare two assets, show both in the frame of one.
 
         Raises:
             MeshmarkError: as :func:`core.rendering.drawables.drawables`.
@@ -107,7 +107,7 @@ class Renderer:
         self.frame = frame or _frame(points)
         self._center, near = np.array(self.frame.center), MARGIN * self.frame.radius
         self._distance = near / np.sin(FIELD_OF_VIEW / 2)
-        # Whatever leaves the frame is not cut by the planes of the camera, too.
+        # Geometry outside the frame is not clipped by the planes of the camera.
         depth = max(near, float(np.linalg.norm(points - self._center, axis=1).max()))
         scene = self._gl.Scene(bg_color=[BACKGROUND] * 3)
         textures: dict[Texture, Any] = {}
@@ -127,7 +127,7 @@ class Renderer:
 
         Args:
             direction: from the object to the camera.
-            up: (3,), what points upwards in the picture; not parallel to ``direction``.
+            up: (3,), the direction that points upwards in the picture; not parallel to ``direction``.
         """
         drawer = self._context._renderer
         with_depth = drawer._read_main_framebuffer
@@ -141,14 +141,14 @@ class Renderer:
     def render_with_depth(
         self, direction: ArrayLike, up: ArrayLike
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]]:
-        """As :meth:`render`, and for each pixel what shading may be added to it by.
+        """As :meth:`render`, with depth and shading of each pixel.
 
         Returns:
-            The picture (size, size, 3); the distance along the view axis in size-30 units, 0 where nothing is; and the
-            share of what is seen that is made by light, 0 on unlit surfaces to 1 on those that do not glow.
+            The picture (size, size, 3); the distance along the view axis in size-30 units, 0 in the background; and the
+            share of each pixel's colour that is lit, 0 on unlit surfaces to 1 on those without emission.
         """
         picture, depth = self._draw(direction, up, self._gl.RenderFlags.RGBA)
-        # What is blended over a lit surface leaves at least three quarters: a² + (1 - a).
+        # Blending over a lit surface leaves at least three quarters: a² + (1 - a).
         shaded = np.minimum(picture[..., 3] / np.float32(0.75 * 255), 1)
         return np.array(picture[..., :3]), np.array(depth), shaded
 
@@ -163,7 +163,7 @@ class Renderer:
         return picture, depth
 
     def _read_picture(self, *_: Any) -> tuple[NDArray[np.uint8], None]:
-        """Stands in for pyrender's own, which spends most of its time on the depth, wanted or not."""
+        """Replaces pyrender's own, which spends most of its time on reading the depth, needed or not."""
         from OpenGL import GL
 
         drawer, size = self._context._renderer, self.size
@@ -204,7 +204,7 @@ class Renderer:
     def _sampled(
         self, texture: Texture | None, uv: Float32 | None, textures: dict[Texture, Any]
     ) -> tuple[Any, Float | None]:
-        """What pyrender draws a texture from, made once for all primitives, and its coordinates (N, 2)."""
+        """The pyrender texture, made once for all primitives, and its coordinates (N, 2)."""
         if texture is None or uv is None:
             return None, None
         if texture not in textures:
