@@ -1,4 +1,4 @@
-"""The arrays of the engine, by what they hold."""
+"""The arrays of the engine, by type of their elements."""
 
 import numpy as np
 from numpy.typing import NDArray

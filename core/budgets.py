@@ -1,4 +1,4 @@
-"""How much an asset may declare before anything is allocated for it."""
+"""Budgets of an asset: bounds of its declarations, before anything is allocated for it."""
 
 from dataclasses import dataclass
 
@@ -20,9 +20,9 @@ class Budgets:
         polygon_corners: corners of one polygon; cutting a concave one into triangles takes time with their square.
         materials: material groups of an OBJ, each of which becomes a primitive.
         archive_entries: files and folders in a ZIP archive.
-        archive_ratio: how many times as large an entry of an archive may be unpacked; models reach 20.
+        archive_ratio: unpacked size of an archive's entry over its packed one; models reach 20.
         unpacked_bytes: of all entries of an archive together, unpacked.
-        xml_depth: how deep the elements of a 3MF or DAE may be nested.
+        xml_depth: nesting depth of the elements of a 3MF or DAE.
         xml_elements: of all XML parts of a file together, beside the vertices and triangles of a 3MF; an empty one
             costs a hundred times as much time as its text.
         xml_attributes: of these elements together.

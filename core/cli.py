@@ -18,7 +18,7 @@ ACCEPTED = "GLB, glTF, OBJ, STL, PLY, OFF, 3MF or DAE; with its other files as a
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Runs one command; returns the exit status: 0 done, 1 it could not be done, 2 wrong usage."""
+    """Runs one command; returns the exit status: 0 done, 1 failed, 2 wrong usage."""
     options = parser().parse_args(arguments)
     try:
         options.run(options)
@@ -218,7 +218,7 @@ def _add_sizing(commands: Commands) -> None:
 
 
 def _region(text: str) -> dict[str, Any]:
-    """``node=Head`` as the region it stands for; what is wrong with it is found with all other parameters."""
+    """The region of ``node=Head``; it is validated with all other parameters."""
     kind, _, value = text.partition("=")
     if kind == "box":
         return {kind: {"min": value.split(",")[:3], "max": value.split(",")[3:]}}
@@ -259,7 +259,7 @@ def _apply(options: argparse.Namespace) -> None:
         "evaluate",
         "unmarked_copies",
     )
-    # Without a report nobody would see what measuring it takes seconds to find.
+    # Without a report the metrics, which take seconds, would not be seen.
     options.evaluate = options.evaluate or (Evaluate.FULL if options.report else Evaluate.NONE).value
     parameters = parse_parameters({name: getattr(options, name) for name in names})
     data = _read(options.input)
@@ -279,7 +279,7 @@ def _apply(options: argparse.Namespace) -> None:
         _write(options.report, (json.dumps(result.report, indent=2) + "\n").encode())
     if options.preview:
         if result.preview is None:
-            warning = result.report["warnings"][-1]  # previewing is the last stage: what kept it from it comes last
+            warning = result.report["warnings"][-1]  # previewing is the last stage, and so is its warning
             raise MeshmarkError(ErrorCode(warning["code"]), warning["message"], warning["remedy"])
         _write(options.preview, result.preview)
     seconds = sum(result.report["timings"].values())

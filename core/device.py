@@ -1,4 +1,4 @@
-"""Where placement is computed: on the CPU, or on a CUDA device."""
+"""Device that placement is computed on: the CPU, or a CUDA device."""
 
 import os
 from enum import StrEnum
@@ -12,7 +12,7 @@ from core.geometry.spatial import SpatialIndex
 
 
 class Device(StrEnum):
-    """As torch and warp name them."""
+    """Devices, as torch and warp name them."""
 
     CPU = "cpu"
     CUDA = "cuda"
@@ -51,7 +51,7 @@ def spatial_index(
     ids: NDArray[np.int64],
     hides: NDArray[np.uint8] | None = None,
 ) -> SpatialIndex:
-    """The index over ``faces[ids]`` that answers on :func:`device`; arguments as for :class:`SpatialIndex`."""
+    """The index over ``faces[ids]`` on :func:`device`; arguments as for :class:`SpatialIndex`."""
     if device() is Device.CPU:
         return SpatialIndex(positions, faces, ids, hides)
     from core.geometry.spatial_warp import WarpIndex
@@ -60,7 +60,8 @@ def spatial_index(
 
 
 def _obstacle() -> str | None:
-    """What keeps CUDA from being used. Torch and warp are loaded only where both are installed: it takes seconds."""
+    """The reason why CUDA cannot be used; None where it can. Torch and warp are loaded only where both are installed:
+    it takes seconds."""
     if find_spec("warp") is None:
         return "warp-lang is not installed"
     import torch

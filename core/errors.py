@@ -1,4 +1,4 @@
-"""Every way to fail: a stable code, a sentence about this input, and what to do about it.
+"""Errors: a stable code, a sentence about this input, and a remedy.
 
 Nothing else reaches a user: the service and the command line print exactly these three fields.
 """
@@ -69,7 +69,7 @@ class MeshmarkError(Exception):
         self.remedy = remedy
 
     def notice(self) -> Notice:
-        """The same where it fails nothing: a warning, or why a metric is missing."""
+        """The notice of the same text, where nothing fails: a warning, or the reason for a missing metric."""
         return Notice(self.code, self.message, self.remedy)
 
     def __str__(self) -> str:

@@ -23,7 +23,7 @@ from core.notices import Notice
 Progress = Callable[[int, int], None]  # called with the bytes done and the bytes in all
 
 CHUNK = 1 << 18
-ATTEMPTS = 5  # at one address; each goes on where the one before broke off
+ATTEMPTS = 5  # at one address; each resumes where the one before broke off
 TIMEOUT = 30.0  # seconds without a byte
 
 
@@ -32,9 +32,9 @@ class Model:
     """One file of weights.
 
     Attributes:
-        name: how users call it.
+        name: on the command line.
         file: its name in the cache folder.
-        urls: where it is to be had, tried in this order.
+        urls: addresses of the file, tried in this order.
         sha256: of the whole file, in lower-case hexadecimal digits; nothing else is ever loaded.
         size: in bytes.
         licence: SPDX identifier.
@@ -65,11 +65,11 @@ MODELS = {RESNET50.name: RESNET50}
 
 
 class State(StrEnum):
-    """What the cache folder holds of a model."""
+    """State of a model in the cache folder."""
 
     INSTALLED = "installed"
     MISSING = "missing"
-    UNREADABLE = "unreadable"  # it may be there, in a folder that this process is shut off from
+    UNREADABLE = "unreadable"  # it may be there, in a folder that this process cannot read
     CORRUPT = "corrupt"
 
 
@@ -94,7 +94,7 @@ def cache_folder() -> Path:
 
 
 def listing(folder: Path | None = None) -> list[Listed]:
-    """Every known model with what ``folder`` (the cache folder if None) holds of it."""
+    """Every known model with its state in ``folder`` (the cache folder if None)."""
     return [Listed(model, _path(model, folder), _state(model, _path(model, folder))) for model in MODELS.values()]
 
 
@@ -106,7 +106,7 @@ def find(name: str, folder: Path | None = None) -> Path | None:
         folder: to look in; None for :func:`cache_folder`.
 
     Raises:
-        MeshmarkError: ``model_unavailable`` for an unknown name, or a file that is not what its name says.
+        MeshmarkError: ``model_unavailable`` for an unknown name, or a damaged file.
     """
     model = _known(name)
     path = _path(model, folder)
@@ -123,7 +123,7 @@ def find(name: str, folder: Path | None = None) -> Path | None:
 
 
 def unreadable(name: str, folder: Path | None = None) -> Notice | None:
-    """Why a model that may be installed is not used, if that is because its file cannot be read.
+    """The reason why a model that may be installed is not used, if its file cannot be read.
 
     Args:
         name: a key of ``MODELS``.
@@ -148,19 +148,19 @@ def fetch(
 ) -> Path:
     """Download a model unless it is installed, and return its file.
 
-    What breaks off is kept beside it as ``.partial``, and the next call goes on from there (RFC 9110, 14.2). The file
+    An interrupted transfer is kept beside it as ``.partial``, and the next call resumes it (RFC 9110, 14.2). The file
     gets its name only once its size and SHA-256 are right. Several processes may fetch at once: one works, the others
     wait.
 
     Args:
         name: a key of ``MODELS``.
         folder: to put it into; None for :func:`cache_folder`.
-        url: where to take it from instead of the known places. ``https``, or ``http`` from this same machine.
+        url: to be used instead of the known addresses. ``https``, or ``http`` on this same machine.
         progress: called with the bytes done and the bytes in all.
         timeout: seconds to wait for the server's next byte.
 
     Raises:
-        MeshmarkError: ``model_unavailable`` for an unknown name, where no place gave the right file, or where the
+        MeshmarkError: ``model_unavailable`` for an unknown name, where no address gave the right file, or where the
             folder cannot be written.
     """
     model = _known(name)
@@ -208,7 +208,7 @@ def _sha256(path: Path) -> str:
 
 @contextmanager
 def _alone(lock: Path) -> Iterator[None]:
-    """Only one thread or process at a time; the system frees the lock of one that died."""
+    """Only one thread or process at a time; the system releases the lock when its process ends."""
     with lock.open("w") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield
@@ -219,7 +219,7 @@ class _UnusableError(Exception):
 
 
 class _BrokenError(_UnusableError):
-    """The transfer broke off; what came of it is kept."""
+    """The transfer broke off; the received bytes are kept."""
 
 
 def _download(model: Model, path: Path, urls: tuple[str, ...], progress: Progress | None, timeout: float) -> None:
@@ -260,7 +260,7 @@ def _download_from(url: str, model: Model, path: Path, progress: Progress | None
 
 
 def _receive(url: str, model: Model, partial: Path, start: int, progress: Progress | None, timeout: float) -> None:
-    """Add what is missing from byte ``start`` on, or write everything where the server sends everything."""
+    """Append the missing bytes from ``start`` on, or write all where the server sends all."""
     with _request(url, partial, start, timeout) as response:
         done = _first_byte(response, start)
         length = response.headers["Content-Length"]
@@ -301,7 +301,7 @@ def _request(url: str, partial: Path, start: int, timeout: float) -> http.client
 
 
 def _first_byte(response: http.client.HTTPResponse, start: int) -> int:
-    """Where in the file the body begins: at ``start`` if the server heeds ranges (206), at 0 if it does not (200)."""
+    """Offset of the body in the file: ``start`` if the server supports ranges (206), 0 if it does not (200)."""
     if response.status != HTTPStatus.PARTIAL_CONTENT:
         return 0
     found = response.headers["Content-Range"] or "no range"
@@ -319,7 +319,7 @@ def _chunks(response: http.client.HTTPResponse) -> Iterator[bytes]:
 
 
 def _require_safe(url: str) -> None:
-    """``https`` anywhere, ``http`` only on this same machine: nobody in between may see or choose what is fetched."""
+    """``https`` anywhere, ``http`` only on this same machine: nobody in between may read or replace the file."""
     parts = urlsplit(url)
     if parts.scheme == "https" and parts.hostname:
         return

@@ -1,4 +1,4 @@
-"""What did not go as asked although nothing failed: a stable code, a sentence about this input, and a remedy."""
+"""Notices of deviations from a request where nothing failed: a stable code, a sentence about this input, a remedy."""
 
 from dataclasses import dataclass
 from enum import StrEnum

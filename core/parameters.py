@@ -1,4 +1,4 @@
-"""What a caller may ask for. Lengths are in the size-30 frame (see ``core``)."""
+"""Parameters of a request. Lengths are in the size-30 frame (see ``core``)."""
 
 import re
 from enum import StrEnum
@@ -22,8 +22,8 @@ from core.validation import StrictModel, describe
 MAX_TEXT_LENGTH = 64
 MAX_NAME_LENGTH = 256
 MAX_REGIONS = 32
-# Of the letters' height. OCR of uncoloured letters on twelve assets is 0.79 at 0.32, 0.80 at 0.24, 0.82 at 0.16 and
-# 0.78 at 0.12, while what letters change of the shape is proportional to it.
+# Relief, as a share of the letters' height. OCR of uncoloured letters on twelve assets is 0.79 at 0.32, 0.80 at 0.24,
+# 0.82 at 0.16 and 0.78 at 0.12, while the change of the shape is proportional to it.
 RELIEF = 0.158
 
 

@@ -1,4 +1,4 @@
-"""Runs an asset through the stages, in order, and tells how far it is."""
+"""Runs an asset through the stages, in order, and reports the progress."""
 
 import resource
 import sys
@@ -62,14 +62,14 @@ def watermark(
         parameters: text, style, number and the rest.
         font: a TrueType or OpenType file; None for the bundled one.
         budgets: the most that the asset may declare before it is read.
-        preview: whether to render a contact sheet.
+        preview: render a contact sheet.
         progress, publish: as for :func:`run_stages`.
 
     Returns:
         The GLB, the report and the preview. The same arguments on the same device give the same GLB bytes.
 
     Raises:
-        MeshmarkError: for everything that keeps the asset from being watermarked; nothing was published then.
+        MeshmarkError: where the asset cannot be watermarked; nothing was published then.
     """
     return run_stages(data, Request(parameters.resolved(), font, budgets, preview), progress, publish)
 
@@ -84,7 +84,7 @@ def run_stages(
         request: the wishes.
         progress: called with the stage's name and the share done of the whole run, 0 to 1.
         publish: called with "model", "report" and "preview" and their bytes as soon as each exists, before the run
-            ends. The report is the one that stands should the run not end: its metrics are missing still.
+            ends. The report is the final one if the run breaks off afterwards: its metrics are still missing.
     """
     run = Run(request, lambda _share: None, publish or (lambda _name, _bytes: None))
 
@@ -124,5 +124,5 @@ def run_stages(
 
 
 def _peak_memory() -> int:
-    """The most resident bytes this process has held since it began; getrusage counts in KiB except on macOS."""
+    """Peak resident memory of this process in bytes; getrusage counts in KiB except on macOS."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)

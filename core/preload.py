@@ -1,10 +1,10 @@
-"""Import everything at once that :mod:`core.pipeline` would import bit by bit, for processes that run it often."""
+"""Imports at once all modules that :mod:`core.pipeline` imports on demand, for processes that run it often."""
 
 from importlib import import_module
 
 from core.rendering import renderer
 
-# What stages, readers and metrics import when they need it; a test runs the engine and finds what is missing here.
+# Modules that stages, readers and metrics import on demand; a test runs the engine and finds missing ones.
 LATER = (
     *("core.analysis.analyse", "core.analysis.contrast", "core.analysis.regions", "core.analysis.skinning"),
     *("core.analysis.texture", "core.placement.place"),
@@ -17,7 +17,7 @@ LATER = (
 
 
 def preload() -> None:
-    """Nothing but imports: a process that has done it has one thread and no device open, and can be forked."""
+    """Import the modules and nothing else: the process still has one thread and no device open, and can be forked."""
     for name in LATER:
         import_module(name)
     renderer.preload()

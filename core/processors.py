@@ -1,4 +1,4 @@
-"""How many processors this process has: those it may run on, within what its control group may use of them."""
+"""Number of processors of this process: those it may run on, within the quota of its control group."""
 
 import os
 import re
@@ -8,10 +8,10 @@ from pathlib import Path, PurePosixPath
 
 
 def available_processors(root: Path = Path("/")) -> int:
-    """At least one; of a quota that is no whole number, the whole number below.
+    """Number of processors, at least one; of a quota that is no whole number, the whole number below.
 
     Args:
-        root: where ``proc`` and ``sys`` lie.
+        root: folder of ``proc`` and ``sys``.
     """
     mine = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return max(1, min([mine, *map(int, _quotas(root))]))
@@ -40,7 +40,7 @@ def _quota(folder: Path) -> float:
 
 
 def _mounts(root: Path) -> Iterator[tuple[PurePosixPath, PurePosixPath]]:
-    """Where control groups that share out processors are mounted, and which of the groups there is this process's."""
+    """Mount points of control groups with quotas of processors, and this process's group at each."""
     try:
         lines = (root / "proc/self/cgroup").read_text().splitlines()
         mounts = (root / "proc/self/mountinfo").read_text().splitlines()

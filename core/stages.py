@@ -36,7 +36,7 @@ class Request:
         parameters: resolved.
         font: a TrueType or OpenType file; None for the bundled one.
         budgets: the most that the asset may declare before it is read.
-        preview: whether to render a contact sheet.
+        preview: render a contact sheet.
         objective: the weights of placement, for ablations; None for those of the product.
     """
 
@@ -49,7 +49,7 @@ class Request:
 
 @dataclass
 class Run:
-    """A run under way: the one thing that its stages change.
+    """A run under way: the only state that its stages change.
 
     Attributes:
         request: the wishes.
@@ -92,7 +92,7 @@ class Candidates:
     Attributes:
         context: of the search.
         placement: the boxes, with a good choice among them.
-        opaque: least opaque share of a face that carries letters.
+        opaque: least opaque share of a face under letters.
         rng: of placement, for further searches.
     """
 
@@ -109,7 +109,7 @@ class Embossed:
     Attributes:
         mesh: the surface with the marks.
         letters: of the text, in text widths.
-        placement: the boxes there were to choose from.
+        placement: the candidate boxes.
         marks: by the number of the box in ``placement``.
         refusals: refused boxes by reason.
     """

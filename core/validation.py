@@ -1,4 +1,4 @@
-"""What comes from outside, checked: what is wrong with it is told briefly, however much is wrong."""
+"""Validation of input from outside: errors are reported briefly, also where there are many."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
@@ -7,14 +7,14 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, model_validator
 from pydantic_core import PydanticCustomError
 
-MOST = 10  # errors that are told
+MOST = 10  # errors that are reported
 LONGEST_NAME, LONGEST_MESSAGE = 64, 300  # characters
 
 
 class StrictModel(BaseModel):
-    """A model that knows all its keys. Some unknown keys are told one by one; of many, it is told that they are many.
+    """A model without unknown keys. Some are reported one by one; many as one error.
 
-    An error for each takes memory, and time in which nothing else in the process moves.
+    An error for each would take memory, and time that blocks the process.
     """
 
     model_config = ConfigDict(extra="forbid")
@@ -32,12 +32,12 @@ class StrictModel(BaseModel):
 
 
 def describe(errors: Sequence[Mapping[str, Any]], whole: str, skip: int = 0) -> str:
-    """The first errors of a validation, each as `name: what is wrong`, and how many more there are.
+    """The first errors of a validation, each as `name: what is wrong`, and the number of further ones.
 
     Args:
         errors: as pydantic lists them.
-        whole: what to call the input where an error is about all of it.
-        skip: how many parts of each location come before the input's own names.
+        whole: name of the input where an error is about all of it.
+        skip: number of parts of each location before the input's own names.
     """
     told = [f"{_name(error['loc'][skip:]) or whole}: {_message(error)}" for error in errors[:MOST]]
     rest = len(errors) - MOST
@@ -45,7 +45,7 @@ def describe(errors: Sequence[Mapping[str, Any]], whole: str, skip: int = 0) -> 
 
 
 def shortened(text: str, most: int = LONGEST_NAME) -> str:
-    """A text that was sent to us, as far as it is repeated in an answer."""
+    """The part of a received text that is repeated in an answer."""
     return text if len(text) <= most else f"{text[:most]}..."
 
 

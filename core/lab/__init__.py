@@ -1,1 +1,1 @@
-"""What the product is compared with and tried by: attacks, baselines, the benchmark. Only the command line is above."""
+"""Laboratory of the product: attacks, baselines, the benchmark. Only the command line is above."""

@@ -1,4 +1,4 @@
-"""A mesh and nothing else: what baselines and attacks work on, where textures and nodes play no part."""
+"""A mesh and nothing else, for baselines and attacks, which use neither textures nor nodes."""
 
 from dataclasses import dataclass
 
@@ -50,7 +50,7 @@ def plain(surface: Surface) -> Mesh:
 
 
 def compact(mesh: Mesh) -> Mesh:
-    """The same faces without the vertices that none of them uses."""
+    """The mesh without the vertices that no face uses."""
     used = np.zeros(len(mesh.positions), dtype=bool)
     used[mesh.faces] = True
     return Mesh(mesh.positions[used], (np.cumsum(used) - 1)[mesh.faces])
@@ -60,7 +60,7 @@ def plain_glb(mesh: Mesh, letters: Bool | None = None, color: str | None = None)
     """A GLB of one grey mesh without normals, which is drawn with flat shading.
 
     Args:
-        mesh: what to write.
+        mesh: to be written.
         letters: (F,) the faces that get ``color``.
         color: ``"#rrggbb"``; None leaves all faces grey.
 

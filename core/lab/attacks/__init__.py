@@ -1,1 +1,1 @@
-"""What a thief or a careless tool does to a watermarked mesh; plain functions on plain geometry."""
+"""Attacks on watermarked meshes, by thieves or careless tools; plain functions on plain geometry."""

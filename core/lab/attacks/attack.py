@@ -31,10 +31,10 @@ class Attack:
     """A named attack.
 
     Attributes:
-        name: what the command line calls it.
+        name: on the command line.
         function: the attack itself.
         strength: the default.
-        low, high: the strengths that make sense, both included.
+        low, high: bounds of the strength, both included.
         help: one line.
     """
 
@@ -50,7 +50,7 @@ class Attack:
 
         Raises:
             MeshmarkError: ``invalid_parameters`` for a strength out of range, ``no_faces`` if nothing is left, and
-                what the attack itself raises.
+                and errors of the attack itself.
         """
         strength = self.strength if strength is None else strength
         if not self.low <= strength <= self.high:
@@ -98,11 +98,11 @@ def attack_file(data: bytes, name: str, strength: float | None, seed: int, origi
         strength: None for the attack's default.
         seed: of every random draw.
         original: the asset without watermarks in any accepted format; ``removal`` finds the letters by it, the other
-            attacks do without.
+            attacks do not use it.
 
     Raises:
-        MeshmarkError: ``invalid_parameters`` for an unknown attack or a removal without the original; whatever the
-            loaders refuse; as :meth:`Attack.__call__`.
+        MeshmarkError: ``invalid_parameters`` for an unknown attack or a removal without the original; as the loaders;
+            as :meth:`Attack.__call__`.
     """
     if name not in ATTACKS:
         raise MeshmarkError(

@@ -1,4 +1,4 @@
-"""Crop: keep what lies on one side of a plane (paper, section 5.4)."""
+"""Crop: keep the half of the mesh on one side of a plane (paper, section 5.4)."""
 
 import numpy as np
 
@@ -8,16 +8,16 @@ from core.lab.plain import Mesh, compact
 
 
 def crop(mesh: Mesh, target: Target, strength: float = 0.5) -> Attacked:
-    """Cuts ``mesh`` with a plane of random direction and drops what lies behind it.
+    """Cuts ``mesh`` with a plane of random direction and drops the geometry behind it.
 
-    Triangles are cut exactly at the plane. The cut stays open: the thief wants a piece to use, a cap is the next step
-    of any tool, and it would hide no letter.
+    Triangles are cut exactly at the plane. The cut stays open: any tool can cap it afterwards, and a cap hides no
+    letter.
 
     Args:
         mesh: the watermarked mesh.
-        target: a box is kept if all its eight corners lie on the remaining side.
-        strength: how far the plane is moved through the surface, in (0, 1): 0 would leave everything, 0.5 is the
-            plane through the surface's centroid (by area), 1 would remove everything; linear between these.
+        target: a box is kept if all its eight corners are on the remaining side.
+        strength: position of the plane along its normal, in (0, 1): 0 would leave everything, 0.5 is the plane through
+            the surface's centroid (by area), 1 would remove everything; linear between these.
     """
     direction = target.rng.normal(size=3)
     direction /= np.linalg.norm(direction)

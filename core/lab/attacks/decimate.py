@@ -11,7 +11,7 @@ from core.lab.plain import Mesh, compact
 def decimate(mesh: Mesh, target: Target, strength: float = 0.9) -> Attacked:
     """Collapses edges in the order of their quadric error (Garland and Heckbert 1997; libigl's ``qslim``).
 
-    Edges of more than two faces are cut apart first, since the collapse needs a manifold; sheets that met there are
+    Edges of more than two faces are cut apart first, since the collapse needs a manifold; components that met there are
     decimated on their own.
 
     Args:

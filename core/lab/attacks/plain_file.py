@@ -1,4 +1,4 @@
-"""Any accepted file as plain geometry: materials, textures and nodes are what an attacker does not mind losing."""
+"""Any accepted file as plain geometry, without materials, textures and nodes, as an attacker may leave it."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ def read_plain(data: bytes) -> Surface:
     """The asset's triangles in its own size-30 frame, welded where vertices are exactly equal.
 
     Raises:
-        MeshmarkError: whatever :func:`core.formats.admission.admit` and the loaders refuse.
+        MeshmarkError: as :func:`core.formats.admission.admit` and the loaders.
     """
     surface = flatten(document_of(admit(data))).surface
     return replace(plain(surface).surface(), scale=surface.scale, offset=surface.offset)

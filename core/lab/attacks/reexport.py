@@ -1,4 +1,4 @@
-"""Re-export through another tool: what survives a text file or single precision."""
+"""Re-export through another tool: text files and single precision."""
 
 import trimesh
 
@@ -12,13 +12,13 @@ FORMATS = ("obj", "ply", "stl")
 def reexport(mesh: Mesh, target: Target, strength: float = 3) -> Attacked:
     """Writes ``mesh`` with trimesh, with its default digits, and reads the file as any upload is read.
 
-    OBJ is text with eight decimals; PLY is binary in single precision; STL is that too, each triangle with corners of
-    its own, which reading welds again where they are exactly equal. Vertices come back in the file's order.
+    OBJ is text with eight decimals; PLY is binary in single precision; so is STL, each triangle with corners of its
+    own, which reading welds again where they are exactly equal. Vertices come back in the file's order.
 
     Args:
         mesh: the watermarked mesh.
         target: unused but for the watermarks' number.
-        strength: how many of OBJ, PLY and STL the mesh goes through, one after another, rounded to 1, 2 or 3.
+        strength: number of re-exports, through OBJ, PLY and STL in this order, rounded to 1, 2 or 3.
 
     Raises:
         MeshmarkError: ``no_faces``.

@@ -10,25 +10,24 @@ from core.geometry.spatial import SpatialIndex
 from core.lab.attacks.target import Attacked, Target, whole
 from core.lab.plain import Mesh
 
-# Winding number above which a point is inside. A lone sheet comes to one half on both of its sides: stay clear of it.
+# Winding number above which a point is inside. A single open surface has one half on both of its sides: the threshold
+# is above it.
 INSIDE = 0.55
-SHEET = (
-    0.9  # half the thickness that a sheet gets, in voxels: more than half a voxel's diagonal, so that none is missed
-)
-SLOPE = 1.25  # bound on the field's slope: 1 along the distance, a little more where the winding number turns it
-LEVELS = 5  # the search starts with blocks of 2**5 voxels
+SHEET = 0.9  # voxels; half the thickness of an open surface: more than half a voxel's diagonal, so that none is missed
+SLOPE = 1.25  # bound on the field's slope: 1 along the distance, a little more where the winding number changes it
+LEVELS = 5  # halvings of blocks: the search starts with 2**5 voxels a side
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
 
 
 def remesh(mesh: Mesh, target: Target, strength: float = 1 / 128) -> Attacked:
     """Replaces ``mesh`` by the zero set of its signed distance on a grid, extracted by marching cubes.
 
-    Inside is where the generalised winding number (Jacobson et al. 2013; fast variant of Barill et al. 2018) is
-    beyond 0.55, whichever way the faces are turned. So every kind of mesh works: holes are closed, self-intersections
-    united, and sheets with nothing inside of them come out 1.8 voxels thick. What is thinner than a voxel is lost.
+    A point is inside where the generalised winding number (Jacobson et al. 2013; fast variant of Barill et al. 2018) is
+    beyond 0.55 in absolute value. So every kind of mesh works: holes are closed, self-intersections united, and open
+    surfaces without an inside become 1.8 voxels thick. Solids thinner than a voxel are lost.
 
     Args:
-        mesh: the watermarked mesh; open, non-manifold or inconsistently turned ones too.
+        mesh: the watermarked mesh; open, non-manifold or inconsistently wound ones too.
         target: unused but for the watermarks' number.
         strength: voxel size in longest sides of the bounding box: 1/256 is low, 1/64 high.
     """
@@ -56,7 +55,7 @@ class _Field:
         self._index = SpatialIndex(mesh.positions, mesh.faces)
         self._sheet = self._find_sheets(0.01 * voxel)
         self._half = SHEET * voxel
-        self.margin = self._half if self._sheet.any() else 0.0  # how far from the mesh its surface may lie
+        self.margin = self._half if self._sheet.any() else 0.0  # distance of the zero set from the mesh, at most
 
     def nearest(self, points: Float) -> tuple[Float, Int]:
         """Unsigned distance (N,) to the mesh and the nearest face (N,)."""
@@ -64,13 +63,13 @@ class _Field:
         return distance, face
 
     def value(self, points: Float, distance: Float, face: Int) -> Float:
-        """The field (N,) at ``points``, given what is nearest to them."""
-        # Where a hole is closed, far from any face, the sign turns continuously instead of by a jump.
+        """The field (N,) at ``points``, given their distances to the nearest faces."""
+        # Where a hole is closed, far from any face, the sign changes continuously instead of by a jump.
         side = np.clip((INSIDE - self._winding(points)) / (1 - INSIDE), -1, 1)
         return np.minimum(side * distance, np.where(self._sheet[face], distance - self._half, np.inf))
 
     def _find_sheets(self, step: float) -> Bool:
-        """(F,) faces with the outside on both sides; only faces at an open edge's part or with a twin can be."""
+        """(F,) faces with the outside on both sides; only faces of open components or with a coincident one can be."""
         faces = self._mesh.faces
         surface = self._mesh.surface()
         candidate = np.flatnonzero((_in_open_parts(self._mesh) | _has_twin(faces)) & (surface.areas > 0))
@@ -87,7 +86,7 @@ class _Field:
 
 
 def _in_open_parts(mesh: Mesh) -> Bool:
-    """(F,) faces of the connected parts that have an edge used more often in one direction than in the other."""
+    """(F,) faces of the components that have an edge used more often in one direction than in the other."""
     count = len(mesh.positions)
     start, end = mesh.faces.ravel(), np.roll(mesh.faces, -1, axis=1).ravel()
     used = coo_array((np.ones(len(start)), (start, end)), shape=(count, count)).tocsr()
@@ -98,13 +97,13 @@ def _in_open_parts(mesh: Mesh) -> Bool:
 
 
 def _has_twin(faces: Int) -> Bool:
-    """(F,) faces whose three vertices another face has too."""
+    """(F,) faces that have a coincident one: with the same three vertices."""
     _, label, count = np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True, return_counts=True)
     return np.asarray(count[label.ravel()] > 1)
 
 
 def _cells(field: _Field, origin: Float, voxel: float, extent: Float) -> Int:
-    """(C, 3) voxels that the surface may pass: blocks are halved where it can be, and dropped where it cannot."""
+    """(C, 3) voxels that the zero set may pass: blocks that it may pass are halved, others dropped."""
     side = 2**LEVELS
     counts = np.ceil(extent / (side * voxel)).astype(np.int64)
     blocks = side * np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, 3)

@@ -6,10 +6,10 @@ from core.lab.plain import Mesh, compact
 
 
 def removal(mesh: Mesh, target: Target, strength: float = 1.0) -> Attacked:
-    """Deletes the faces of the letters, as an attacker does who knows every one of them.
+    """Deletes the faces of the letters, for an attacker with full knowledge of them.
 
-    Where embossing replaced the surface under the letters, holes in their shape stay, and the word can be read in
-    them; where letters were merely united with the asset, holes stay only where the two touched.
+    Where embossing replaced the surface under the letters, holes in their shape remain, and the word can be read in
+    them; where letters were merely united with the asset, holes remain only where the two touched.
 
     Args:
         mesh: the watermarked mesh.

@@ -6,7 +6,7 @@ from scipy.sparse import csr_array
 from core.lab.attacks.target import Attacked, Target, whole
 from core.lab.plain import Mesh
 
-STEP = 0.5  # ten such steps smooth as much as the fifty of 0.1 that Wang et al. (2010) benchmark watermarks with
+STEP = 0.5  # share of the way to the mean: ten steps smooth as much as the fifty of 0.1 of Wang et al. (2010)
 
 
 def smooth(mesh: Mesh, target: Target, strength: float = 10) -> Attacked:
@@ -19,7 +19,7 @@ def smooth(mesh: Mesh, target: Target, strength: float = 10) -> Attacked:
     """
     count = len(mesh.positions)
     start, end = mesh.faces.ravel(), np.roll(mesh.faces, -1, axis=1).ravel()
-    # An edge counts once however many faces share it; one from a vertex to itself is none.
+    # An edge counts once, independent of the number of its faces; one from a vertex to itself does not count.
     rows, columns = np.divmod(np.unique(np.concatenate([start * count + end, end * count + start])), count)
     rows, columns = rows[rows != columns], columns[rows != columns]
     degree = np.bincount(rows, minlength=count)

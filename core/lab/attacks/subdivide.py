@@ -7,7 +7,7 @@ from core.geometry.edges import edge_table
 from core.lab.attacks.target import Attacked, Target, whole
 from core.lab.plain import Mesh
 
-MAX_FACES = 5_000_000  # as many as an asset may have at intake
+MAX_FACES = 5_000_000  # faces, as many as an asset may have at intake
 
 
 def subdivide(mesh: Mesh, target: Target, strength: float = 2) -> Attacked:

@@ -1,4 +1,4 @@
-"""What an attack is given besides the mesh, and what it gives back."""
+"""Input of an attack besides the mesh, and its result."""
 
 from dataclasses import dataclass, field
 
@@ -9,16 +9,16 @@ from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
 from core.lab.plain import Mesh
 
-ON_SURFACE = 1e-3  # size-30 units; a GLB's float32 rounds to 1e-6, the lowest relief is ten times as high
+ON_SURFACE = 1e-3  # size-30 units of distance; a GLB's float32 rounds to 1e-6, the lowest relief is ten times as high
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """The watermarked asset as its attacker may know it, in the size-30 frame of the original.
+    """The watermarked asset as known to its attacker, in the size-30 frame of the original.
 
     Attributes:
-        original_index: the surface without watermarks; only :mod:`core.lab.attacks.removal` asks it.
-        boxes: where the B watermarks are; only used to say which of them an attack leaves.
+        original_index: the surface without watermarks; only :mod:`core.lab.attacks.removal` queries it.
+        boxes: of the B watermarks; only used to determine those that an attack leaves.
         rng: of every random draw; the same state gives the same attack.
     """
 
@@ -29,10 +29,10 @@ class Target:
 
 @dataclass(frozen=True, eq=False)
 class Attacked:
-    """What an attack leaves.
+    """Result of an attack.
 
     Attributes:
-        mesh: in the size-30 frame of the original, unless ``transform`` takes it out of it.
+        mesh: in the size-30 frame of the original, unless ``transform`` moves it out of it.
         kept: (B,) bool, the boxes whose watermark the attack did not cut away.
         transform: (4, 4) float64, the similarity that was applied to column vectors; the identity for all attacks
             but rotation, translation and scaling.

@@ -12,7 +12,7 @@ def translate(mesh: Mesh, target: Target, strength: float = 1) -> Attacked:
     Args:
         mesh: the watermarked mesh.
         target: unused but for the watermarks' number and the random draw.
-        strength: how far, in diagonals of the bounding box.
+        strength: distance, in diagonals of the bounding box.
     """
     direction = target.rng.normal(size=3)
     transform = np.eye(4)

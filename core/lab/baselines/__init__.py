@@ -1,4 +1,4 @@
-"""What Meshmark is compared with: strategies of one signature, looked up by name."""
+"""Baselines to compare Meshmark with: strategies of one signature, looked up by name."""
 
 from core.lab.baselines.ablation import ABLATED
 from core.lab.baselines.li import li

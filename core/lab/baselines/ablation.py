@@ -1,4 +1,4 @@
-"""Our own product without one of the objective's terms: what each of them is for."""
+"""Our own product without one of the objective's terms, to measure the effect of each."""
 
 from dataclasses import replace
 

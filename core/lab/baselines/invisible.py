@@ -1,10 +1,10 @@
 """A blind invisible watermark to compare with: bits in the distribution of the vertices' distances from the centre.
 
 Cho, Prost and Jung, "An Oblivious Watermarking for 3-D Polygonal Meshes Using Distribution of Vertex Norms", IEEE
-Transactions on Signal Processing 55(1), 2007, method I (shifting the mean). It stands in for the method of Wang et al.
-that the paper compares with; both are blind. Differences from the publication: bins hold equally many vertices
-instead of spanning equal distances, so that none is empty on meshes with a few far vertices, and embedding is repeated
-until the bits can be read, since moving vertices also moves their centre.
+Transactions on Signal Processing 55(1), 2007, method I (shifting the mean). It replaces the method of Wang et al. that
+the paper compares with; both are blind. Differences from the publication: bins hold equally many vertices instead of
+spanning equal distances, so that none is empty on meshes with a few far vertices, and embedding is repeated until the
+bits can be read, since moving vertices also moves their centre.
 """
 
 import numpy as np
@@ -14,9 +14,9 @@ from core.errors import ErrorCode, MeshmarkError
 from core.lab.plain import Mesh
 
 LENGTH = 64  # bits, as in the publication
-STRENGTH = 0.05  # how far the mean of a bin is shifted from one half; the publication tries 0.03 to 0.07
-PER_BIT = 4  # distinct distances: a bin's nearest and farthest are its frame and stay, only those between can move
-ROUNDS = 20
+STRENGTH = 0.05  # shift of a bin's mean from one half, in widths of the bin; the publication tries 0.03 to 0.07
+PER_BIT = 4  # distinct distances, at least: a bin's nearest and farthest delimit it, only those between can move
+ROUNDS = 20  # of embedding, at most
 HALVINGS = 50
 
 
@@ -56,7 +56,7 @@ def embed(mesh: Mesh, bits: Bool, strength: float = STRENGTH) -> Mesh:
 
 
 def extract(mesh: Mesh, length: int = LENGTH) -> Bool:
-    """(length,) bool, the bits that are read from ``mesh``, whether or not any were embedded.
+    """(length,) bool, the bits that are read from ``mesh``, also where none were embedded.
 
     Raises:
         MeshmarkError: ``no_placement`` if the mesh has too few vertices for that many bits.
@@ -66,7 +66,7 @@ def extract(mesh: Mesh, length: int = LENGTH) -> Bool:
 
 
 def bit_accuracy(embedded: Bool, extracted: Bool) -> float:
-    """The share of equal bits of two (L,) arrays; one half is what guessing gets."""
+    """The share of equal bits of two (L,) arrays; guessing has one half."""
     return float(np.mean(embedded == extracted))
 
 

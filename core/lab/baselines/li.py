@@ -12,7 +12,7 @@ def li(prepared: Prepared, parameters: Parameters, rng: np.random.Generator) -> 
     """Exactly ``count`` marks at uniform area samples, along the normals there, by a plain boolean union.
 
     No fine-tuning, no filters, no curvature matching; marks may overlap. The text is 0.5 thick and half sunk, so its
-    relief is 0.25 whatever the parameters say (paper, sections "Baseline Methods" and "Implementation Details").
+    relief is 0.25, not that of the parameters (paper, sections "Baseline Methods" and "Implementation Details").
 
     Raises:
         MeshmarkError: ``no_faces``, ``not_manifold``.

@@ -14,11 +14,11 @@ from core.lab.baselines.whole_boolean import fuse_curved, fuse_flat
 from core.parameters import Parameters
 from core.placement.filters import well_aligned
 
-RANKED = 0.5  # the share of boxes that pass the alignment filter where it ranks them
+RANKED = 0.5  # share of boxes that pass the alignment filter where it ranks them
 
 
 def paper(prepared: Prepared, parameters: Parameters, rng: np.random.Generator) -> Marked:
-    """Boxes by Adam and the paper's filters, curve-matched letters of the height asked for (the paper's is 0.05).
+    """Boxes by Adam and the paper's filters, curve-matched letters of the requested height (the paper's is 0.05).
 
     Raises:
         MeshmarkError: ``no_faces``, ``no_placement``, ``not_manifold``.
@@ -45,7 +45,7 @@ def paper_no_optimization(prepared: Prepared, parameters: Parameters, rng: np.ra
 
 
 def paper_no_filtering(prepared: Prepared, parameters: Parameters, rng: np.random.Generator) -> Marked:
-    """``count`` of the optimised boxes at random, however badly aligned, hidden or overlapping."""
+    """``count`` of the optimised boxes at random, also badly aligned, hidden or overlapping ones."""
     boxes, _ = prepared.fitted(text_width(parameters))
     assert parameters.count is not None
     picked = rng.permutation(len(boxes))[: parameters.count]

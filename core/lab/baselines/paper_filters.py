@@ -15,25 +15,25 @@ from core.placement.filters import occluded, overlapping, roughness, smooth
 from core.placement.objective import FACING_VIEW
 
 OCTANTS = 8
-ROUGHNESS_DENSITY = 60  # area samples under one box
-BEYOND = 2 * MODEL_SIZE  # further than any ray can run inside the size-30 frame
+ROUGHNESS_DENSITY = 60  # area samples in one box
+BEYOND = 2 * MODEL_SIZE  # size-30 units; longer than any ray inside the frame
 
 
 def paper_filters(prepared: Prepared, boxes: Boxes, aligned: Bool, count: int, rng: np.random.Generator) -> Boxes:
     """At most ``count`` of ``boxes``, by the paper's rules.
 
     Alignment, roughness, overlap, occlusion, saliency, then one box an octant and one for each of the 24 views that
-    none faces. The paper lets these last two rules decide how many there are; here ``count`` cuts their list, and
-    where it asks for more, the box furthest from all chosen ones is added as long as there is one.
+    none faces. In the paper the last two rules decide the number of boxes; here ``count`` truncates their list, and
+    where it is larger, the box furthest from all chosen ones is added as long as there is one.
 
-    Two tests see more than the paper's, which look at vertices and so at nothing on a coarse mesh: roughness is taken
-    over area samples, and boxes overlap where their volumes do.
+    Two tests are stricter than the paper's, which use vertices and so have no effect on a coarse mesh: roughness is
+    taken over area samples, and boxes overlap where their volumes do.
 
     Args:
         prepared: the asset.
         boxes: B boxes of one size.
-        aligned: (B,) what the alignment filter lets pass.
-        count: the most to choose.
+        aligned: (B,) boxes that pass the alignment filter.
+        count: number to choose, at most.
         rng: the source of every draw.
 
     Raises:

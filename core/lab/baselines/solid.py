@@ -9,8 +9,8 @@ from core.geometry.edges import directed_edges
 from core.geometry.surface import MODEL_SIZE, Surface
 from core.lab.plain import Mesh, plain
 
-NEAR = 1e-6 * MODEL_SIZE  # vertices closer than this were one before the file was written with 32 bits
-MENDED = 0.001  # the most that may be added to close an asset, as a share of its area
+NEAR = 1e-6 * MODEL_SIZE  # size-30 units; closer vertices were one before they were rounded to 32 bits
+MENDED = 0.001  # share of an asset's area that may be added to close it, at most
 
 
 def solid(surface: Surface) -> Manifold:
@@ -18,8 +18,8 @@ def solid(surface: Surface) -> Manifold:
 
     First the mesh as it is, then with near vertices merged, then with its small defects closed: loops of edges that
     lack a partner get a fan of triangles, as long as all of them add less than a thousandth of the area. An asset
-    that is inside out as a whole is turned. (manifold3d's own ``merge`` is not used: building from what it leaves of
-    an open mesh can end the process.)
+    that is inside out as a whole is flipped. (manifold3d's own ``merge`` is not used: building from its result for an
+    open mesh can end the process.)
 
     Raises:
         MeshmarkError: ``not_manifold``.
@@ -39,7 +39,7 @@ def solid(surface: Surface) -> Manifold:
 
 
 def to_manifold(mesh: Mesh) -> Manifold:
-    """``mesh`` for manifold3d in double precision; its status says whether it is one."""
+    """``mesh`` for manifold3d in double precision; its status shows if it is a manifold."""
     return Manifold(Mesh64(np.ascontiguousarray(mesh.positions), np.ascontiguousarray(mesh.faces.astype(np.uint64))))
 
 
@@ -50,7 +50,7 @@ def to_mesh(body: Manifold) -> Mesh:
 
 
 def _proper(mesh: Mesh) -> Mesh:
-    """Without the faces that have two equal corners."""
+    """``mesh`` without the faces that have two equal corners."""
     a, b, c = mesh.faces.T
     return Mesh(mesh.positions, mesh.faces[(a != b) & (b != c) & (c != a)])
 
@@ -61,7 +61,7 @@ def _near_merged(mesh: Mesh) -> Mesh:
 
 
 def _excess(faces: Int) -> Int:
-    """(E,) for each distinct directed edge, see ``np.unique``, how many more faces run along it than against it."""
+    """(E,) for each distinct directed edge, see ``np.unique``, the number of faces along it less those against it."""
     edges = directed_edges(faces)
     edge, count = np.unique(edges, axis=0, return_counts=True)
     size = int(faces.max(initial=0)) + 1
@@ -71,7 +71,7 @@ def _excess(faces: Int) -> Int:
 
 
 def _mended(mesh: Mesh) -> Mesh:
-    """With a fan against every loop of edges that lack a partner; as it was where the fans would be large.
+    """``mesh`` with a fan for every loop of edges that lack a partner; unchanged where the fans would be large.
 
     Faces enter and leave each vertex equally often, so the edges in excess always form loops.
     """

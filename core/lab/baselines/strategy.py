@@ -1,4 +1,4 @@
-"""What every way of watermarking is given and gives back, so that one benchmark can compare them all."""
+"""Common input and result of all ways of watermarking, so that one benchmark can compare them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -27,7 +27,7 @@ from core.placement.candidates import upright
 from core.placement.finetune import adam, alignment_loss
 from core.placement.fit import PAPER_RADIUS, PAPER_SAMPLES
 
-THICKNESS = 0.5  # of the text solid and its box, size-30 units (paper, supplement "Implementation Details")
+THICKNESS = 0.5  # size-30 units, of the text solid and its box (paper, supplement "Implementation Details")
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +36,8 @@ class Marked:
 
     Attributes:
         mesh: the result, without materials.
-        boxes: where the marks were put, B of them.
-        relief: (B,) how far each mark's letters stand out above the middle of its box, size-30 units.
+        boxes: of the B marks.
+        relief: (B,) height of each mark's letters above the middle of its box, size-30 units.
     """
 
     mesh: Mesh
@@ -47,10 +47,10 @@ class Marked:
 
 @dataclass(eq=False)
 class Prepared:
-    """One asset and one text, with what several strategies and counts share; each part is made when first asked for.
+    """One asset and one text, with the parts that several strategies and counts share; each is made at its first use.
 
-    The shared parts draw from ``seed``, never from a strategy's generator, so that results do not depend on which
-    strategy ran first.
+    The shared parts draw from ``seed``, never from a strategy's generator, so that results do not depend on the order
+    of strategies.
 
     Attributes:
         data: the file.
@@ -81,7 +81,7 @@ class Prepared:
         return self._initial[width]
 
     def fitted(self, width: float) -> tuple[Boxes, Float]:
-        """The same candidates after the paper's Adam, and their alignment loss (B,)."""
+        """The candidates of :meth:`initial` after the paper's Adam, and their alignment loss (B,)."""
         if width not in self._fitted:
             self._fitted[width] = adam(self.initial(width)[0], self.index)
         return self._fitted[width]
@@ -89,21 +89,21 @@ class Prepared:
     def boxes_at(self, points: Float, face: Int, width: float) -> Boxes:
         """Boxes for text of ``width`` at ``points`` (N, 3) on ``face`` (N,), along the normals of these faces.
 
-        The paper's Algorithm 1 turns the front (0, 0, 1) by angles towards the normal and does not say about which
-        axes; here text stays upright. The paper's code loses candidates whose normal is an exact axis to a division
-        by zero; these do not.
+        The paper's Algorithm 1 rotates the front (0, 0, 1) by angles towards the normal and leaves the axes open; here
+        text stays upright. The paper's code loses candidates whose normal is an exact axis to a division by zero; here
+        they are kept.
         """
         size = (width, width * self.artwork.aspect, THICKNESS)
         return Boxes(points, upright(self.surface.normals[face]), np.tile(size, (len(points), 1)))
 
     @cached_property
     def solid(self) -> Manifold:
-        """The asset as whole-mesh booleans need it; raises ``not_manifold``."""
+        """The asset as a solid for whole-mesh booleans; raises ``not_manifold``."""
         return solid(self.surface)
 
     @cached_property
     def saliency(self) -> Saliency:
-        """What stands out on the asset."""
+        """The saliency map of the asset."""
         return saliency(self.surface, self.seed)
 
 
@@ -116,17 +116,17 @@ def prepare(
     """The content of a file, ready for every strategy.
 
     Raises:
-        MeshmarkError: for everything that keeps the file from being read or the text from being drawn.
+        MeshmarkError: where the file cannot be read or the text cannot be drawn.
     """
     surface = flatten(document_of(admit(data, budgets), budgets)).surface
     return Prepared(data, surface, SpatialIndex(surface.positions, surface.faces), text_artwork(text, font), seed, font)
 
 
 def text_width(parameters: Parameters) -> float:
-    """Width of the text, size-30 units: as asked for, else that of the ``paper`` preset.
+    """Width of the text, size-30 units: the requested one, else that of the ``paper`` preset.
 
-    The paper gives a "size (scale of mesh) of 4" of a text-to-3D tool whose own unit it does not say. A fair
-    comparison gives every strategy the same ``size``.
+    The paper gives a "size (scale of mesh) of 4" of a text-to-3D tool without that tool's unit. A fair comparison gives
+    every strategy the same ``size``.
 
     Raises:
         MeshmarkError: ``invalid_parameters`` for sunken letters, which whole-mesh baselines do not make.

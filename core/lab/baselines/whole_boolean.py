@@ -27,11 +27,11 @@ def fuse_curved(
 ) -> Mesh:
     """The paper's Curve Matching Fusion (supplement, Algorithm 2).
 
-    The text of each box is cut with the asset. What is left has the asset's own surface as its top; this top is
-    moved by ``relief``, size-30 units, along the normal of the face closest to the box's centre, and the result is
-    united with the asset. The algorithm leaves open what "extrusion of the silhouette" does with the rest: here the
-    bottom stays, so that letters of any height remain anchored, and the walls stretch between. Letters that do not
-    meet the asset at all are lost.
+    The text of each box is intersected with the asset. The intersection has the asset's own surface as its top; this
+    top is moved by ``relief``, size-30 units, along the normal of the face closest to the box's centre, and the result
+    is united with the asset. The algorithm leaves the rest of "extrusion of the silhouette" open: here the bottom
+    stays, so that letters of any height remain anchored, and the walls extend between. Letters that do not meet the
+    asset at all are lost.
 
     Raises:
         MeshmarkError: ``not_manifold`` when the boolean fails.
@@ -40,7 +40,7 @@ def fuse_curved(
     normal = surface.normals[face]
     degenerate = np.linalg.norm(normal, axis=1) < 0.5
     normal[degenerate] = boxes.axes[degenerate, 2]
-    asset = asset.as_original()  # its faces are told from the text's by its number
+    asset = asset.as_original()  # its number distinguishes its faces from the text's
     raised = [
         _raised(asset ^ text_solid(artwork, boxes, one), asset.original_id(), relief * normal[one])
         for one in range(len(boxes))
@@ -57,7 +57,7 @@ def text_solid(artwork: Artwork, boxes: Boxes, one: int) -> Manifold:
 
 
 def _raised(letters: Manifold, asset: int, shift: Float) -> Manifold:
-    """``letters`` with those of their faces that come from the solid ``asset`` and look along ``shift`` moved by it."""
+    """``letters`` with those of their faces that come from the solid ``asset`` and face along ``shift`` moved by it."""
     found = letters.to_mesh64()
     ends = np.asarray(found.run_index, dtype=np.int64) // 3
     origin = np.repeat(np.asarray(found.run_original_id, dtype=np.int64), np.diff(ends))

@@ -12,7 +12,7 @@ import numpy as np
 from core.errors import ErrorCode, MeshmarkError
 
 FORMATS = (".glb", ".gltf", ".obj", ".stl", ".ply", ".off", ".3mf", ".dae", ".zip")
-# Which file of a Meshy asset is taken where it was downloaded in several formats.
+# Formats of a Meshy asset, in the order of preference where it was downloaded in several.
 MESHY_FORMATS = (".glb", ".zip", ".obj", ".stl")
 SYSTEM = ("__MACOSX", "Thumbs.db", "desktop.ini")
 
@@ -34,11 +34,11 @@ class Asset:
 
 @dataclass(frozen=True)
 class Dataset:
-    """What was found in a folder, in the order of the names.
+    """Assets found in a folder, in the order of the names.
 
     Attributes:
         assets: the files to watermark.
-        notes: what was left out, in sentences.
+        notes: sentences about files that were left out.
     """
 
     assets: list[Asset]
@@ -46,7 +46,7 @@ class Dataset:
 
 
 def load(folder: Path, layout: str, split: str) -> Dataset:
-    """The assets of a dataset that lies unpacked in ``folder``.
+    """The assets of a dataset that is unpacked in ``folder``.
 
     Args:
         folder: the dataset's own folder, or the one it was unpacked in.
@@ -72,7 +72,7 @@ def stratified(assets: list[Asset], count: int, seed: int) -> list[Asset]:
 
     Args:
         assets: to draw from.
-        count: at most how many.
+        count: number to draw, at most.
         seed: of the draw.
     """
     rng = np.random.default_rng(seed)
@@ -149,10 +149,10 @@ def _classes(name: str, suffix: str) -> Callable[[Path, str], Dataset]:
 
 
 def _objaverse(folder: Path, _split: str) -> Dataset:
-    """``hf-objaverse-v1/glbs/<shard>/<uid>.glb``, with LVIS classes where the annotations lie beside ``glbs``.
+    """``hf-objaverse-v1/glbs/<shard>/<uid>.glb``, with LVIS classes where the annotations are beside ``glbs``.
 
-    The paper stratifies by class, so with annotations only annotated objects count. What lies on disk decides which
-    objects there are, hence ``object-paths.json.gz`` is not needed. Objaverse has no splits.
+    The paper stratifies by class, so with annotations only annotated objects count. Objects are those on disk, hence
+    ``object-paths.json.gz`` is not needed. Objaverse has no splits.
     """
     root = _inner(folder, "hf-objaverse-v1")
     files = _visible((root / "glbs").glob("*/*.glb"), root)

@@ -10,12 +10,12 @@ NOTHING = "-"
 
 @dataclass(frozen=True)
 class Metric:
-    """How a metric is shown.
+    """Presentation of a metric.
 
     Attributes:
         name: in the rows.
         label: in tables, without its direction.
-        higher: whether more is better.
+        higher: more is better.
         unit: of lengths; empty for shares, similarities and counts.
     """
 

@@ -1,4 +1,4 @@
-"""What a benchmark run is asked for."""
+"""Options of a benchmark run."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +10,7 @@ from core.parameters import Evaluate
 NO_ATTACK = "none"
 REMOVAL = "removal"
 PAPER_ATTACKS = ("crop", "removal", "remesh", "decimate", "subdivide")
-INVISIBLE = "invisible"  # the one method that places nothing: it has no count
+INVISIBLE = "invisible"  # the one method that places no marks: it has no count
 METHODS = (
     *("meshmark", "li", "paper", "paper-no-curve-matching", "paper-no-optimization", "paper-no-filtering"),
     INVISIBLE,
@@ -56,25 +56,25 @@ class BenchmarkOptions:
 
     Attributes:
         folder: the dataset.
-        out: where rows, tables and plots go; a run there with the same options goes on where it stopped.
+        out: folder of rows, tables and plots; a run there with the same options continues an interrupted one.
         dataset: its layout, a key of ``core.lab.benchmark.datasets.LAYOUTS``.
         split: for datasets that are split.
-        samples: how many assets to draw, stratified by class; None takes all.
+        samples: number of assets to draw, stratified by class; None takes all.
         methods: keys of ``core.lab.baselines.STRATEGIES``, or ``invisible``.
-        counts: how many watermarks to ask for.
+        counts: requested numbers of watermarks.
         attacks: besides the unattacked asset, which is always measured.
         attack_counts: the counts at which attacks are run; empty for the middle one of ``counts``.
-        text: what the watermarks say.
+        text: of the watermarks.
         size: width of the text, the same for all methods; None: 5.5, and for our own product as wide as fits
             each place.
         relief: height of the letters where the method leaves it open; None: 0.02 text widths.
-        color: ``"#rrggbb"``: our own pipeline is asked for letters of it, and OCR reads all letters in it, too.
-        views: how many of the paper's 24 views the pictures show.
+        color: ``"#rrggbb"``: of the letters of our own pipeline, and of all letters in a second OCR.
+        views: number of the paper's 24 views in the pictures.
         resolution: of the pictures, in pixels.
-        level: ``full``, or ``geometry`` without what looks at pictures.
+        level: ``full``, or ``geometry`` without the metrics of pictures.
         seed: with an asset's content it decides all draws on that asset.
-        processes: how many assets are worked on at once.
-        row_seconds: a single marking, attack or measurement that takes longer is given up.
+        processes: number of assets processed at once.
+        row_seconds: time limit of a single marking, attack or measurement.
         retry_failed: run failed rows again.
         report_only: write tables and plots from the rows that are there.
     """
@@ -126,6 +126,6 @@ class BenchmarkOptions:
         return self.attack_counts or (sorted(self.counts)[len(self.counts) // 2],)
 
     def settings(self) -> dict[str, Any]:
-        """What decides a row's values beside the asset, the method, the count, the attack and the seed."""
+        """Options that decide a row's values beside the asset, the method, the count, the attack and the seed."""
         names = ("text", "size", "relief", "color", "views", "resolution")
         return {name: getattr(self, name) for name in names} | {"level": self.level.value}

@@ -1,4 +1,4 @@
-"""Two methods asset by asset: where the first one wins, and where it does not."""
+"""Comparison of two methods asset by asset."""
 
 from collections.abc import Sequence
 
@@ -23,7 +23,7 @@ def per_asset(rows: Sequence[Row], count: int, ours: str, theirs: str) -> str:
 
 
 def score(rows: Sequence[Row], count: int, ours: str, theirs: str) -> str:
-    """By metric: on how many assets ours is better, equal or worse, and the mean difference."""
+    """By metric: the number of assets on which ours is better, equal or worse, and the mean difference."""
     both = _by_asset(unattacked(rows, count), ours, theirs)
     body = []
     for name in QUALITY:

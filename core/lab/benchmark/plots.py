@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Okabe and Ito's palette: told apart with every kind of colour vision; the markers differ too.
+# sRGB; Okabe and Ito's palette, distinguishable with every kind of colour vision; the markers differ too.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 STYLE: Any = {
@@ -69,7 +69,7 @@ def require_matplotlib() -> None:
 
 
 def write_plots(rows: Sequence[Row], out: Path) -> list[Path]:
-    """Draw what the rows have values for into ``out``; the PNG of each figure that was drawn."""
+    """Draw the figures that the rows have values for into ``out``; returns the PNG of each."""
     drawn = []
     for name, curves in FIGURES.items():
         there = [curve for curve in curves if _lines(rows, curve)]

@@ -107,7 +107,7 @@ def _start(task: Task, opener: Open, options: BenchmarkOptions) -> _Child:
 
 
 def _end(child: _Child, limit: float | None) -> MeshmarkError:
-    """Make sure the process is gone; why its remaining rows did not come."""
+    """Make sure the process has ended; returns the reason why its remaining rows did not come."""
     if limit is not None:
         child.process.kill()
     child.process.join()

@@ -1,4 +1,4 @@
-"""Where the seconds of a job go: by stage, against the number of faces, and next to reading and writing alone."""
+"""Profile of jobs: seconds by stage, against the number of faces, and next to reading and writing alone."""
 
 import gc
 import json
@@ -38,8 +38,9 @@ def profile(
 
     Args:
         folder: the assets, at any depth.
-        repeats: how often each asset is run; the quickest run counts.
-        evaluate: which metrics to time, and with any the preview; with none the profile ends with the written model.
+        repeats: number of runs of each asset; the quickest counts.
+        evaluate: level of the metrics to time, and with any the preview; with none the profile ends with the written
+            model.
         progress: called with an asset's name and the share of assets done before it.
 
     Returns:
@@ -57,7 +58,7 @@ def profile(
     dataset = load(folder, "folder", "")
     assets = sorted(dataset.assets, key=lambda asset: asset.path.stat().st_size)
     parameters = Parameters(text="watermark", evaluate=evaluate)
-    for asset in assets:  # loading the libraries is nobody's cost
+    for asset in assets:  # loading the libraries does not count
         if _measured(asset, parameters, 1)["status"] == "ok":
             break
     rows = []
@@ -111,7 +112,7 @@ def write_profile(profile: dict[str, Any], out: Path) -> None:
 
 
 def _measured(asset: Asset, parameters: Parameters, repeats: int) -> Row:
-    """The asset's quickest run and quickest floor, or why there is none."""
+    """The asset's quickest run and quickest floor, or the error."""
     row: Row = {"asset": asset.name, "bytes": asset.path.stat().st_size}
     try:
         data = asset.path.read_bytes()
@@ -126,8 +127,8 @@ def _measured(asset: Asset, parameters: Parameters, repeats: int) -> Row:
 
 
 def _run(data: bytes, parameters: Parameters) -> Row:
-    """What one run of the engine takes, and the floor right before."""
-    gc.collect()  # what earlier assets left is not this one's to clean up, or to hold
+    """Cost of one run of the engine, and the floor right before."""
+    gc.collect()  # garbage of earlier assets does not count for this one
     start = time.perf_counter()
     _read_and_write(data)
     floor = round(time.perf_counter() - start, 6)
@@ -147,16 +148,16 @@ def _run(data: bytes, parameters: Parameters) -> Row:
 
 
 def _read_and_write(data: bytes) -> Scene:
-    """The floor: what the engine does to a file besides watermarking it."""
+    """The floor: reading and writing a file without watermarking it."""
     scene = flatten(document_of(admit(data)))
     scene.document.to_glb()
     return scene
 
 
 def _forget_peak_memory() -> None:
-    """The most memory this process has held becomes what it holds now (Linux, proc(5), clear_refs).
+    """Reset the peak memory of this process to its present one (Linux, proc(5), clear_refs).
 
-    Elsewhere a process cannot forget its peak, and the profile says so.
+    Elsewhere a process cannot reset its peak, and the profile says so.
     """
     if CLEAR_REFS.exists():
         CLEAR_REFS.write_text("5")
@@ -195,7 +196,7 @@ def _ratio(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def _law(faces: Sequence[int], costs: Sequence[float]) -> dict[str, Any] | None:
-    # Timings are in steps of 0.1 ms; what took none has no logarithm.
+    # Timings are in steps of 0.1 ms; 0 has no logarithm.
     pairs = [(count, cost) for count, cost in zip(faces, costs, strict=True) if cost > 0]
     law = power_law([count for count, _ in pairs], [cost for _, cost in pairs])
     return None if law is None else asdict(law)

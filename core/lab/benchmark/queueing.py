@@ -1,7 +1,7 @@
 """A queue before several workers, simulated: Poisson arrivals, first come first served, any service times (M/G/c).
 
 Many independent runs go at the same time, as rows of arrays; the steps of each run are its arrivals. Every number of
-workers meets the same arrivals and the same work, so more workers never look worse by chance.
+workers has the same arrivals and the same work, so more workers are never worse by chance.
 """
 
 import math
@@ -17,7 +17,7 @@ Draw = Callable[[np.random.Generator, tuple[int, int]], Floats]  # service times
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is simulated: independent runs, arrivals of each that count, and arrivals before them that do not.
+    """Extent of a simulation: independent runs, arrivals of each that count, and arrivals before them that do not.
 
     A queue forgets how it began after about 1 / (1 - share of busy workers)^2 arrivals: 400 where 95% are busy.
     """
@@ -29,13 +29,13 @@ class Effort:
 
 
 def waits(rate: float, draw: Draw, workers: int, effort: Effort) -> tuple[Floats, Floats]:
-    """What jobs meet: the seconds each waits until a worker starts it, and its service time, (runs, arrivals) each.
+    """Seconds that each job waits until a worker starts it, and its service time, (runs, arrivals) each.
 
     Args:
         rate: arrivals a second.
         draw: service times.
-        workers: how many serve.
-        effort: how much is simulated.
+        workers: number of workers.
+        effort: of the simulation.
     """
     random = np.random.default_rng(effort.seed)
     shape = (effort.runs, effort.warm_up + effort.arrivals)
@@ -60,7 +60,7 @@ def fewest_workers(rate: float, draw: Draw, mean: float, wait: float, effort: Ef
         draw: service times.
         mean: of the service times [s].
         wait: seconds.
-        effort: how much is simulated.
+        effort: of the simulation.
         busy: the largest share of the workers that may be busy on average.
     """
 

@@ -37,7 +37,7 @@ def write_results(rows: list[Row], options: BenchmarkOptions) -> None:
 
 
 def table(rows: list[Row]) -> str:
-    """The rows as CSV: one line each, metrics by name, seconds as ``seconds_<stage>``; what is missing is empty."""
+    """The rows as CSV: one line each, metrics by name, seconds as ``seconds_<stage>``; missing values are empty."""
     flat = [flatten(row) for row in rows]
     found = dict.fromkeys(name for row in flat for name in row)
     between = [name for name in found if name not in COLUMNS + LAST]
@@ -58,7 +58,7 @@ def flatten(row: Row) -> dict[str, Any]:
 
 
 def environment() -> dict[str, Any]:
-    """What a run's numbers depend on beside the options."""
+    """Versions and platform that a run's numbers depend on beside the options."""
     versions: dict[str, str | None] = {}
     for name in LIBRARIES:
         try:

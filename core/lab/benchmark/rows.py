@@ -22,14 +22,14 @@ ROWS = "rows.jsonl"
 
 @dataclass(frozen=True)
 class Combination:
-    """One row to make of an asset: a method at a count, and what is done to its result."""
+    """One row to make of an asset: a method at a count, and the attack on its result."""
 
     method: str
     count: int
     attack: AttackAsked
 
     def identity(self, sha256: str, seed: int, options: BenchmarkOptions) -> Row:
-        """What tells this row from all others; the same identity always means the same values."""
+        """Identity of this row among all others; the same identity always means the same values."""
         return {
             "sha256": sha256,
             "method": self.method,
@@ -67,7 +67,7 @@ def key(identity: Row) -> str:
 
 
 def asset_seed(sha256: str, seed: int) -> int:
-    """The seed of all draws on one asset: the same wherever and beside whatever else it is benchmarked."""
+    """The seed of all draws on one asset: independent of the machine and of the other assets of a run."""
     return int.from_bytes(hashlib.sha256(f"{seed}:{sha256}".encode()).digest()[:4])
 
 

@@ -1,4 +1,4 @@
-"""One benchmark run: what is still to do, the rows it gives, and the report on all of them."""
+"""One benchmark run: the missing rows, and the report on all of them."""
 
 import hashlib
 import sys
@@ -22,7 +22,7 @@ from core.lab.benchmark.worker import Open
 
 
 def run(options: BenchmarkOptions, opener: Open | None = None) -> list[Row]:
-    """Make all rows that ``options`` ask for and are not there yet, then write tables and plots of them.
+    """Make all rows of ``options`` that are missing, then write tables and plots of all.
 
     Writes ``rows.jsonl`` as it goes, then ``results.csv``, ``results.json``, ``REPORT.md`` and the plots. Ctrl-C ends
     the processes and keeps every finished row.

@@ -1,4 +1,4 @@
-"""How long each method takes, and how that grows with the asset."""
+"""Run times of each method, and their growth with the asset."""
 
 import math
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ def points(rows: Sequence[Row], method: str, count: int) -> tuple[list[float], l
 
 
 def run_times(rows: Sequence[Row], count: int) -> str:
-    """The fitted power law of each method, and what it says of the sizes that the paper gives times for."""
+    """The fitted power law of each method, and its values at the sizes that the paper gives times for."""
     body = []
     for method in methods(visible(rows)):
         vertices, seconds = points(rows, method, count)

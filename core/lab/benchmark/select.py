@@ -1,4 +1,4 @@
-"""Rows by what they are about: the questions that tables and plots ask."""
+"""Selections of rows, for tables and plots."""
 
 from collections.abc import Iterable, Sequence
 
@@ -18,7 +18,7 @@ ORDER = (
 
 
 def ordered(rows: Iterable[Row]) -> list[Row]:
-    """Rows by asset, method, count and attack, whatever order they were made in."""
+    """Rows by asset, method, count and attack, in an order independent of that of their making."""
     return sorted(
         rows,
         key=lambda row: (
@@ -75,18 +75,18 @@ def _rank(method: str) -> tuple[int, str]:
 
 
 def counts(rows: Iterable[Row]) -> list[int]:
-    """The counts that were asked for."""
+    """The requested counts."""
     return sorted({row["count"] for row in visible(rows)})
 
 
 def middle_count(rows: Iterable[Row]) -> int:
-    """The count at which methods are compared: the middle of those asked for."""
+    """The count at which methods are compared: the middle of the requested ones."""
     found = counts(rows)
     return found[len(found) // 2] if found else 0
 
 
 def values(rows: Iterable[Row], metric: str) -> list[float]:
-    """The values of ``metric`` that are there; a metric, or another number of the row."""
+    """The values of ``metric``, a metric or another number of the row, without missing ones."""
     found = (row["metrics"].get(metric, row.get(metric)) for row in ok(rows))
     return [value for value in found if value is not None]
 

@@ -1,4 +1,4 @@
-"""How many workers a marketplace needs: measured service times, a mix of sizes, and a simulated queue."""
+"""Number of workers for a marketplace: measured service times, a mix of sizes, and a simulated queue."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,12 +28,12 @@ EVERYTHING = (Share(float("inf"), 1.0),)
 
 @dataclass(frozen=True)
 class Sizing:
-    """What a number of arrivals an hour takes.
+    """Workers for a rate of arrivals, and the resulting waits.
 
     Attributes:
         arrivals: an hour.
         load: workers that are busy on average.
-        workers: how many there must be.
+        workers: number needed.
         wait: seconds until the start, at the median, of 95% and of 99% of the jobs.
         result: seconds until the result, likewise.
     """
@@ -62,12 +62,12 @@ def sizing(
         arrivals: an hour, evenly by chance over the hour (Poisson).
         mix: shares by faces; by default, every asset of the profile is as likely.
         wait: seconds that 95% of the jobs may wait until they start.
-        busy: the largest share of the workers that may be busy on average: what is left is for uneven hours.
+        busy: the largest share of the workers that may be busy on average: the rest is for uneven hours.
         overhead: seconds a job takes beside the engine: its process starts, files come and go.
         effort: of the simulation.
 
     Raises:
-        MeshmarkError: ``invalid_parameters`` for what is no profile, no mix of it, or no amount.
+        MeshmarkError: ``invalid_parameters`` for an invalid profile, mix or amount.
     """
     effort = effort or Effort()
     seconds, chance = _service_times(profile, mix)
@@ -121,7 +121,7 @@ def markdown(found: Sequence[Sizing], wait: float, busy: float) -> str:
 
 
 def _service_times(profile: dict[str, Any], mix: Sequence[Share]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Seconds of each asset, and how likely an upload is like it."""
+    """Seconds of each asset, and the probability that an upload is like it."""
     if profile.get("schema") != SCHEMA:
         raise _refused("This is no profile.", "Give the profile.json that `meshmark profile DIR --out OUT` wrote.")
     assets = [asset for asset in profile["assets"] if asset["status"] == "ok"]

@@ -42,7 +42,7 @@ class PowerLaw:
 
 
 def mean(values: Sequence[float]) -> Mean | None:
-    """The mean of ``values`` with its Student t interval, which takes them as independent draws; None if empty."""
+    """The mean of ``values`` with its Student t interval, which assumes independent draws; None if empty."""
     sample = np.asarray(values, dtype=np.float64)
     if len(sample) == 0:
         return None

@@ -18,7 +18,7 @@ QUALITY = (
 )  # fmt: skip
 OBJECTIVE = ("ray", "coverage", "crop_survival", "ocr", "ocr_color", "smse", "se", "ss")
 ATTACKED = ("ray", "ocr", "ocr_color", "ipe", "ss", "survived", "bit_accuracy")
-# In the order in which they are done; `run` is the sum of all before it that a method needs.
+# In the order of execution; `run` is the sum of all before it that a method needs.
 STEPS = ("reading", "solid", "candidates", "fine-tuning", "saliency", "marking", "run", "pictures")
 INVISIBLE = ("ray", "ocr", "smse", "ss", "bit_accuracy")
 TRADE_OFF = ("wps", "ray", "ocr", "smse", "ipe", "se", "ss")
@@ -46,7 +46,7 @@ def quality(rows: Sequence[Row], count: int, only_common: bool) -> str:
 
     Args:
         rows: all.
-        count: of watermarks asked for.
+        count: requested number of watermarks.
         only_common: on the assets that all methods marked.
     """
     chosen = visible(unattacked(rows, count))
@@ -98,7 +98,7 @@ def published_ablation() -> str:
 
 
 def attacks(rows: Sequence[Row], only_common: bool) -> str:
-    """What is left after each attack (the paper's Tab. 3), the best of each attack in bold."""
+    """Metrics after each attack (the paper's Tab. 3), the best of each attack in bold."""
     lines: list[list[str]] = []
     attacked = [row for row in rows if row["attack"] != NO_ATTACK]
     if not attacked:
@@ -110,7 +110,7 @@ def attacks(rows: Sequence[Row], only_common: bool) -> str:
     several = len(counts(chosen)) > 1
     for attack, strength, count in sorted(kinds, key=lambda kind: (kind[0] != NO_ATTACK, str(kind))):
         if count is None and counts(chosen):
-            continue  # the invisible method stands in the lines of each count
+            continue  # the invisible method has a line at each count
         here = [row for row in chosen if (row["attack"], row["strength"]) == (attack, strength)]
         here = [row for row in here if row["count"] in (count or 0, 0)]
         if only_common:
@@ -135,7 +135,7 @@ def published_attacks() -> str:
 
 
 def invisible(rows: Sequence[Row], count: int) -> str:
-    """Beside a watermark that nobody sees (the paper's Tab. 4), on the assets that all methods marked."""
+    """Comparison with an invisible watermark (the paper's Tab. 4), on the assets that all methods marked."""
     chosen = unattacked(rows, count)
     common = paired(chosen, methods(chosen))
     groups = [_group(method, of_method(common, method))[:2] for method in methods(common)]
@@ -175,7 +175,7 @@ def mesh_statistics(rows: Sequence[Row]) -> str:
 
 
 def acceptance(rows: Sequence[Row]) -> str:
-    """How many assets each method marked at each count, and why not the others."""
+    """Number of assets that each method marked at each count, and the reasons for the others."""
     chosen = unattacked(rows)
     lines = []
     for method in methods(chosen):

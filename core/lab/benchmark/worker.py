@@ -1,4 +1,4 @@
-"""What a process of the benchmark does: all rows of one asset, told to the parent one by one."""
+"""Process of the benchmark: makes all rows of one asset and sends them to the parent one by one."""
 
 import logging
 import os
@@ -22,10 +22,10 @@ log = logging.getLogger(__name__)
 
 
 class Bench(Protocol):
-    """One asset under test, with whatever its rows share."""
+    """One asset under test, with the parts that its rows share."""
 
     def facts(self) -> Row:
-        """What every row says about the asset."""
+        """Columns about the asset, the same in every row."""
 
     def mark(self, method: str, count: int) -> Any:
         """The asset watermarked."""
@@ -39,7 +39,7 @@ Open = Callable[[Asset, int, BenchmarkOptions], Bench]
 
 @dataclass(frozen=True)
 class Begun:
-    """The rows that depend on what the worker does next: they fail if it does not come back."""
+    """The rows that depend on the worker's next step: they fail if it does not return."""
 
     combinations: tuple[Combination, ...]
 
@@ -66,11 +66,11 @@ def work(
     Args:
         connection: to the parent; closed at the end.
         opener: importable function that makes the bench of an asset.
-        asset: what to work on.
+        asset: to be processed.
         seed: of the asset.
         options: of the run.
         wanted: in groups of one method and count.
-        started: ``time.monotonic()`` when the process was asked for; loading the libraries counts as its time.
+        started: ``time.monotonic()`` at the start of the process; loading the libraries counts as its time.
     """
     _end_with_parent()
     clock = _Clock(started)
@@ -105,7 +105,7 @@ def work(
 
 
 def failure(error: Exception) -> Row:
-    """What a row says where ``error`` kept it from being made."""
+    """Row that ``error`` kept from being made: its status, code and message."""
     if isinstance(error, MeshmarkError):
         return {"status": "failed", "code": error.code.value, "message": error.message}
     log.error("a row could not be made", exc_info=error)
@@ -117,7 +117,7 @@ def failure(error: Exception) -> Row:
 
 
 def machine() -> str:
-    """What the seconds of a row were measured on."""
+    """Machine that the seconds of a row were measured on."""
     threads = os.environ.get("OMP_NUM_THREADS", "all")
     return f"{platform.system()} {platform.machine()}, {available_processors()} cores, {threads} a process"
 
@@ -134,7 +134,7 @@ class _Clock:
 
 
 def _end_with_parent() -> None:
-    """End at once when the parent is gone, even killed: nobody would read the rows."""
+    """End at once when the parent has ended, even killed: the rows would not be read."""
     parent = parent_process()
     assert parent is not None
 
