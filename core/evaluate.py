@@ -1,4 +1,4 @@
-"""The metrics of any pair of files, whoever made them."""
+"""Metrics of any pair of files, independent of the tool that marked them."""
 
 import json
 import time
@@ -28,7 +28,7 @@ Vector = tuple[float, float, float]
 
 
 class Watermark(BaseModel):
-    """Where one watermark stands, in the coordinates of the original: an entry of a report's ``watermarks``.
+    """Placement of one watermark, in the coordinates of the original: an entry of a report's ``watermarks``.
 
     ``up`` and ``normal`` need not be of length one; a ``right`` that is given must agree with them.
     """
@@ -44,7 +44,7 @@ class Watermark(BaseModel):
 
 
 class Watermarks(BaseModel):
-    """All of them; a whole report is one, too."""
+    """All watermarks of an asset; a whole report is valid input, too."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -55,7 +55,7 @@ def parse_watermarks(data: bytes) -> list[Watermark]:
     """Watermarks from JSON: a list of them, or an object (such as a report) that has them under ``watermarks``.
 
     Raises:
-        MeshmarkError: ``invalid_parameters``, naming each field and what is wrong with it.
+        MeshmarkError: ``invalid_parameters``, naming each field and its error.
     """
     try:
         content = json.loads(data)
@@ -103,14 +103,14 @@ def evaluate(
 
     Args:
         original, watermarked: files of any accepted format, in the same coordinates.
-        watermarks: where they stand; with none, what needs them is missing from the report, with the reason.
-        text: what they say; empty: what the first of ``watermarks`` says.
-        level: which metrics.
+        watermarks: the marks; with none, the metrics that need them are missing from the report, with the reason.
+        text: of the marks; if empty, that of the first of ``watermarks``.
+        level: of the metrics.
         seed: of the random samples.
-        budgets: what the files may declare.
+        budgets: bounds the files' declarations.
 
     Raises:
-        MeshmarkError: as reading does; a metric that cannot be had is null instead, with the reason beside it.
+        MeshmarkError: as reading; a metric that cannot be measured is null instead, with the reason beside it.
     """
     start = time.perf_counter()
     first_file, second_file = admit(original, budgets), admit(watermarked, budgets)

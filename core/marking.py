@@ -1,7 +1,7 @@
 """The stages that mark an asset: from its bytes to the watermarked GLB.
 
 Those that need torch and the geometry libraries import them when they start: these take more than a second and a
-quarter of a gigabyte to load, which a file that cannot be read shall not cost. A process that runs the engine again and
+quarter of a gigabyte to load, and files that cannot be read do not need them. A process that runs the engine again and
 again calls :func:`core.preload.preload` first.
 """
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 def read(data: bytes, run: Run) -> Asset:
-    """Recognise a file, read it, and see which of its faces a viewer draws, from which side.
+    """Recognise a file, read it, and analyse its surface.
 
     Raises:
         MeshmarkError: as :func:`core.formats.admission.admit`, :func:`core.formats.admission.document_of` and
@@ -73,7 +73,7 @@ def letter(run: Run) -> Artwork:
 
 
 def place(asset: Asset, artwork: Artwork, run: Run) -> Candidates:
-    """Find the boxes that may carry the text: on opaque faces, or on see-through ones where these have no room.
+    """Find the boxes that may carry the text: on opaque faces, or on see-through ones where no box fits on these.
 
     Raises:
         MeshmarkError: ``no_placement`` and as :func:`core.analysis.regions.regions`.
@@ -120,7 +120,7 @@ def _place_on(
     rng: np.random.Generator,
     run: Run,
 ) -> Candidates:
-    """The boxes on some faces; ``ground`` is these (F,), the index that eyes see them by, and how opaque they are."""
+    """The boxes on some faces; ``ground`` is these (F,), the index for view rays to them, and their least opacity."""
     from core.analysis.facts import Carrier
     from core.analysis.opacity import opacity
     from core.placement.context import build_context
@@ -170,7 +170,7 @@ def _whole(asset: Asset, context: "PlacementContext") -> WorkingMesh:
 
 
 def write_model(asset: Asset, candidates: Candidates, embossed: Embossed, run: Run) -> Output:
-    """The model, checked and published: marks that no viewer would draw are taken out, and it is written again.
+    """The model, checked and published: marks that no viewer would draw are removed, and it is written again.
 
     Raises:
         MeshmarkError: ``no_placement`` where no mark is left.

@@ -18,7 +18,7 @@ log = logging.getLogger(__name__)
 
 
 def report(asset: Asset, output: Output, run: Run) -> dict[str, Any]:
-    """The report without its metrics, published at once: whatever happens from here on, the job has one."""
+    """The report without its metrics, published at once, so that the job has one if a later stage fails."""
     from core.report import build_report
 
     parameters, embossed = run.request.parameters, output.embossed
@@ -66,7 +66,7 @@ def render(asset: Asset, output: Output, run: Run) -> Pictures:
                 run.publish("preview", preview)
     except MeshmarkError as error:
         views = error
-    except Exception as error:  # drivers fail in ways of their own
+    except Exception as error:  # drivers raise errors of all kinds
         log.exception("the pictures of this asset could not be drawn")
         views = MeshmarkError(
             ErrorCode.RENDERING_UNAVAILABLE,

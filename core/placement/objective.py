@@ -75,14 +75,14 @@ HEAD_ON = np.cos(np.radians(40.0))  # turned less than this a text reads as well
 ROLLED = 0.5  # readers turn pictures in four ways; people do not
 PENALTY = 0.005
 WORTH_DIGITS = 6  # of an objective that is about 1
-MOST_DISTORTED = 0.05  # whoever asks for text as large as a side gets it on all sides
+MOST_DISTORTED = 0.05  # bound of the cost term, so that text requested as large as a side is placed on all sides
 PROXIMITY_RANGE = 5.0  # between the centres of marks, size-30 units
-# CIELAB units between letters and ground. Over 672 views of one mark in six colours on eleven textured assets, 12 to 20
-# pixels high, recognition reads 0.37 to 0.69 below 30 and 0.8 to 0.9 above; by WCAG 2's contrast ratio, which does not
-# see that red on grey differs, 0.76 to 0.84 below 3 and 0.87 above.
+# CIELAB units between letters and surface. Over 672 views of one mark in six colours on eleven textured assets, 12 to
+# 20 pixels high, recognition reads 0.37 to 0.69 below 30 and 0.8 to 0.9 above; by WCAG 2's contrast ratio, in which red
+# and grey hardly differ, 0.76 to 0.84 below 3 and 0.87 above.
 DISTINCT = 50.0
-MIN_CONTRAST = 0.5  # gloss and edges show letters as dark as their ground
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear sRGB
+MIN_CONTRAST = 0.5  # factor, at least: gloss and edges show letters as dark as the surface
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # weights of linear sRGB (ITU-R BT.709)
 MAX_SALIENT_SHARE = (
     0.45  # share salient from which no mark is placed; the metric's 0.5 less what the edges of a box hold
 )
@@ -91,7 +91,7 @@ MAX_DETAIL_SHARE = 0.3  # share on details of the texture likewise: an eye or a 
 
 @dataclass(frozen=True)
 class Objective:
-    """How much each term counts; see the module. Ablations set one to 0, nobody else sets any.
+    """Weights of the terms; see the module. Only ablations change them: they set one to 0.
 
     The proportions come from sweeps over the survivors on 33 assets: fewer penalties leave no view without a mark, more
     on roll and saliency keeps text upright (4 degrees in the mean) and features free, and obstructed counts most

@@ -1,4 +1,4 @@
-"""Our own product, on the same footing as what it is compared with."""
+"""Our own product as a strategy like the baselines."""
 
 import numpy as np
 
@@ -15,12 +15,12 @@ from core.stages import Request
 def meshmark(
     prepared: Prepared, parameters: Parameters, _rng: np.random.Generator, objective: Objective = OBJECTIVE
 ) -> Marked:
-    """What :func:`core.pipeline.watermark` makes of the file itself, read back from the GLB it writes.
+    """The file watermarked by :func:`core.pipeline.watermark`, read back from the written GLB.
 
     Its draws come from ``parameters.seed``, as they do for every user.
 
     Raises:
-        MeshmarkError: as the pipeline does.
+        MeshmarkError: as the pipeline.
     """
     unmeasured = parameters.model_copy(update={"evaluate": Evaluate.NONE}).resolved()
     result = run_stages(prepared.data, Request(unmeasured, prepared.font, preview=False, objective=objective))

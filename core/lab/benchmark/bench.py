@@ -53,12 +53,12 @@ NEEDS: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A watermarked asset with what its rows repeat.
+    """A watermarked asset with the values that its rows share.
 
     Attributes:
         marked: the result, in the original's size-30 frame.
         seconds: by step, and ``run`` from the file's bytes to the result.
-        bits: what an invisible watermark says; None for visible ones.
+        bits: of an invisible watermark; None for visible ones.
     """
 
     marked: Marked
@@ -71,8 +71,8 @@ class Trial:
         return SpatialIndex(self.marked.mesh.positions, self.marked.mesh.faces)
 
     def letters(self, attacked: Attacked, original: SpatialIndex) -> NDArray[np.bool_]:
-        """(F,) the faces of ``attacked`` that show a letter: a colour stays on its part of the surface through every
-        attack, so a face has the colour of the nearest place before it."""
+        """(F,) the faces of ``attacked`` that belong to letters: colours stay on their region of the surface in every
+        attack, so a face has the colour of the nearest point before it."""
         before = moved_points(attacked.mesh.positions, np.asarray(np.linalg.inv(attacked.transform), dtype=np.float64))
         _, nearest, _ = self.index.closest(before[attacked.mesh.faces].mean(axis=1))
         return letter_faces(self.marked.mesh, original)[nearest]
@@ -82,7 +82,7 @@ def open_bench(asset: Asset, seed: int, options: BenchmarkOptions) -> "AssetBenc
     """The bench of one file.
 
     Raises:
-        MeshmarkError: for everything that keeps the file from being read.
+        MeshmarkError: where the file cannot be read.
     """
     return AssetBench(asset.path.read_bytes(), seed, options)
 
@@ -144,7 +144,7 @@ class AssetBench:
         scale = float(np.cbrt(np.linalg.det(attacked.transform[:3, :3])))
         boxes = moved_boxes(marked.boxes[attacked.kept], attacked.transform)
         surface = attacked.mesh.surface()
-        # Of an invisible watermark only the bits are asked for after an attack.
+        # Of an invisible watermark only the bits are measured after an attack.
         only_read = trial.bits is not None and attack.name != NO_ATTACK
         seen = None if only_read else self._seen(plain_glb(attacked.mesh), seconds, "pictures", frame)
         pair = Pair(
@@ -180,7 +180,7 @@ class AssetBench:
         return row
 
     def _part(self, name: str) -> float:
-        """Seconds that a shared part took, which is made now unless it is there."""
+        """Seconds that a shared part took, which is made now unless it exists."""
         make: dict[str, Callable[[], Any]] = {
             "solid": lambda: self._prepared.solid,
             "candidates": lambda: self._prepared.initial(text_width(self._parameters)),
@@ -227,7 +227,7 @@ class AssetBench:
         return {"ocr_color": read.ratio, "ocr_color_ge_0.8": read.ge_08, "ocr_color_exact": read.exact}
 
     def _seen(self, glb: bytes, seconds: dict[str, float], step: str, frame: Frame | None) -> Pictures | MeshmarkError:
-        """Pictures of ``glb``, evenly chosen among the paper's 24 views; or why there are none. Timed as ``step``."""
+        """Pictures of ``glb``, evenly chosen among the paper's 24 views; or the error. Timed as ``step``."""
         if self._options.level is not Evaluate.FULL:
             return np.empty((0, 1, 1, 3), dtype=np.uint8)
         renderer = self._renderer
