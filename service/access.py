@@ -49,7 +49,7 @@ class GuardedRoute(APIRoute):
         answer = super().get_route_handler()
 
         async def admitted(request: Request) -> Response:
-            request.state.client = await run_in_threadpool(let_in, request)
+            request.state.client = await run_in_threadpool(authorize, request)
             return await answer(JsonRequest(request.scope, request.receive))
 
         async def guarded(request: Request) -> Response:
@@ -69,7 +69,7 @@ def required_scope(methods: "set[str] | list[str]") -> Scope:
     return Scope.READ if {"GET", "HEAD"}.issuperset(methods) else Scope.WRITE
 
 
-def let_in(request: Request) -> Client:
+def authorize(request: Request) -> Client:
     """Authenticate and authorize a request, and count it against the rate limit of its key.
 
     Raises:

@@ -21,7 +21,7 @@ class _Receiving(APIRoute):
 
         async def received(request: Request) -> Response:
             state = state_of(request)
-            with upload_place(state, request.state.client.tenant):
+            with counted_upload(state, request.state.client.tenant):
                 return await answer(FormRequest(request.scope, request.receive, state.artifacts.spool))
 
         return received
@@ -32,7 +32,7 @@ class AssetRoute(GuardedRoute, _Receiving):
 
 
 @contextmanager
-def upload_place(state: AppState, tenant: str) -> Iterator[None]:
+def counted_upload(state: AppState, tenant: str) -> Iterator[None]:
     """Count one more concurrent upload of a tenant during the block.
 
     Raises:
@@ -46,5 +46,5 @@ def upload_place(state: AppState, tenant: str) -> Iterator[None]:
             "Send the asset again when one of them is done.",
             CLOSE | {"Retry-After": "5"},
         )
-    with state.uploads.taken(tenant):
+    with state.uploads.counted(tenant):
         yield

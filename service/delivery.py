@@ -37,13 +37,13 @@ def deliver(
     """
     tag = f'"{artifact.sha256}"'
     always = {"ETag": tag, "Cache-Control": "private, no-cache"}
-    if not is_meant(request.headers.get("If-Match"), tag):
+    if not is_precondition_met(request.headers.get("If-Match"), tag):
         raise MeshmarkError(
             ServiceErrorCode.PRECONDITION_FAILED,
             "The content is another one than If-Match names.",
             "Fetch it anew, without If-Match.",
         )
-    if is_held(request.headers.get("If-None-Match"), tag):
+    if is_not_modified(request.headers.get("If-None-Match"), tag):
         return Response(status_code=status.HTTP_304_NOT_MODIFIED, headers=always)
     headers = {**headers, **always, "Accept-Ranges": "bytes"}
     if request.method == "HEAD":
@@ -73,14 +73,14 @@ def disposition(name: str) -> str:
     return f'attachment; filename="{plain}"' + ("" if plain == name else f"; filename*=UTF-8''{quote(name, safe='')}")
 
 
-def is_held(if_none_match: str | None, tag: str) -> bool:
+def is_not_modified(if_none_match: str | None, tag: str) -> bool:
     """Test whether If-None-Match names this entity tag (RFC 9110, section 13.1.2: by weak comparison)."""
     if if_none_match is None:
         return False
     return if_none_match.strip() == "*" or any(named == tag for _, named in ENTITY_TAG.findall(if_none_match))
 
 
-def is_meant(if_match: str | None, tag: str) -> bool:
+def is_precondition_met(if_match: str | None, tag: str) -> bool:
     """Test whether If-Match allows content of this entity tag (RFC 9110, section 13.1.1: by strong comparison)."""
     return if_match is None or if_match.strip() == "*" or ("", tag) in ENTITY_TAG.findall(if_match)
 

@@ -14,9 +14,9 @@ from sqlalchemy.exc import OperationalError
 
 from core.errors import ErrorCode, MeshmarkError
 from service.errors import ServiceErrorCode
+from service.in_flight import InFlight
 from service.jobs.events import ENDINGS
 from service.jobs.models import JobEvent
-from service.places import Places
 
 EVENT_ID = "^([0-9]{1,9})?$"
 # Concurrent streams of one API process, and of a tenant there. Each polls the ledger twice a second: some six hundred
@@ -35,7 +35,7 @@ class Streams:
 
     def __init__(self) -> None:
         self.stopping = asyncio.Event()
-        self._open = Places()
+        self._open = InFlight()
 
     def stop(self) -> None:
         """End every stream at shutdown: its client reconnects to another process."""
@@ -64,7 +64,7 @@ class Streams:
                 f"{STREAMS} event streams are open here, the most at a time.",
                 "Try again in a few seconds, or ask for the jobs' states or their webhooks instead.",
             )
-        with self._open.taken(tenant):
+        with self._open.counted(tenant):
             yield
 
 

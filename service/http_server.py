@@ -29,8 +29,8 @@ from service.problems import problem_response
 # the body. The smaller a chunk, the more time it costs for each byte.
 MOST_BESIDE_BODY = 2**16
 BACKLOG = 2048  # connections that the kernel holds before they are accepted
-LONG, RESTS = 0.001, 3  # seconds of parsing a chunk after which reading pauses, and the pause in multiples of them
-MOMENT = 0.5  # seconds a new connection has to send its request before it may be closed for another one
+SLOW_PARSE, PAUSE_FACTOR = 0.001, 3  # seconds of parsing a chunk that cause a pause; its length in multiples of them
+REQUEST_GRACE = 0.5  # seconds a new connection has to send its request before it may be closed for another one
 PAUSE = 1.0  # seconds between two attempts to accept after a failure, and between two log lines of a kind
 DESCRIPTORS = 1024  # file descriptors for all but connections
 
@@ -60,7 +60,7 @@ class Server(uvicorn.Server):
         self._waiting: dict[Connection, float] = {}
         self._listeners: list[socket.socket] = []
         self._accepting: list[asyncio.Task[None]] = []
-        self._told = 0.0
+        self._warned_at = 0.0
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:  # noqa: ARG002
         """Start the application, then listen."""
@@ -97,35 +97,35 @@ class Server(uvicorn.Server):
         while True:
             try:
                 accepted, _ = await loop.sock_accept(listener)
-                await self._make_room()
+                await self._wait_for_slot()
                 await loop.connect_accepted_socket(self._connection, accepted)
             except ConnectionError:  # the client has left
                 continue
             except Exception as error:
-                self._tell("a connection could not be accepted", error=str(error))
+                self._warn("a connection could not be accepted", error=str(error))
                 await asyncio.sleep(PAUSE)
 
-    async def _make_room(self) -> None:
+    async def _wait_for_slot(self) -> None:
         """Wait for a free connection; of those that wait for a request, close the one that has done so longest.
 
         So idle connections keep nobody out, however many there are.
         """
         while len(self.server_state.connections) >= self._most:
-            self._tell("all connections are taken", most=self._most)
-            longest = next(iter(self._waiting), None)
-            if longest is not None and self._waiting[longest] <= asyncio.get_running_loop().time() - MOMENT:
-                longest.give_way()
+            self._warn("all connections are taken", most=self._most)
+            oldest = next(iter(self._waiting), None)
+            if oldest is not None and self._waiting[oldest] <= asyncio.get_running_loop().time() - REQUEST_GRACE:
+                oldest.abort()
                 await asyncio.sleep(0)  # it is gone afterwards
             else:
-                await asyncio.sleep(MOMENT / 10)
+                await asyncio.sleep(REQUEST_GRACE / 10)
 
     def _connection(self) -> "Connection":
         return Connection(self.config, self.server_state, self.lifespan.state, self._waiting, self._timeout)
 
-    def _tell(self, event: str, **details: object) -> None:
+    def _warn(self, event: str, **details: object) -> None:
         moment = asyncio.get_running_loop().time()
-        if moment >= self._told + PAUSE:
-            self._told = moment
+        if moment >= self._warned_at + PAUSE:
+            self._warned_at = moment
             log.warning(event, **details)
 
 
@@ -134,23 +134,23 @@ class Flow(FlowControl):
 
     def __init__(self, transport: asyncio.Transport) -> None:
         super().__init__(transport)
-        self._is_resting = False
+        self._is_paused = False
 
-    def rest(self, loop: asyncio.AbstractEventLoop, seconds: float) -> None:
+    def pause_for(self, loop: asyncio.AbstractEventLoop, seconds: float) -> None:
         """Pause reading for so many seconds."""
-        self._is_resting = True
+        self._is_paused = True
         self._transport.pause_reading()
         loop.call_later(seconds, self._read_on)
 
     def resume_reading(self) -> None:
         """Read on, after the pause if there is one."""
-        if self._is_resting:
+        if self._is_paused:
             self.read_paused = False
         else:
             super().resume_reading()
 
     def _read_on(self) -> None:
-        self._is_resting = False
+        self._is_paused = False
         if not self.read_paused:
             self._transport.resume_reading()
 
@@ -179,7 +179,7 @@ class Connection(HttpToolsProtocol):
         self._waiting, self._timeout = waiting, timeout
         self._headers_due: asyncio.TimerHandle | None = None
         self._answer_due: asyncio.TimerHandle | None = None
-        self._is_in_headers = self._is_deaf = False
+        self._is_in_headers = self._is_refused = False
         self._body_bytes = self._other_bytes = 0
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
@@ -196,7 +196,7 @@ class Connection(HttpToolsProtocol):
         self._unset_answer_due()
         super().connection_lost(exc)
 
-    def give_way(self) -> None:
+    def abort(self) -> None:
         """Abort the connection, in favour of others."""
         self._stop_waiting()
         self.transport.abort()
@@ -204,11 +204,11 @@ class Connection(HttpToolsProtocol):
     def data_received(self, data: bytes) -> None:
         """Parse received bytes. After bytes that are slow to parse, such as small chunks, reading pauses."""
         self._unset_keepalive_if_required()
-        if not self._is_deaf:
+        if not self._is_refused:
             began = self.loop.time()
             self._read(data)
-            if (spent := self.loop.time() - began) > LONG:
-                self._flow.rest(self.loop, RESTS * spent)
+            if (spent := self.loop.time() - began) > SLOW_PARSE:
+                self._flow.pause_for(self.loop, PAUSE_FACTOR * spent)
 
     def _read(self, data: bytes) -> None:
         self._other_bytes += len(data)
@@ -328,11 +328,11 @@ class Connection(HttpToolsProtocol):
                 "Send the request again, at once as a whole.",
             )
         else:  # not a byte came
-            self.give_way()
+            self.abort()
 
     def _refuse(self, code: Code, message: str, remedy: str) -> None:
         """Stop reading from the connection, and answer the current request with a problem."""
-        self._is_deaf = True
+        self._is_refused = True
         self._stop_waiting()
         current = self.cycle
         if current is not None and not current.response_complete:

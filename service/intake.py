@@ -24,9 +24,9 @@ from core.artwork.shaping import shape
 from core.errors import ErrorCode, MeshmarkError
 from service.config import Settings
 from service.errors import error_code
+from service.fair_semaphore import FairSemaphore
 from service.jobs.artifacts import Staged, writing
 from service.template import Child, Template, tail
-from service.turnstile import Turnstile
 
 THREADS = 32  # for uploads, beside the threads of other requests
 TICK = 1.0  # seconds between two polls for the start of a process
@@ -54,9 +54,9 @@ class Intake:
     """
 
     def __init__(self, settings: Settings, template: Template) -> None:
-        self._uploads = Turnstile(THREADS)
+        self._uploads = FairSemaphore(THREADS)
         self._threads = anyio.CapacityLimiter(THREADS)
-        self._processes = Turnstile(settings.intake_concurrency)
+        self._processes = FairSemaphore(settings.intake_concurrency)
         self._template = template
         self._seconds = settings.intake_time_limit
         self._request = {
@@ -73,7 +73,7 @@ class Intake:
         Raises:
             MeshmarkError: the function's own; ``service_unavailable``, the service stops.
         """
-        async with self._uploads.entered(tenant):
+        async with self._uploads.acquired_async(tenant):
             return await anyio.to_thread.run_sync(function, limiter=self._threads)
 
     def check(
@@ -99,7 +99,7 @@ class Intake:
         known = {} if known is None else known
         key = (asset.sha256 if asset else None, font.sha256 if font else None, text if font else "")
         if key not in known:
-            known[key] = self._ask(tenant, text, asset, font)
+            known[key] = self._check(tenant, text, asset, font)
         if refusal := known[key]:
             # As a new error: it may be raised again, and the frames in its traceback hold what the request held.
             raise MeshmarkError(refusal.code, refusal.message, refusal.remedy)
@@ -109,11 +109,11 @@ class Intake:
         self._uploads.close()
         self._processes.close()
 
-    def _ask(self, tenant: str, text: str, asset: Staged | None, font: Staged | None) -> MeshmarkError | None:
+    def _check(self, tenant: str, text: str, asset: Staged | None, font: Staged | None) -> MeshmarkError | None:
         """Check an upload in a process of the gate; returns its error, or None."""
         paths = {"asset": os.fspath(asset.path) if asset else None, "font": os.fspath(font.path) if font else None}
         request = json.dumps({**self._request, **paths, "text": text}).encode() + b"\n"
-        with self._processes.taken(tenant):
+        with self._processes.acquired(tenant):
             with writing():
                 stderr = tempfile.TemporaryFile()  # noqa: SIM115  # it is closed below
             ours, theirs = socket.socketpair()

@@ -15,14 +15,14 @@ Key = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_.-]{1,40}$")]
 Value = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]{0,256}$")]  # PostgreSQL keeps no NUL
 
 
-def _few(data: object) -> object:
+def _check_number(data: object) -> object:
     """Check the number of entries before each of them is validated."""
     if isinstance(data, dict) and len(data) > MOST:
         raise PydanticCustomError("too_many_keys", "Object should have at most 16 keys")
     return data
 
 
-Metadata = Annotated[dict[Key, Value], BeforeValidator(_few)]
+Metadata = Annotated[dict[Key, Value], BeforeValidator(_check_number)]
 
 PAIR = r"^[A-Za-z0-9_.-]{1,40}:[^\x00-\x1f\x7f]{0,256}$"  # of both, for OpenAPI
 METADATA = TypeAdapter[dict[str, str]](Metadata)

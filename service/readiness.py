@@ -49,7 +49,7 @@ class Readiness:
 def _answers(name: str, part: Callable[[], object]) -> bool:
     try:
         part()
-    except BaseException as error:  # a panic too: it would else be raised again at every look
+    except BaseException as error:  # a panic too: it would else be raised again at every probe
         log.error("not ready", part=name, error=str(error) or type(error).__name__)
         return False
     return True

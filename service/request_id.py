@@ -54,7 +54,7 @@ class RequestId:
                 status = message["status"]
                 MutableHeaders(scope=message)[HEADER] = identity
             await send(message)
-            seconds = time.perf_counter() - began  # not what is done after the answer
+            seconds = time.perf_counter() - began  # without background work after the answer
 
         with structlog.contextvars.bound_contextvars(request=identity):
             try:

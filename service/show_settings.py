@@ -16,8 +16,7 @@ NOT_OURS = {f"{PREFIX}MODELS"}  # the engine's own: where its optional weights l
 def show_settings(
     settings: Settings, environment: Mapping[str, str] = os.environ, secrets: Path = SECRETS
 ) -> list[tuple[str, str, str]]:
-    """List each setting as (variable, value without secrets, origin), then the variables that look like one and are
-    none."""
+    """List each setting as (variable, masked value, origin), then variables that look like one and are none."""
     given = {name.upper() for name, value in environment.items() if value}
     filed = {path.name.upper() for path in secrets.iterdir()} if secrets.is_dir() else set()
 

@@ -10,10 +10,10 @@ from fastapi import Depends, Request
 from service.announcer import Announcer
 from service.config import Settings
 from service.event_stream import Streams
+from service.in_flight import InFlight
 from service.intake import Intake
 from service.jobs.artifacts import ArtifactStore
 from service.jobs.ledger import Ledger
-from service.places import Places
 from service.readiness import Readiness
 from service.store_threads import CONTENT, DELETIONS, StoreThreads
 from service.webhooks.vault import Vault
@@ -32,7 +32,7 @@ class AppState:
     vault: Vault
     intake: Intake
     streams: Streams = field(default_factory=Streams)
-    uploads: Places = field(default_factory=Places)
+    uploads: InFlight = field(default_factory=InFlight)
     content: StoreThreads = field(default_factory=partial(StoreThreads, CONTENT))
     deletions: StoreThreads = field(default_factory=partial(StoreThreads, DELETIONS))
 

@@ -166,7 +166,7 @@ Run = Callable[[int, int, int, int], NoReturn]  # gets the template's process id
 
 def serve(control: socket.socket, run: Run) -> NoReturn:
     """Fork a child for each request, and end those whose lines are shut, until the owner is gone."""
-    gc.freeze()  # what is loaded stays: collections in a child need neither look at it nor copy its pages
+    gc.freeze()  # loaded objects stay: garbage collection in a child shall neither scan them nor copy their pages
     children: dict[socket.socket, int] = {}
     while True:
         for ready in select.select([control, *children], [], [])[0]:

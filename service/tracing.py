@@ -40,7 +40,7 @@ def configure_tracing(name: str, environment: Mapping[str, str] = os.environ) ->
         _refuse("OTEL_EXPORTER_OTLP_ENDPOINT asks for traces: pip install 'meshmark[otel]', or unset it")
     named = "OTEL_SERVICE_NAME" in environment or "service.name=" in environment.get("OTEL_RESOURCE_ATTRIBUTES", "")
     resource = Resource.create({"service.version": __version__} | ({} if named else {"service.name": name}))
-    provider = TracerProvider(resource=resource)  # it sends what is left when the process ends
+    provider = TracerProvider(resource=resource)  # it flushes at exit
     provider.add_span_processor(BatchSpanProcessor(OTLPSpanExporter()))
     trace.set_tracer_provider(provider)
 

@@ -55,7 +55,7 @@ def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
     def pulse() -> Pulse:
         return Pulse(settings, app)
 
-    @cache  # made when the worker runs: whoever only imports the app shall not create folders and tables
+    @cache  # made when the worker runs: an import of the app alone shall not create folders and tables
     def worker() -> Worker:
         return Worker(settings, app, engine)
 

@@ -26,8 +26,8 @@ from worker import sandbox
 from worker.child import CHANNEL, die_with_parent, keep_only
 
 NICENESS = 5  # of processes: below the priority of the API, which answers all other requests
-FIRST_TO_GO = "1000"  # oom_score_adj: the kernel kills these processes first, where memory runs out
-LONGEST_COMPLAINT = 2**20  # bytes of the file that stderr is
+OOM_SCORE = "1000"  # oom_score_adj: the kernel kills these processes first where memory runs out
+STDERR_BYTES = 2**20  # bytes of the file that stderr is
 CPU_MARGIN = 5  # seconds beyond the limit, in case the API no longer enforces it
 
 
@@ -48,14 +48,14 @@ def limit(seconds: float, memory: int) -> None:
     """Bound processor time, memory (bytes), and what is written to disk."""
     for kind, most in (
         (resource.RLIMIT_CORE, 0),
-        (resource.RLIMIT_FSIZE, LONGEST_COMPLAINT),
+        (resource.RLIMIT_FSIZE, STDERR_BYTES),
         (resource.RLIMIT_CPU, int(seconds) + CPU_MARGIN),
         (resource.RLIMIT_DATA, memory),
     ):
         resource.setrlimit(kind, (most, most))
     os.nice(NICENESS)
     with suppress(OSError):
-        Path("/proc/self/oom_score_adj").write_text(FIRST_TO_GO)
+        Path("/proc/self/oom_score_adj").write_text(OOM_SCORE)
 
 
 def answer(request: dict[str, Any]) -> MeshmarkError | None:

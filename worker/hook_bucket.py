@@ -79,12 +79,12 @@ def _asking() -> Iterator[None]:
             ServiceErrorCode.DOWNLOAD_FAILED, "The object is not in the bucket any more.", "Drop it again."
         ) from None
     except REFUSALS as error:
-        log.error("the bucket of a hook does not let this service in", error=s3_bucket.said(error))
+        log.error("the bucket of a hook does not let this service in", error=s3_bucket.error_line(error))
         raise MeshmarkError(
             ServiceErrorCode.DOWNLOAD_FAILED,
             "The bucket does not let this service in.",
             "Drop the object again once the operator has checked the keys of the hook.",
         ) from None
     except (BaseError, OSError) as error:
-        log.warning("the bucket of a hook does not answer", error=s3_bucket.said(error))
+        log.warning("the bucket of a hook does not answer", error=s3_bucket.error_line(error))
         raise StoreUnavailableError from error

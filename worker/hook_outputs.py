@@ -49,7 +49,7 @@ def _write(worker: Worker, hook: HookSource, item: DroppedObject) -> Output:
         return Output.SUPERSEDED
     try:
         _copy(worker.artifacts, hook, job, item.key)
-    except FileNotFoundError:  # deleted since the look at the ledger
+    except FileNotFoundError:  # deleted since the ledger was read
         return Output.NONE
     return Output.WRITTEN
 

@@ -34,7 +34,7 @@ class Pulse:
         self._broker, self._places = broker, settings.worker_concurrency
         self._interval, self._patience = settings.lease_seconds / 4, 2 * settings.lease_seconds
         self._lock = threading.Lock()
-        self._busy, self._well = 0, time.monotonic()
+        self._busy, self._healthy_at = 0, time.monotonic()
         folder = _folder(settings)
         folder.mkdir(parents=True, exist_ok=True)
         for path in folder.iterdir():
@@ -45,19 +45,19 @@ class Pulse:
     def began(self) -> None:
         """Count a message that was taken."""
         with self._lock:
-            self._busy, self._well = self._busy + 1, time.monotonic()
+            self._busy, self._healthy_at = self._busy + 1, time.monotonic()
 
     def ended(self) -> None:
         """Count a message that is done."""
         with self._lock:
-            self._busy, self._well = self._busy - 1, time.monotonic()
+            self._busy, self._healthy_at = self._busy - 1, time.monotonic()
 
     def beat(self) -> None:
         """Touch the file, unless messages have waited for too long."""
         expecting = self._busy < self._places and self._messages_wait()
         if not expecting:
-            self._well = time.monotonic()
-        if time.monotonic() < self._well + self._patience:
+            self._healthy_at = time.monotonic()
+        if time.monotonic() < self._healthy_at + self._patience:
             self.path.touch()
         else:
             log.error("messages wait, there is a free place, and none comes: this worker should be restarted")

@@ -51,7 +51,7 @@ class Sources:
             MeshmarkError: ``address_refused``, ``download_failed``, ``download_too_large``.
             StoreUnavailableError: the file could not be written, or the bucket of a hook does not answer.
         """
-        fetch = self._way_to(job_id, check)
+        fetch = self._fetcher(job_id, check)
         if fetch is None:
             return False
         for seconds in PAUSES:
@@ -64,7 +64,7 @@ class Sources:
         _write(path, fetch)
         return True
 
-    def _way_to(self, job_id: str, check: Callable[[], None]) -> Callable[[BinaryIO], object] | None:
+    def _fetcher(self, job_id: str, check: Callable[[], None]) -> Callable[[BinaryIO], object] | None:
         """Function that writes a job's asset to an open file; None where no source of it is known."""
         if url := sources.url_of(self._sessions, job_id):
             return lambda target: download(self._client, url, target, self._limit, check)

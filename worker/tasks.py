@@ -121,7 +121,7 @@ class Worker:
             with Heartbeat(self.ledger, lease, self.settings.lease_seconds) as heartbeat:
                 contents.discard(self.ledger, self.artifacts, self.ledger.drop_outputs(lease))
                 self._work(job, folder, heartbeat)
-                if not self._patiently(heartbeat, lambda: self.ledger.succeed(lease)):
+                if not self._retried(heartbeat, lambda: self.ledger.succeed(lease)):
                     raise LeaseLostError
             log.info("job succeeded", seconds=round(time.monotonic() - began, 2))
         except (StoreUnavailableError, OperationalError) as error:
@@ -189,7 +189,7 @@ class Worker:
         """Download an asset that the client did not send into the store, as if it had been sent."""
         path = folder / "source"
         heartbeat.at("fetching", 0.0)
-        if not self._patiently(
+        if not self._retried(
             heartbeat, lambda: self.sources.bring(job.id, path, lambda: self._check(heartbeat), heartbeat.lost.wait)
         ):
             return None
@@ -200,7 +200,7 @@ class Worker:
     def _fetch(self, lease: Lease, artifact: Artifact, folder: Path, heartbeat: Heartbeat) -> Path:
         path = folder / artifact.kind
         try:
-            self._patiently(heartbeat, lambda: self.artifacts.fetch(artifact.sha256, artifact.size, path))
+            self._retried(heartbeat, lambda: self.artifacts.fetch(artifact.sha256, artifact.size, path))
         except FileNotFoundError:
             if lease in self.ledger.running():
                 raise
@@ -216,12 +216,12 @@ class Worker:
                     published = contents.publish(self.ledger, self.artifacts, lease, event.kind, staged)
             return size if published else None
 
-        size = self._patiently(heartbeat, publish)
+        size = self._retried(heartbeat, publish)
         if size is None:
             raise LeaseLostError
         ARTIFACT_BYTES.labels(event.kind).inc(size)
 
-    def _patiently(self, heartbeat: Heartbeat, call: Callable[[], T]) -> T:
+    def _retried(self, heartbeat: Heartbeat, call: Callable[[], T]) -> T:
         """Retry a call while store or ledger do not answer, as long as the lease holds and PATIENCE lasts."""
         deadline, pause = time.monotonic() + PATIENCE, FIRST_PAUSE
         while True:

@@ -30,7 +30,7 @@ from service.outbound.client import OutboundClient
 from service.stores import require_secrets
 from service.webhooks import deliveries, queue
 from service.webhooks.deliver import TIMEOUTS, Outcome, deliver, not_made
-from service.webhooks.places import Places
+from service.webhooks.slots import Slots
 from service.webhooks.vault import UnreadableSecretError, Vault, read_keys
 from worker.child import die_with_parent
 from worker.receiving import receive, required, run_until_stopped, take
@@ -55,7 +55,7 @@ class Sender:
         self.ledger = Ledger(self.settings.ledger_url, self.settings.retention_seconds)
         self.client = OutboundClient(self.settings.outbound, TIMEOUTS)
         self.vault = Vault(read_keys(self.settings.secrets_key))
-        self.places = Places(CONCURRENCY)
+        self.slots = Slots(CONCURRENCY)
 
     def send(self, delivery_id: str) -> None:
         """Make one attempt if it is due; a duplicate or unknown id changes nothing."""
@@ -63,13 +63,13 @@ class Sender:
             claim = deliveries.claim(self.ledger.sessions, delivery_id)
             if claim is None:
                 return
-            if not self.places.take(claim.tenant):
+            if not self.slots.acquire(claim.tenant):
                 deliveries.put_back(self.ledger.sessions, claim)
                 return
             try:
                 self._send(claim)
             finally:
-                self.places.give_back(claim.tenant)
+                self.slots.release(claim.tenant)
         except UnreadableSecretError:  # nothing goes out unsigned: it is found to be due again
             log.error("the secret of a webhook is encrypted with a key that is not known here", delivery=delivery_id)
         except OperationalError as error:  # it is found to be due again
@@ -126,7 +126,7 @@ def create_sender(settings: Settings) -> Celery:
     )
     receive(app, CONCURRENCY)
 
-    @cache  # made when the worker runs: whoever only imports the app shall not create folders and tables
+    @cache  # made when the worker runs: an import of the app alone shall not create folders and tables
     def sender() -> Sender:
         return Sender(settings, app)
 

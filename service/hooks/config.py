@@ -24,7 +24,7 @@ from core.parameters import Parameters, parse_parameters
 from service.jobs.models import DEFAULT_TENANT
 
 SUFFIXES = (".glb", ".gltf", ".obj", ".stl", ".ply", ".off", ".3mf", ".dae", ".zip")
-FROM_FILE = "_file"  # `token_file = "/run/secrets/token"` stands for `token` with what is in that file
+FROM_FILE = "_file"  # `token_file = "/run/secrets/token"`: the value of `token` is the content of that file
 
 Name = Annotated[str, StringConstraints(pattern="^[a-z0-9][a-z0-9-]{0,62}$")]
 Origin = Annotated[str, StringConstraints(to_lower=True, pattern=r"^[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?$")]

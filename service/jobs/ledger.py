@@ -54,7 +54,7 @@ ACTIVE = (JobState.QUEUED, JobState.RUNNING)
 WITHOUT_RESULTS = (JobState.FAILED, JobState.CANCELED, JobState.EXPIRED)  # terminal states of a job that has none
 BATCH = 50  # old jobs forgotten in one transaction, with some ten rows each
 # First statement of a transaction that excludes all others with the same key. SQLite has one lock for all.
-ONE_AT_A_TIME = {"sqlite": text("BEGIN IMMEDIATE"), "postgresql": text("SELECT pg_advisory_xact_lock(:key)")}
+EXCLUSIVE = {"sqlite": text("BEGIN IMMEDIATE"), "postgresql": text("SELECT pg_advisory_xact_lock(:key)")}
 MIGRATION = 7239017  # key of that lock for migrations: an arbitrary constant
 OUTPUTS = (ArtifactKind.MODEL, ArtifactKind.REPORT, ArtifactKind.PREVIEW)
 
@@ -115,7 +115,7 @@ class Ledger:
         self._session = sessionmaker(self._engine, expire_on_commit=False)
         try:
             with self._engine.begin() as connection:
-                _wait_for_turn(connection, {MIGRATION})
+                _lock_keys(connection, {MIGRATION})
                 migrate(connection)
                 self.identity = str(connection.scalar(select(Identity.id)))
         except BaseException as error:
@@ -339,7 +339,7 @@ class Ledger:
     def discard(self, sha256: str, remove: Callable[[str], None]) -> None:
         """Remove content unless a job refers to it; no job can begin to meanwhile."""
         with self._session.begin() as session:
-            _wait_for_turn(session, {_key(sha256)})
+            _lock_keys(session, {_key(sha256)})
             if session.scalar(select(Artifact.job_id).where(Artifact.sha256 == sha256).limit(1)) is None:
                 remove(sha256)
 
@@ -443,20 +443,20 @@ def _queued(moment: datetime) -> dict[str, Any]:
     return {"stage": None, "progress": 0.0, "lease_expires_at": None, "enqueued_at": moment}
 
 
-def _wait_for_turn(transaction: Connection | Session, keys: Iterable[int]) -> None:
+def _lock_keys(transaction: Connection | Session, keys: Iterable[int]) -> None:
     """Begin a transaction that excludes all others with one of these keys, until it commits."""
     dialect = transaction.get_bind().dialect.name if isinstance(transaction, Session) else transaction.dialect.name
     if dialect == "sqlite":
-        transaction.execute(ONE_AT_A_TIME[dialect])
+        transaction.execute(EXCLUSIVE[dialect])
         return
     for key in sorted(keys):  # in the same order everywhere, so that no two wait for each other
-        transaction.execute(ONE_AT_A_TIME[dialect], {"key": key})
+        transaction.execute(EXCLUSIVE[dialect], {"key": key})
 
 
 def _lock_content(session: Session, contents: Iterable[Content], stored: Callable[[str], bool]) -> None:
     """Begin a transaction in which this content stays in the store, which must have it."""
     hashes = {content.sha256 for content in contents}
-    _wait_for_turn(session, map(_key, hashes))
+    _lock_keys(session, map(_key, hashes))
     if not all(map(stored, hashes)):
         raise MissingContentError
 

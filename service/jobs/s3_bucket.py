@@ -42,6 +42,6 @@ def open_bucket(
     )
 
 
-def said(error: BaseException) -> str:
+def error_line(error: BaseException) -> str:
     """Message of a bucket library's error, in one line, without the debug output that follows it."""
     return " ".join(str(error).partition("\n\nDebug source:")[0].split())[:500]

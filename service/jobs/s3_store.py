@@ -11,7 +11,7 @@ from obstore.exceptions import AlreadyExistsError, BaseError
 
 from service.config import Settings
 from service.jobs.artifacts import CHUNK, MARKER, NAME, ArtifactStore, Staged, Stored, StoreUnavailableError
-from service.jobs.s3_bucket import open_bucket, said
+from service.jobs.s3_bucket import error_line, open_bucket
 
 PIECE = 8 * 2**20  # bytes of one range request: a slow client holds no connection to the store
 PARTS = 2  # of 5 MiB in memory at a time for each large file that is put; the library's default is twelve
@@ -154,5 +154,5 @@ def _asking(*, may_be_missing: bool = False) -> Iterator[None]:
     except (BaseError, OSError) as error:
         if may_be_missing and isinstance(error, FileNotFoundError):
             raise
-        log.warning("the artifact store failed", error=said(error))
+        log.warning("the artifact store failed", error=error_line(error))
         raise StoreUnavailableError from error

@@ -346,7 +346,7 @@ def _delivery(request: Request, state: AppState, client: Client, job_id: str, ki
     headers = {"Content-Type": MEDIA_TYPES[kind], "Content-Disposition": disposition(name)}
     try:
         return deliver(request, state.artifacts, state.content, artifact, headers)
-    except FileNotFoundError:  # deleted since the look at the ledger
+    except FileNotFoundError:  # deleted since the ledger was read
         raise _not_there(find_job(state, client, job_id), kind) from None
 
 

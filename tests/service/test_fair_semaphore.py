@@ -1,4 +1,4 @@
-"""Places are shared fairly: nobody waits behind all that another tenant asks for."""
+"""Slots are shared fairly: nobody waits behind all that another tenant asks for."""
 
 import asyncio
 import contextlib
@@ -9,15 +9,15 @@ import pytest
 
 from core.errors import MeshmarkError
 from service.errors import ServiceErrorCode
-from service.turnstile import Turnstile
+from service.fair_semaphore import FairSemaphore
 from tests.worker.waiting import PATIENCE
 
 
 class Crowd:
     """Threads that each want a place and leave it when they are told to; who has come in, in this order."""
 
-    def __init__(self, places: Turnstile) -> None:
-        self.places = places
+    def __init__(self, semaphore: FairSemaphore) -> None:
+        self.semaphore = semaphore
         self.entered: list[str] = []
         self.done: dict[str, threading.Event] = {}
         self.threads: list[threading.Thread] = []
@@ -30,10 +30,10 @@ class Crowd:
 
         def stay() -> None:
             with ExitStack() as stack:
-                place = self.places._ask(name[0])
+                place = self.semaphore._request(name[0])
                 asked.set()
                 place.result(PATIENCE)
-                stack.callback(self.places._leave, name[0])
+                stack.callback(self.semaphore._release, name[0])
                 with self.changed:
                     self.entered.append(name)
                     self.changed.notify_all()
@@ -60,7 +60,7 @@ class Crowd:
 
 
 def test_a_tenant_who_asks_for_everything_leaves_a_place_to_the_next_one() -> None:
-    crowd = Crowd(Turnstile(4))
+    crowd = Crowd(FairSemaphore(4))
     for number in range(10):
         crowd.come(f"a{number}")
     crowd.expect("a0", "a1", "a2")
@@ -71,7 +71,7 @@ def test_a_tenant_who_asks_for_everything_leaves_a_place_to_the_next_one() -> No
 
 
 def test_whoever_has_the_fewest_places_gets_the_next_one_and_of_those_who_waited_longest() -> None:
-    crowd = Crowd(Turnstile(2))
+    crowd = Crowd(FairSemaphore(2))
     for name in ("a0", "b0"):
         crowd.come(name)
     crowd.expect("a0", "b0")
@@ -87,7 +87,7 @@ def test_whoever_has_the_fewest_places_gets_the_next_one_and_of_those_who_waited
 
 
 def test_of_one_place_tenants_take_turns() -> None:
-    crowd = Crowd(Turnstile(1))
+    crowd = Crowd(FairSemaphore(1))
     for name in ("a0", "a1", "b0"):
         crowd.come(name)
     crowd.expect("a0")
@@ -98,22 +98,22 @@ def test_of_one_place_tenants_take_turns() -> None:
 
 
 def test_whoever_goes_away_while_waiting_takes_no_place() -> None:
-    async def stay(places: Turnstile, tenant: str, entered: list[str]) -> None:
-        async with places.entered(tenant):
+    async def stay(semaphore: FairSemaphore, tenant: str, entered: list[str]) -> None:
+        async with semaphore.acquired_async(tenant):
             entered.append(tenant)
             await asyncio.sleep(0)
 
     async def run() -> list[str]:
-        places, entered = Turnstile(1), list[str]()
-        async with places.entered("a"):
-            waiting = [asyncio.create_task(stay(places, tenant, entered)) for tenant in ("b", "c", "d")]
+        semaphore, entered = FairSemaphore(1), list[str]()
+        async with semaphore.acquired_async("a"):
+            waiting = [asyncio.create_task(stay(semaphore, tenant, entered)) for tenant in ("b", "c", "d")]
             await asyncio.sleep(0)
             waiting[0].cancel()
             waiting[2].cancel()
         for task in waiting:
             with contextlib.suppress(asyncio.CancelledError):
                 await task
-        async with places.entered("e"):
+        async with semaphore.acquired_async("e"):
             pass
         return entered
 
@@ -122,16 +122,16 @@ def test_whoever_goes_away_while_waiting_takes_no_place() -> None:
 
 def test_nobody_waits_for_a_service_that_stops() -> None:
     async def run() -> list[BaseException | None]:
-        places = Turnstile(1)
+        semaphore = FairSemaphore(1)
 
         async def stay() -> None:
-            async with places.entered("b"):
+            async with semaphore.acquired_async("b"):
                 pass
 
-        async with places.entered("a"):
+        async with semaphore.acquired_async("a"):
             waiting = asyncio.create_task(stay())
             await asyncio.sleep(0)
-            places.close()
+            semaphore.close()
             results = await asyncio.gather(waiting, stay(), return_exceptions=True)
         return list(results)
 
@@ -141,8 +141,8 @@ def test_nobody_waits_for_a_service_that_stops() -> None:
 
 
 def test_the_place_is_given_back_whatever_happens_in_it() -> None:
-    places = Turnstile(1)
-    with pytest.raises(ZeroDivisionError), places.taken("a"):
+    semaphore = FairSemaphore(1)
+    with pytest.raises(ZeroDivisionError), semaphore.acquired("a"):
         raise ZeroDivisionError
-    with places.taken("a"):
+    with semaphore.acquired("a"):
         pass

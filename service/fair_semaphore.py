@@ -1,4 +1,4 @@
-"""Places for what is done at the same time, shared fairly among tenants."""
+"""Fair semaphore: a limit on concurrent work, shared among tenants."""
 
 import asyncio
 import threading
@@ -11,15 +11,14 @@ from core.errors import MeshmarkError
 from service.errors import ServiceErrorCode
 
 
-class Turnstile:
-    """A number of places, of which no tenant has more than three quarters, and none has the last.
+class FairSemaphore:
+    """Semaphore of which no tenant acquires more than three quarters, and none the last slot.
 
-    A place that is free goes to that tenant, of those who wait and may have one more, who has the fewest; of several
-    such to the one who has waited longest. So whoever comes finds a place free, or gets the next one, however much
-    others ask for.
+    A free slot goes to that waiting tenant below its limit which holds the fewest; of several such, to the one that has
+    waited longest. So a newcomer finds a slot free, or gets the next one, however many requests others have.
 
     Args:
-        count: how many there are.
+        count: number of slots.
     """
 
     def __init__(self, count: int) -> None:
@@ -27,82 +26,82 @@ class Turnstile:
         self._most = max(1, count - max(1, count // 4))  # of a tenant
         self._held = Counter[str]()
         self._waiting: dict[str, deque[tuple[int, Future[None]]]] = {}
-        self._asked = 0
+        self._requests = 0
         self._open = True
         self._lock = threading.Lock()
 
     @contextmanager
-    def taken(self, tenant: str) -> Iterator[None]:
-        """Wait for a place, in a thread, and hold it.
+    def acquired(self, tenant: str) -> Iterator[None]:
+        """Acquire a slot for the block; the thread waits.
 
         Raises:
             MeshmarkError: ``service_unavailable``, the service stops.
         """
-        self._ask(tenant).result()
+        self._request(tenant).result()
         try:
             yield
         finally:
-            self._leave(tenant)
+            self._release(tenant)
 
     @asynccontextmanager
-    async def entered(self, tenant: str) -> AsyncIterator[None]:
-        """As :meth:`taken`, in a coroutine: no thread waits."""
-        place = self._ask(tenant)
+    async def acquired_async(self, tenant: str) -> AsyncIterator[None]:
+        """Acquire a slot for the block; the coroutine waits, and no thread."""
+        grant = self._request(tenant)
         try:
-            await asyncio.wrap_future(place)
+            await asyncio.wrap_future(grant)
         except asyncio.CancelledError:
-            if not place.cancel():  # it came at the same moment
-                self._leave(tenant)
+            if not grant.cancel():  # it was granted at the same moment
+                self._release(tenant)
             raise
         try:
             yield
         finally:
-            self._leave(tenant)
+            self._release(tenant)
 
     def close(self) -> None:
-        """Let nobody wait any more."""
+        """Refuse all waiting and new requests."""
         with self._lock:
             self._open = False
-            waiting = [place for places in self._waiting.values() for _, place in places]
+            waiting = [grant for queue in self._waiting.values() for _, grant in queue]
             self._waiting.clear()
-        for place in waiting:
-            if place.set_running_or_notify_cancel():
-                place.set_exception(_closed())
+        for grant in waiting:
+            if grant.set_running_or_notify_cancel():
+                grant.set_exception(_closed())
 
-    def _ask(self, tenant: str) -> Future[None]:
-        place = Future[None]()
+    def _request(self, tenant: str) -> Future[None]:
+        grant = Future[None]()
         with self._lock:
             if not self._open:
                 raise _closed()
-            self._asked += 1
-            self._waiting.setdefault(tenant, deque()).append((self._asked, place))
-        self._give()
-        return place
+            self._requests += 1
+            self._waiting.setdefault(tenant, deque()).append((self._requests, grant))
+        self._grant()
+        return grant
 
-    def _leave(self, tenant: str) -> None:
+    def _release(self, tenant: str) -> None:
         with self._lock:
             self._free += 1
             self._held[tenant] -= 1
             if not self._held[tenant]:
                 del self._held[tenant]
-        self._give()
+        self._grant()
 
-    def _give(self) -> None:
-        """Give what is free to those whose turn it is."""
+    def _grant(self) -> None:
+        """Grant free slots to the tenants that are next."""
         while True:
             with self._lock:
                 able = [tenant for tenant in self._waiting if self._held[tenant] < self._most]
                 if not self._free or not able:
                     return
                 tenant = min(able, key=lambda each: (self._held[each], self._waiting[each][0][0]))
-                _, place = self._waiting[tenant].popleft()
+                _, grant = self._waiting[tenant].popleft()
                 if not self._waiting[tenant]:
                     del self._waiting[tenant]
-                if not place.set_running_or_notify_cancel():  # whoever asked has gone
+                if not grant.set_running_or_notify_cancel():  # the request was canceled
                     continue
                 self._free -= 1
                 self._held[tenant] += 1
-            place.set_result(None)
+            grant.set_result(None)
 
 
 def _closed() -> MeshmarkError:

@@ -12,8 +12,8 @@ from service.jobs.models import WebhookDelivery
 from service.jobs.queue import create_queue
 from service.webhooks import deliveries
 from service.webhooks.endpoints import create_endpoint
-from service.webhooks.places import Places
 from service.webhooks.signing import new_secret
+from service.webhooks.slots import Slots
 from tests.service.harness import free_port
 from tests.service.webhooks.receiver import Receiver
 from tests.worker.waiting import PATIENCE, wait_until
@@ -22,19 +22,19 @@ from worker.webhooks import CONCURRENCY, Sender
 
 @pytest.mark.parametrize("hogs", [1, 2, 3, 7, 31])
 def test_however_many_tenants_take_all_they_can_there_is_a_place_for_the_next(hogs: int) -> None:
-    places = Places(32)
+    slots = Slots(32)
     held = {f"hog {number}": 0 for number in range(hogs)}
-    while taking := [tenant for tenant in held if places.take(tenant)]:
+    while taking := [tenant for tenant in held if slots.acquire(tenant)]:
         for tenant in taking:
             held[tenant] += 1
     assert max(held.values()) - min(held.values()) <= 1
     assert max(held.values()) <= 32 / (hogs + 1) + 1
-    assert places.take("next")
-    places.give_back("next")
+    assert slots.acquire("next")
+    slots.release("next")
     for tenant, number in held.items():
         for _ in range(number):
-            places.give_back(tenant)
-    assert sum(places.take("one") for _ in range(32)) == 16
+            slots.release(tenant)
+    assert sum(slots.acquire("one") for _ in range(32)) == 16
 
 
 def test_two_tenants_with_silent_receivers_do_not_hold_up_a_third(tmp_path: Path) -> None:
