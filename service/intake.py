@@ -83,7 +83,7 @@ class Intake:
 
         Args:
             tenant: whose upload it is.
-            text: what is to be written.
+            text: text of the watermark.
             asset: the asset, if it is here.
             font: the font, if it is not the engine's own.
             known: verdicts of earlier calls, to which that of this one is added.

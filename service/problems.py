@@ -99,7 +99,7 @@ log = structlog.get_logger(__name__)
 
 
 class _Published:
-    """Describes :class:`Code` in OpenAPI as one enumeration of all codes, named ErrorCode, whoever raises them."""
+    """Describes :class:`Code` in OpenAPI as one enumeration of all codes, named ErrorCode, of engine and service."""
 
     @classmethod
     def __get_pydantic_core_schema__(cls, _source: Any, _handler: GetCoreSchemaHandler) -> CoreSchema:

@@ -21,10 +21,10 @@ tracer = trace.get_tracer("meshmark", __version__)
 
 
 def configure_tracing(name: str, environment: Mapping[str, str] = os.environ) -> None:
-    """Send this process's spans to where the environment says, under a service name, if it says so.
+    """Export this process's spans under a service name, if the environment names an endpoint.
 
     Raises:
-        SystemExit: with code 2 and a line on stderr, where that is asked for and cannot be done.
+        SystemExit: with code 2 and a line on stderr, where tracing is requested and cannot be set up.
     """
     if not _asked(environment):
         return

@@ -1,4 +1,4 @@
-"""What a piece of code costs, in units that no machine changes."""
+"""Cost of a piece of code, in units that no machine changes."""
 
 import sys
 import tracemalloc

@@ -1,4 +1,4 @@
-"""What is installed for those who run Meshmark may be used in any product: no GPL, no AGPL."""
+"""Licences of all installed packages: usable in any product, so no GPL, no AGPL."""
 
 import re
 from collections.abc import Iterator

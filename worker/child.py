@@ -41,7 +41,7 @@ def die_with_parent(parent: int) -> None:
 
 
 def run(engine: Engine, request: dict[str, Any], say: Callable[..., None]) -> None:
-    """Call the engine and send what it publishes.
+    """Call the engine and send the paths of its artifacts as it publishes them.
 
     Args:
         engine: the engine's function.

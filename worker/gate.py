@@ -45,7 +45,7 @@ def look(request: dict[str, Any], asset: bytes | None, font: bytes | None) -> No
 
 
 def limit(seconds: float, memory: int) -> None:
-    """Bound processor time, memory (bytes), and what is written to disk."""
+    """Set resource limits: processor time, memory (bytes), file size, no core dumps; lower the priority."""
     for kind, most in (
         (resource.RLIMIT_CORE, 0),
         (resource.RLIMIT_FSIZE, STDERR_BYTES),

@@ -70,7 +70,7 @@ class Published:
 def run_engine(template: Template, work: Work, limits: Limits) -> Generator[Progress | Published | None]:
     """Run the engine in a child; yields its events as they come, and None at least once per tick, until it is done.
 
-    Close the generator to stop the child. However the iteration ends, the child and what it started are killed.
+    Close the generator to stop the child. However the iteration ends, the child's process group is killed.
 
     Raises:
         StoreUnavailableError: the disk under the working folder is full.

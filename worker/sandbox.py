@@ -10,7 +10,7 @@
 
 Linux only; no privileges are needed, so it works in a container and for any user. Missing protections are reported.
 
-`python -m worker.sandbox FOLDER` tries it and prints what is in force.
+`python -m worker.sandbox FOLDER` tries it and prints the protections in force.
 """
 
 import ctypes

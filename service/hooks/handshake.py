@@ -15,7 +15,7 @@ def grant(source: HookSource, headers: Mapping[str, str]) -> dict[str, str]:
     """Headers that permit the asking sender to send, at any rate.
 
     Raises:
-        ProblemError: ``method_not_allowed``, the source is not configured to be sent to by it, or nobody asks.
+        ProblemError: ``method_not_allowed``, the source is not configured for this sender, or the request names none.
     """
     origin = headers.get("WebHook-Request-Origin", "")
     if origin.lower() not in source.origins:

@@ -152,7 +152,7 @@ class Ledger:
         result_key: str | None = None,
         results: Mapping[ArtifactKind, Content] | None = None,
     ) -> Job:
-        """A new queued job that refers to its inputs; `stored` says whether the store has them.
+        """Record a new queued job that refers to its inputs; `stored` tests whether the store has them.
 
         With `results`, those of an earlier job with the same `result_key`, it has succeeded from the beginning.
 
@@ -190,12 +190,12 @@ class Ledger:
         return job
 
     def get(self, job_id: str, tenant: str = DEFAULT_TENANT) -> Job | None:
-        """The tenant's job as it stands now; None where there is none, and where it is another tenant's."""
+        """Current row of a tenant's job; None where there is none, and where it is another tenant's."""
         with self._session() as session:
             return session.scalar(select(Job).where(Job.id == job_id, Job.tenant_id == tenant))
 
     def claim(self, job_id: str, lease_seconds: float) -> Job | None:
-        """Take a queued job, or None if it is not (or no longer) there to be taken."""
+        """Claim a queued job: start it, with a new lease; None where it is not (or no longer) there to be claimed."""
         with self._session.begin() as session:
             moment = clock(session)
             claimed = self._move(
@@ -277,7 +277,7 @@ class Ledger:
     def drop_artifacts(self, job_id: str, erase: bool = False) -> set[str]:
         """Forget an ended job's files (succeeded -> expired); returns their hashes: other jobs may have the same.
 
-        With `erase`, what its client said about it too: see :mod:`service.jobs.erasure`.
+        With `erase`, its client's data too: see :mod:`service.jobs.erasure`.
         """
         with self._session.begin() as session:
             self._move(session, job_id, (Job.state == JobState.SUCCEEDED,), JobState.EXPIRED, clock(session))

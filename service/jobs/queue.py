@@ -1,7 +1,7 @@
 """The queues between service and worker: their names, the task's name, and how to reach the broker.
 
 A message is a job's id and nothing else, and says that a job waits in this job's queue. It may be lost or
-arrive twice, because the ledger alone decides what is started: see :mod:`service.jobs.turns`.
+arrive twice, because the ledger alone decides which job starts: see :mod:`service.jobs.turns`.
 """
 
 import json

@@ -1,7 +1,7 @@
 """Tenants and their API keys.
 
-A key is `mm_<id>_<secret>`. Of the secret only its SHA-256 is kept: it is 256 bits of chance, which nobody finds by
-trying, so a slow password hash would cost every request much and add nothing.
+A key is `mm_<id>_<secret>`. Of the secret only its SHA-256 is kept: it has 256 random bits, which
+cannot be guessed, so a slow password hash would cost every request much and add nothing.
 """
 
 import hashlib

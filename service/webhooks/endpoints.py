@@ -103,7 +103,7 @@ def find_endpoint(sessions: Sessions, tenant: str, endpoint_id: str) -> WebhookE
 def change_endpoint(
     sessions: Sessions, tenant: str, endpoint_id: str, url: str | None, events: list[str] | None, disabled: bool | None
 ) -> WebhookEndpoint:
-    """Change what is not None. What waits for an endpoint that is disabled now is given up.
+    """Change the values that are not None. Pending deliveries of an endpoint that is disabled now are given up.
 
     Raises:
         MeshmarkError: ``not_found``; ``invalid_request`` for a url of an endpoint that has none.

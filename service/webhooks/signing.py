@@ -45,8 +45,8 @@ def sign(secrets: Sequence[str], message_id: str, sent_at: datetime, body: bytes
 
     Args:
         secrets: the endpoint's secrets in their written form, the newest first.
-        message_id: the same at every attempt, so that receivers can tell repetitions; without a dot, which separates
-            what is signed.
+        message_id: the same at every attempt, so that receivers recognize repetitions; without a dot, the separator in
+            the signed text.
         sent_at: the time of this attempt, aware.
         body: exactly the bytes that are sent.
 

@@ -1,6 +1,6 @@
 """Encryption of webhook secrets in the ledger, where there are keys (Fernet: AES-128 in CBC mode and HMAC).
 
-The keys stand in a file, one a line. The first one encrypts and all of them decrypt, so that keys can be changed while
+The keys are in a file, one a line. The first one encrypts and all of them decrypt, so that keys can be changed while
 processes run that know only the old ones. Without a file, secrets are stored and read in clear; with one, those in
 clear from before are read and encrypted when a process starts.
 """

@@ -1,4 +1,4 @@
-"""What `make docker-test` runs and says, and how it ends where something is not as it should be."""
+"""Commands of `make docker-test`, with their output and their failures."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""What the deployment goes through: work, faults, and an end that leaves nothing behind."""
+"""Drills of the deployment: work, faults, and an end that leaves nothing behind."""
 
 import json
 import re

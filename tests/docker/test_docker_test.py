@@ -1,4 +1,4 @@
-"""What `make docker-test` stands on, as far as it shows without a Docker engine."""
+"""Checks of `make docker-test` itself, as far as they need no Docker engine."""
 
 import json
 import re

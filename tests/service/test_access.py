@@ -1,4 +1,4 @@
-"""Who may do what: every route of the OpenAPI document, with no key, a wrong one, and another tenant's."""
+"""Access to every route of the OpenAPI document: with no key, a wrong one, and another tenant's."""
 
 import json
 import socket

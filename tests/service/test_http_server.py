@@ -1,4 +1,4 @@
-"""What connections may do to the server, tried over sockets: the attacks in small."""
+"""Hostile connections to the server, over sockets: the attacks in small."""
 
 import json
 import resource

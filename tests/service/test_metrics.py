@@ -1,4 +1,4 @@
-"""What Prometheus reads from real API and worker processes."""
+"""Metrics of real API and worker processes, as Prometheus reads them."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""What the tests of the worker share."""
+"""Shared fixtures of the tests of the worker."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""What became of dropped files is written back to their bucket on a real S3 server."""
+"""Results of dropped files are written back to their bucket on a real S3 server."""
 
 import json
 import os

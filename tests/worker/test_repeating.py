@@ -1,4 +1,4 @@
-"""What a worker does beside its jobs goes on through every outage, and the log says so once."""
+"""Periodic steps of a worker go on through every outage, and the log says so once."""
 
 import threading
 

@@ -1,4 +1,4 @@
-"""What becomes of what is known of jobs: it is erased when they are deleted, and forgotten when they are old."""
+"""History of jobs: erased when a job is deleted, and forgotten when it is old."""
 
 from collections.abc import Iterator
 from contextlib import closing

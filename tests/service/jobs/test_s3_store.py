@@ -1,4 +1,4 @@
-"""What only a bucket can do wrong; what every store does is in test_artifacts.py."""
+"""Faults that only a bucket can have; those of every store are in test_artifacts.py."""
 
 import io
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Which addresses are public; judged against Python's ipaddress where that knows better than a list of examples."""
+"""Public addresses, judged against Python's ipaddress where that knows better than a list of examples."""
 
 from ipaddress import IPv4Address, IPv6Address, ip_address, ip_network
 

@@ -1,4 +1,4 @@
-"""What probes ask, with real servers that stop and start again behind a real API process."""
+"""Health probes, with real servers that stop and start again behind a real API process."""
 
 from contextlib import ExitStack
 from pathlib import Path

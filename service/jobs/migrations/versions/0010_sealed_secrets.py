@@ -8,7 +8,7 @@ down_revision = "0009"
 
 
 def upgrade() -> None:
-    """Widen the columns; what is in them is encrypted by the service that has a key."""
+    """Widen the columns; their values are encrypted by a service with a key at its start."""
     for name in ("secret", "former_secret"):
         nullable = name == "former_secret"
         if op.get_bind().dialect.name == "sqlite":  # which alters no type, and would lose what refers to a new table

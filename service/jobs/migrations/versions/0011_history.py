@@ -8,7 +8,7 @@ down_revision = "0010"
 
 
 def upgrade() -> None:
-    """Add the columns and indexes, and fill them for what there is."""
+    """Add the columns and indexes, and fill them for existing rows."""
     # The defaults also serve a process of the version before that still writes while this one starts.
     op.add_column("jobs", sa.Column("erased", sa.Boolean, nullable=False, server_default=sa.false()))
     op.create_index("ix_jobs_state_finished_at", "jobs", ["state", "finished_at"])
