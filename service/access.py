@@ -78,17 +78,17 @@ def authorize(request: Request) -> Client:
     state = state_of(request)
     if state.settings.auth == "none":
         return Client()
-    shown = request.headers.get("Authorization")
-    scheme, _, text = (shown or "").partition(" ")
+    header = request.headers.get("Authorization")
+    scheme, _, text = (header or "").partition(" ")
     key = authenticate(state.ledger.sessions, text.strip()) if scheme.lower() == "bearer" else None
     if key is None:
         raise ProblemError(
             ServiceErrorCode.INVALID_API_KEY,
             "The request carries no API key."
-            if shown is None
+            if header is None
             else "The API key is not one, or it was revoked or has expired.",
             "Send the header `Authorization: Bearer mm_...` with a key that the operator created for you.",
-            CLOSE | {"WWW-Authenticate": "Bearer" if shown is None else 'Bearer error="invalid_token"'},
+            CLOSE | {"WWW-Authenticate": "Bearer" if header is None else 'Bearer error="invalid_token"'},
         )
     client = Client(key.tenant_id, key.id)
     take_request(state, client)

@@ -37,7 +37,7 @@ JSON_BYTES = 2**16  # of a request body that is neither an asset nor a list
 LIST_BYTES = 2**20  # of a batch, or of a notification about objects
 WITH_ASSET = re.compile("/v1/watermarks|/v1/uploads/[^/]+")
 WITH_LIST = re.compile("/v1/watermarks/batch|/v1/hooks/[^/]+")
-FORM_FIELDS = 6
+FORM_FIELDS = 6  # text fields of POST /v1/watermarks
 # Bytes of a form beside its asset and font: fields, part headers, boundaries.
 FORM_OVERHEAD = (FORM_FIELDS + 1) * MAX_FIELD_BYTES
 

@@ -18,7 +18,7 @@ from service.in_flight import InFlight
 from service.jobs.events import ENDINGS
 from service.jobs.models import JobEvent
 
-EVENT_ID = "^([0-9]{1,9})?$"
+EVENT_ID = "^([0-9]{1,9})?$"  # the number of an event; empty: none
 # Concurrent streams of one API process, and of a tenant there. Each polls the ledger twice a second: some six hundred
 # keep a process busy.
 STREAMS, STREAMS_PER_TENANT = 500, 100

@@ -22,19 +22,19 @@ class HttpMetrics:
         if scope["type"] != "http":
             return await self.app(scope, receive, send)
         began, seconds, status = time.perf_counter(), 0.0, 500
-        came = went = 0
+        received = sent = 0
 
         async def counted_receive() -> Message:
-            nonlocal came
+            nonlocal received
             message = await receive()
-            came += len(message.get("body", b""))
+            received += len(message.get("body", b""))
             return message
 
         async def counted_send(message: Message) -> None:
-            nonlocal status, went, seconds
+            nonlocal status, sent, seconds
             if message["type"] == "http.response.start":
                 status = message["status"]
-            went += len(message.get("body", b""))
+            sent += len(message.get("body", b""))
             await send(message)
             seconds = time.perf_counter() - began
 
@@ -45,8 +45,8 @@ class HttpMetrics:
             route = route_of(scope)
             HTTP_REQUESTS.labels(method, route, status).inc()
             HTTP_SECONDS.labels(method, route).observe(seconds)
-            HTTP_BYTES.labels("in", route).inc(came)
-            HTTP_BYTES.labels("out", route).inc(went)
+            HTTP_BYTES.labels("in", route).inc(received)
+            HTTP_BYTES.labels("out", route).inc(sent)
 
 
 def route_of(scope: Scope) -> str:

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 
 import structlog
 
-PATIENCE = 3.0  # seconds a part has to answer
-FRESH = 1.0  # seconds an answer is cached: anybody may ask, and no part shall be probed more often
+TIMEOUT = 3.0  # seconds a part has to answer
+CACHED = 1.0  # seconds an answer is cached: anybody may ask, and no part shall be probed more often
 
 log = structlog.get_logger(__name__)
 
@@ -31,7 +31,7 @@ class Readiness:
     async def failing(self) -> list[str]:
         """Names of the parts that do not answer, or not in time; as of the last second."""
         async with self._looking:
-            if time.monotonic() > self._seen + FRESH:
+            if time.monotonic() > self._seen + CACHED:
                 self._failing = await self._look()
                 self._seen = time.monotonic()
         return self._failing
@@ -40,7 +40,7 @@ class Readiness:
         for name in self._parts.keys() - self._asked.keys():
             # Threads of their own: those that answer requests may all be waiting for a part that hangs.
             self._asked[name] = asyncio.create_task(asyncio.to_thread(_answers, name, self._parts[name]))
-        done, late = await asyncio.wait(self._asked.values(), timeout=PATIENCE)
+        done, late = await asyncio.wait(self._asked.values(), timeout=TIMEOUT)
         failing = [name for name in self._parts if (task := self._asked[name]) in late or not task.result()]
         self._asked = {name: task for name, task in self._asked.items() if task not in done}
         return failing

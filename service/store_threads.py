@@ -15,7 +15,7 @@ from service.errors import ServiceErrorCode
 
 CONTENT = 32  # threads for uploads and downloads
 DELETIONS = 8  # threads; fewer than connections to the ledger: a deletion holds one until the store answers
-PATIENCE = 30.0  # seconds to wait for a free thread
+TIMEOUT = 30.0  # seconds to wait for a free thread
 
 T = TypeVar("T")
 
@@ -34,7 +34,7 @@ class StoreThreads:
         """
         place = object()
         try:
-            with fail_after(PATIENCE):
+            with fail_after(TIMEOUT):
                 await self._places.acquire_on_behalf_of(place)
         except TimeoutError:
             raise MeshmarkError(

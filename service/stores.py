@@ -14,31 +14,31 @@ from service.jobs.ownership import ForeignStoreError, adopt, claim
 from service.jobs.stores import open_store
 from service.webhooks.vault import UnreadableSecretError, Vault, read_keys, renew_secrets
 
-PATIENCE, PAUSE = 60.0, 1.0  # seconds to wait for ledger and store in all, and between two attempts
+TIMEOUT, PAUSE = 60.0, 1.0  # seconds to wait for ledger and store in all, and between two attempts
 
 
-def require_own_store(settings: Settings, patience: float = PATIENCE) -> None:
+def require_own_store(settings: Settings, timeout: float = TIMEOUT) -> None:
     """Claim the store for the ledger; retry while one of them does not answer, as it may be restarting.
 
     Raises:
         SystemExit: with code 2 and a sentence on stderr, where the store is another's, the database can be no ledger,
-            or one of them has not answered for `patience` seconds.
+            or one of them has not answered for `timeout` seconds.
     """
-    _require(settings, lambda ledger: claim(ledger, open_store(settings)), patience)
+    _require(settings, lambda ledger: claim(ledger, open_store(settings)), timeout)
 
 
-def require_secrets(settings: Settings, patience: float = PATIENCE) -> None:
+def require_secrets(settings: Settings, timeout: float = TIMEOUT) -> None:
     """Encrypt the stored secrets of webhooks with the current key, for processes that use them; retry likewise.
 
     Raises:
         SystemExit: with code 2 and a sentence on stderr, where one is encrypted with a key that is not known here.
     """
     vault = Vault(read_keys(settings.secrets_key))
-    _require(settings, lambda ledger: renew_secrets(ledger.sessions, vault), patience)
+    _require(settings, lambda ledger: renew_secrets(ledger.sessions, vault), timeout)
 
 
-def _require(settings: Settings, check: Callable[[Ledger], None], patience: float) -> None:
-    deadline = time.monotonic() + patience
+def _require(settings: Settings, check: Callable[[Ledger], None], timeout: float) -> None:
+    deadline = time.monotonic() + timeout
     while True:
         try:
             with closing(Ledger(settings.ledger_url)) as ledger:

@@ -23,7 +23,7 @@ from core.errors import ErrorCode, MeshmarkError
 from service.errors import ServiceErrorCode
 from worker import sandbox
 
-PR_SET_PDEATHSIG = 1
+PR_SET_PDEATHSIG = 1  # linux/prctl.h
 LARGEST_FILE = 2**31  # bytes; results are far smaller
 CPU_MARGIN = 60  # seconds beyond all cores' time within the job's limit: in case the worker no longer enforces it
 CHANNEL = 3  # the descriptor of its answers, after stdin, stdout and stderr

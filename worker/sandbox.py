@@ -25,7 +25,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
-PR_SET_NO_NEW_PRIVS, PR_SET_SECCOMP, SECCOMP_MODE_FILTER = 38, 22, 2
+PR_SET_NO_NEW_PRIVS, PR_SET_SECCOMP, SECCOMP_MODE_FILTER = 38, 22, 2  # linux/prctl.h, linux/seccomp.h
 # linux/audit.h, and the numbers of: socket, ptrace, process_vm_readv, process_vm_writev, io_uring_setup, pidfd_getfd,
 # setpgid, setsid
 SYSTEM_CALLS = {
@@ -38,12 +38,13 @@ LOAD, EQUAL, GREATER, RETURN = 0x20, 0x15, 0x35, 0x06
 # linux/seccomp.h
 ALLOW, KILL, REFUSE = 0x7FFF0000, 0x80000000, 0x00050000 | 13  # EACCES
 
+# System calls of Landlock, and LANDLOCK_CREATE_RULESET_VERSION, LANDLOCK_RULE_PATH_BENEATH of linux/landlock.h
 CREATE_RULESET, ADD_RULE, RESTRICT_SELF = 444, 445, 446
 GET_VERSION, PATH_BENEATH = 1, 1
 # linux/landlock.h: execute, write, read file, read folder; then removal, creation, renaming and truncation
 EXECUTE, WRITE, READ_FILE, READ_FOLDER = 1, 2, 4, 8
 RIGHTS_BY_VERSION = {1: (1 << 13) - 1, 2: (1 << 14) - 1, 3: (1 << 15) - 1}
-FILE_RIGHTS = EXECUTE | WRITE | READ_FILE | 1 << 14
+FILE_RIGHTS = EXECUTE | WRITE | READ_FILE | 1 << 14  # rights that files can have; the last is truncation
 LIBRARIES = [sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")]
 DEVICES, SHARED = Path("/dev"), ("shm", "mqueue", "pts")  # devices, and those among them that other processes share
 

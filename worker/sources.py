@@ -23,7 +23,7 @@ from service.outbound.download import TransientDownloadError, download
 from service.outbound.policy import Timeouts
 from worker.hook_bucket import read_object
 
-TIMEOUTS = Timeouts(connect=5.0, silence=15.0, total=120.0)
+TIMEOUTS = Timeouts(connect=5.0, silence=15.0, total=120.0)  # seconds, for each try
 PAUSES = (1.0, 5.0)  # seconds before the second and the third try
 
 log = structlog.get_logger(__name__)

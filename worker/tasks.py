@@ -39,7 +39,7 @@ from worker.stage_clock import StageClock, known
 from worker.template import Template
 
 # Seconds: to retry in all where store or ledger do not answer, and the exponential backoff between.
-PATIENCE = 60.0
+RETRY_SECONDS = 60.0
 FIRST_PAUSE, LONGEST_PAUSE = 0.2, 5.0
 LARGEST_REPORT = 2**26  # bytes
 
@@ -222,8 +222,8 @@ class Worker:
         ARTIFACT_BYTES.labels(event.kind).inc(size)
 
     def _retried(self, heartbeat: Heartbeat, call: Callable[[], T]) -> T:
-        """Retry a call while store or ledger do not answer, as long as the lease holds and PATIENCE lasts."""
-        deadline, pause = time.monotonic() + PATIENCE, FIRST_PAUSE
+        """Retry a call while store or ledger do not answer, as long as the lease holds, for at most RETRY_SECONDS."""
+        deadline, pause = time.monotonic() + RETRY_SECONDS, FIRST_PAUSE
         while True:
             self._check(heartbeat)
             try:

@@ -38,7 +38,7 @@ from worker.repeating import repeatedly
 
 CONCURRENCY = 32  # threads, each with one attempt
 INTERVAL = 0.5  # seconds between two queries for due deliveries
-PATIENCE = 5.0  # seconds between two queries for lost messages
+LOST_INTERVAL = 5.0  # seconds between two queries for lost messages
 
 log = structlog.get_logger(__name__)
 
@@ -110,7 +110,7 @@ def start_sweeper(sender: Sender) -> None:
 
     def step() -> None:
         nonlocal looked
-        if lost := time.monotonic() > looked + PATIENCE:
+        if lost := time.monotonic() > looked + LOST_INTERVAL:
             looked = time.monotonic()
         sweep(sender, lost)
 

@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 from sqlalchemy.pool import PoolProxiedConnection, QueuePool
 
 # Options of libpq that detect a server that vanished silently. Seconds; the last in milliseconds.
-PATIENCE = {"connect_timeout": 5, "keepalives_idle": 10, "keepalives_interval": 5, "tcp_user_timeout": 20_000}
+TIMEOUTS = {"connect_timeout": 5, "keepalives_idle": 10, "keepalives_interval": 5, "tcp_user_timeout": 20_000}
 BUSY = 10.0  # seconds to wait for another process's lock on a SQLite file
 # Connection pool of a process, filled on demand and kept: opening a connection costs more than most queries. Its
 # time-out: seconds to wait for a free connection.
@@ -45,7 +45,7 @@ def connect(url: str) -> Engine:
             poolclass=Pool,
             **POOL,
             isolation_level="READ COMMITTED",
-            connect_args=PATIENCE,
+            connect_args=TIMEOUTS,
             hide_parameters=True,  # in error messages: they may be secrets, or addresses that hold a signature
         )
     if database := make_url(url).database:

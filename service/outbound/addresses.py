@@ -42,7 +42,7 @@ NOT_PUBLIC_V6 = {
         "3fff::/20": "documentation",
     }.items()
 }
-NAT64 = IPv6Network("64:ff9b::/96")
+NAT64 = IPv6Network("64:ff9b::/96")  # the well-known prefix of RFC 6052
 
 
 def bare(address: Address) -> Address:

@@ -10,7 +10,7 @@ from service.outbound.errors import Unreachable
 
 OK = 200
 REDIRECTS = range(300, 400)
-TRANSIENT = (408, 425, 429, 500, 502, 503, 504)
+TRANSIENT = (408, 425, 429, 500, 502, 503, 504)  # statuses after which a retry may succeed
 
 
 class TransientDownloadError(MeshmarkError):

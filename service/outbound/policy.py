@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from ipaddress import IPv4Network, IPv6Network
 
-PORTS = frozenset({80, 443})
+PORTS = frozenset({80, 443})  # permitted by default
 
 
 @dataclass(frozen=True)

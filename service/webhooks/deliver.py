@@ -17,7 +17,7 @@ from service.webhooks.signing import sign
 TIMEOUTS = Timeouts(connect=5.0, silence=20.0, total=20.0)  # the specification asks for 15 to 30 seconds
 SNIPPET_BYTES = 1024  # of an answer's body that are kept
 UNPRINTABLE = "\N{REPLACEMENT CHARACTER}"
-GONE = 410
+GONE = 410  # status of an endpoint that is to be disabled
 THROTTLED = (429, 503)  # statuses whose Retry-After counts
 
 

@@ -7,7 +7,7 @@ from email.utils import parsedate_to_datetime
 DELAYS = tuple(
     timedelta(seconds=seconds) for seconds in (0, 5, 300, 1800, 7200, 18_000, 36_000, 50_400, 72_000, 86_400)
 )
-LONGEST_RETRY_AFTER = timedelta(days=1)
+LONGEST_RETRY_AFTER = timedelta(days=1)  # beyond it, a receiver's Retry-After is cut
 JITTER = 0.2  # largest share by which a wait is lengthened, so that retries of one outage are spread
 
 

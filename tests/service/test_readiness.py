@@ -11,8 +11,8 @@ from tests.worker.waiting import PATIENCE
 def test_a_part_that_hangs_is_named_in_time_and_holds_one_thread_however_often_it_is_asked_about(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(readiness, "FRESH", 0.0)
-    monkeypatch.setattr(readiness, "PATIENCE", 1.0)
+    monkeypatch.setattr(readiness, "CACHED", 0.0)
+    monkeypatch.setattr(readiness, "TIMEOUT", 1.0)
     over, calls = threading.Event(), []
 
     def hang() -> None:
@@ -33,8 +33,8 @@ def test_a_part_that_hangs_is_named_in_time_and_holds_one_thread_however_often_i
 def test_all_parts_are_looked_at_together_and_no_more_often_than_an_answer_holds(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(readiness, "PATIENCE", PATIENCE)
-    monkeypatch.setattr(readiness, "FRESH", PATIENCE)
+    monkeypatch.setattr(readiness, "TIMEOUT", PATIENCE)
+    monkeypatch.setattr(readiness, "CACHED", PATIENCE)
     together, looks = threading.Barrier(3), []
 
     def meet() -> None:

@@ -22,7 +22,7 @@ EACH = 20  # requests of each kind: together more than an API has threads, and m
 
 
 def test_who_finds_no_free_thread_in_time_is_sent_away_and_others_have_theirs(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(store_threads, "PATIENCE", 0.05)
+    monkeypatch.setattr(store_threads, "TIMEOUT", 0.05)
     over = threading.Event()
 
     async def main() -> None:

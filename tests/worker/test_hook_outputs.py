@@ -158,7 +158,7 @@ def test_results_are_kept_until_a_bucket_that_refuses_them_takes_them(
 def test_a_bucket_that_fails_for_a_while_delays_reading_and_writing(
     s3: S3, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("worker.tasks.PATIENCE", 0.1)
+    monkeypatch.setattr("worker.tasks.RETRY_SECONDS", 0.1)
     with Flaky(s3.url).running() as flaky:
         bucket = s3.new_bucket()
         bucket.endpoint = flaky.url

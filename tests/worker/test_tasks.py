@@ -235,7 +235,7 @@ def test_a_job_is_put_back_when_the_engine_finds_the_disk_full(worker: Worker) -
 def test_a_job_is_put_back_when_the_store_fails_for_longer_than_a_worker_waits(
     s3: S3, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("worker.tasks.PATIENCE", 0.5)
+    monkeypatch.setattr("worker.tasks.RETRY_SECONDS", 0.5)
     with Flaky(s3.url).running() as flaky:
         bucket = s3.new_bucket()
         bucket.endpoint = flaky.url

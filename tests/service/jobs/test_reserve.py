@@ -44,7 +44,7 @@ def fill(folder: Path, client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def client(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Client]:
-    monkeypatch.setattr(readiness, "FRESH", 0.0)
+    monkeypatch.setattr(readiness, "CACHED", 0.0)
     with client_with(Settings(data_dir=tmp_path, auth="keys", retention_seconds=0.001)) as client:
         key = create_key(client.worker.ledger.sessions, "default", "test", [*Scope])
         client.http.headers["Authorization"] = f"Bearer {key.text}"
