@@ -2,11 +2,10 @@
 
 import json
 import time
-from dataclasses import asdict
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import ValidationError
 
 from core import __version__
 from core.analysis.analyse import eye_index
@@ -15,43 +14,18 @@ from core.budgets import DEFAULT_BUDGETS, Budgets
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
 from core.geometry.boxes import Boxes
-from core.geometry.surface import MODEL_SIZE, Surface
+from core.geometry.surface import Surface
 from core.geometry.triangles import unit
 from core.gltf.scene import Scene, flatten
 from core.metrics.measure import Pair, Pictures, Subject, measure
 from core.parameters import Evaluate
 from core.rendering.pictures import PICTURE_SIZE, pictures
 from core.rendering.renderer import Renderer
-from core.report import SCHEMA, asset_facts, file_facts
-
-Vector = tuple[float, float, float]
-
-
-class Watermark(BaseModel):
-    """Placement of one watermark, in the coordinates of the original: an entry of a report's ``watermarks``.
-
-    ``up`` and ``normal`` need not be of length one; a ``right`` that is given must agree with them.
-    """
-
-    model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
-
-    center: Vector
-    up: Vector
-    normal: Vector
-    size: Annotated[Vector, Field(description="Width and height of the text, and thickness of the box.")]
-    relief: Annotated[float, Field(description="Height of the letters above the surface.")]
-    text: str = ""
+from core.report import Engine, EvaluationReport, Place, Places
+from core.reporting import asset_facts, file_facts, frame_of, metrics_of
 
 
-class Watermarks(BaseModel):
-    """All watermarks of an asset; a whole report is valid input, too."""
-
-    model_config = ConfigDict(extra="ignore")
-
-    watermarks: list[Watermark]
-
-
-def parse_watermarks(data: bytes) -> list[Watermark]:
+def parse_watermarks(data: bytes) -> list[Place]:
     """Watermarks from JSON: a list of them, or an object (such as a report) that has them under ``watermarks``.
 
     Raises:
@@ -59,7 +33,7 @@ def parse_watermarks(data: bytes) -> list[Watermark]:
     """
     try:
         content = json.loads(data)
-        found = Watermarks.model_validate({"watermarks": content} if isinstance(content, list) else content).watermarks
+        found = Places.model_validate({"watermarks": content} if isinstance(content, list) else content).watermarks
     except ValidationError as error:
         problems = "; ".join(f"{'.'.join(map(str, item['loc']))}: {item['msg']}" for item in error.errors()[:5])
     except ValueError as error:
@@ -79,7 +53,7 @@ def parse_watermarks(data: bytes) -> list[Watermark]:
     )
 
 
-def to_boxes(watermarks: list[Watermark], surface: Surface) -> tuple[Boxes, Float]:
+def to_boxes(watermarks: list[Place], surface: Surface) -> tuple[Boxes, Float]:
     """World watermarks as boxes (B) and heights of letters (B,) in the size-30 frame of ``surface``."""
     if not watermarks:
         return Boxes.empty(), np.empty(0)
@@ -93,7 +67,7 @@ def to_boxes(watermarks: list[Watermark], surface: Surface) -> tuple[Boxes, Floa
 def evaluate(
     original: bytes,
     watermarked: bytes,
-    watermarks: list[Watermark],
+    watermarks: list[Place],
     text: str = "",
     level: Evaluate = Evaluate.FULL,
     seed: int = 0,
@@ -130,18 +104,18 @@ def evaluate(
         seed,
     )
     measured = measure(pair, level)
-    return {
-        "schema": SCHEMA,
-        "asset": file_facts(original, first_file.format) | asset_facts(surface),
-        "model": file_facts(watermarked, second_file.format) | asset_facts(frame),
-        "seed": seed,
-        "engine": {"version": __version__, "device": shown[1].device},
-        "units": {"model_size": MODEL_SIZE, "scale": surface.scale, "offset": surface.offset.tolist()},
-        "watermarks": [mark.model_dump() for mark in watermarks],
-        "warnings": [asdict(warning) for warning in measured.warnings],
-        "metrics": measured.report(),
-        "timings": {"evaluating": round(time.perf_counter() - start, 4)},
-    }
+    report = EvaluationReport(
+        asset=asset_facts(file_facts(original, first_file.format), surface),
+        model=asset_facts(file_facts(watermarked, second_file.format), frame),
+        seed=seed,
+        engine=Engine(version=__version__, device=shown[1].device),
+        units=frame_of(surface),
+        watermarks=watermarks,
+        warnings=measured.warnings,
+        metrics=metrics_of(measured),
+        timings={"evaluating": round(time.perf_counter() - start, 4)},
+    )
+    return report.model_dump(mode="json")
 
 
 def _views(before: Scene, after: Scene) -> tuple[Pictures, Pictures] | tuple[MeshmarkError, MeshmarkError]:

@@ -205,7 +205,7 @@ def _without(unseen: set[int], asset: Asset, context: "PlacementContext", emboss
     from core.embossing.emboss import Mark
     from core.embossing.marks import emboss_boxes
     from core.embossing.refusal import Refusal
-    from core.report import boxes_of
+    from core.reporting import boxes_of
 
     refusals = embossed.refusals + Counter({Refusal.UNDRAWN.value: len(unseen)})
     mesh, marks = _whole(asset, context), dict[int, Mark]()
@@ -231,7 +231,7 @@ def _written(asset: Asset, context: "PlacementContext", embossed: Embossed) -> O
     """The model with these marks, and with those of its other scenes and levels of detail."""
     from core.analysis.contrast import letter_styles
     from core.embossing.copies import AssetMarks, mark_copies
-    from core.report import boxes_of
+    from core.reporting import boxes_of
 
     surface, parameters = asset.analysis.surface, context.parameters
     boxes, _ = boxes_of(embossed.marks, parameters)

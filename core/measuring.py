@@ -12,35 +12,25 @@ from core.parameters import Evaluate
 from core.rendering.pictures import PICTURE_SIZE, pictures
 from core.rendering.preview import contact_sheet
 from core.rendering.renderer import Renderer
+from core.report import Report
 from core.stages import Asset, Candidates, Output, Pictures, Run
 
 log = logging.getLogger(__name__)
 
 
-def report(asset: Asset, output: Output, run: Run) -> dict[str, Any]:
+def report(asset: Asset, output: Output, run: Run) -> Report:
     """The report without its metrics, published at once, so that the job has one if a later stage fails."""
-    from core.report import build_report
+    from core.reporting import build_report
 
-    parameters, embossed = run.request.parameters, output.embossed
-    measured = parameters.evaluate is not Evaluate.NONE
-    result = build_report(
-        data=asset.data,
-        file_format=asset.format,
-        parameters=parameters,
-        surface=asset.scene.surface,
-        model=output.model,
-        written=output.scene.surface.in_frame_of(asset.scene.surface) if measured else None,
-        placement=embossed.placement,
-        marks=embossed.marks,
-        colors=[style.color for style in output.styles],
-        copies=output.copies,
-        refusals=embossed.refusals,
-        timings=run.timings,
-        memory=run.memory,
-        warnings=run.notices,
-    )
-    run.publish("report", json.dumps(result, allow_nan=False).encode())
+    result = build_report(asset, output, run.request.parameters)
+    run.publish("report", json.dumps(as_json(result, run), allow_nan=False).encode())
     return result
+
+
+def as_json(report: Report, run: Run) -> dict[str, Any]:
+    """The report with the notices, times and memory of the stages so far, as JSON has it."""
+    account = {"warnings": run.notices, "timings": run.timings, "memory": run.memory}
+    return report.model_copy(update=account).model_dump(mode="json")
 
 
 def render(asset: Asset, output: Output, run: Run) -> Pictures:
@@ -78,16 +68,14 @@ def render(asset: Asset, output: Output, run: Run) -> Pictures:
     return Pictures(preview, views)
 
 
-def evaluate(
-    asset: Asset, candidates: Candidates, output: Output, seen: Pictures, result: dict[str, Any], run: Run
-) -> dict[str, Any]:
+def evaluate(asset: Asset, candidates: Candidates, output: Output, seen: Pictures, result: Report, run: Run) -> Report:
     """The report ``result`` with its metrics, measured on the file as it was written, rounding included."""
     parameters = run.request.parameters
     if parameters.evaluate is Evaluate.NONE:
         return result
     from core.analysis.analyse import eye_index
     from core.metrics.measure import Pair, Subject, measure
-    from core.report import boxes_of, with_metrics
+    from core.reporting import boxes_of, with_metrics
 
     before, after = seen.views if isinstance(seen.views, tuple) else (seen.views, seen.views)
     context = candidates.context

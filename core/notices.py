@@ -23,8 +23,9 @@ class NoticeCode(StrEnum):
 class Notice:
     """A warning, or the reason why a metric is missing."""
 
-    # The JSON Schema of the report takes its descriptions from here. This module itself needs nothing but Python.
-    __pydantic_config__: ClassVar = {"use_attribute_docstrings": True}
+    # The JSON Schema of the report takes its descriptions from here, and allows for fields that are added later. This
+    # module itself needs nothing but Python.
+    __pydantic_config__: ClassVar = {"use_attribute_docstrings": True, "extra": "ignore"}
 
     code: NoticeCode | str
     """A stable code to program against: of a notice, or of the error that this is elsewhere."""

@@ -5,7 +5,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 from core import marking, measuring
@@ -119,8 +119,7 @@ def run_stages(
         seen = measuring.render(asset, output, run)
     with stage("evaluating"):
         report = measuring.evaluate(asset, candidates, output, seen, report, run)
-    report["warnings"] = [asdict(notice) for notice in run.notices]
-    return Result(output.model, report, seen.preview)
+    return Result(output.model, measuring.as_json(report, run), seen.preview)
 
 
 def _peak_memory() -> int:

@@ -1,160 +1,221 @@
-"""The report, ``meshmark.report/1``: what was done, where, and what it cost the asset."""
+"""The report, ``meshmark.report/1``, as it is written and read: what was done, where, and what it cost the asset.
 
-import hashlib
-from collections import Counter
-from dataclasses import asdict
-from typing import Any
+Fields are only added to it. A reader passes over those it does not know (``Report.model_validate_json(data,
+extra="ignore")``), and the JSON Schema allows them; whoever writes uses no others.
+"""
 
-import numpy as np
-from numpy.typing import NDArray
+from typing import Annotated, Any, Literal
 
-from core import __version__
-from core.device import device
-from core.embossing.copies import MarkedCopy
-from core.embossing.emboss import Mark
-from core.formats.sniff import Format
-from core.geometry.boxes import Boxes
-from core.geometry.directions import view_directions
-from core.geometry.surface import MODEL_SIZE, Surface
-from core.metrics.measure import Measurement
-from core.metrics.topology import topology
-from core.metrics.wps_area import wps_area
-from core.notices import Notice, NoticeCode
-from core.parameters import Evaluate, Parameters
-from core.placement.objective import Placement
+from pydantic import BaseModel, ConfigDict, Field
 
-SCHEMA = "meshmark.report/1"
+from core.embossing.refusal import Refusal
+from core.notices import Notice
+from core.parameters import Parameters
+
+SCHEMA: Literal["meshmark.report/1"] = "meshmark.report/1"
+
+Vector = tuple[float, float, float]
+Score = float | None
 
 
-def build_report(
-    *,
-    data: bytes,
-    file_format: Format,
-    parameters: Parameters,
-    surface: Surface,
-    model: bytes,
-    written: Surface | None,
-    placement: Placement,
-    marks: dict[int, Mark],
-    colors: list[str | None],
-    copies: list[MarkedCopy],
-    refusals: Counter[str],
-    timings: dict[str, float],
-    memory: dict[str, int],
-    warnings: list[Notice],
-) -> dict[str, Any]:
-    """The report as a JSON-ready mapping, its metrics still missing.
+def _allow_more(schema: dict[str, Any]) -> None:
+    schema.pop("additionalProperties", None)
 
-    Args:
-        data: the uploaded file.
-        file_format: its format.
-        parameters: resolved.
-        surface: of the asset.
-        model: the GLB that was written.
-        written: the surface read back from ``model``, in the asset's size-30 frame; None: nothing is measured.
-        placement: the candidates that survived.
-        marks: the watermarks by number of their box in ``placement``.
-        colors: "#rrggbb" of the letters of each, in the same order; None where they have their ground's material.
-        copies: what became of the file's other scenes, levels of detail and unused meshes.
-        refusals: how many boxes embossing refused, by reason.
-        timings: seconds by stage; kept by reference, so that stages that end later still appear.
-        memory: the most resident bytes the process had held up to the end of each stage; by reference likewise.
-        warnings: what did not go as asked so far.
+
+class Section(BaseModel):
+    """A part of a report."""
+
+    model_config = ConfigDict(
+        frozen=True,
+        extra="forbid",
+        allow_inf_nan=False,
+        serialize_by_alias=True,
+        json_schema_serialization_defaults_required=True,
+        json_schema_extra=_allow_more,
+    )
+
+
+class FileFacts(Section):
+    """A file, as it was sent or written."""
+
+    sha256: Annotated[str, Field(description="SHA-256 of its bytes, hexadecimal.")]
+    bytes: Annotated[int, Field(description="Its size.")]
+    format: Annotated[str, Field(description="Its format, with `+zip` where it came in an archive.", examples=["glb"])]
+
+
+class AssetFacts(FileFacts):
+    """A file and the surface in it: what its default scene shows."""
+
+    vertices: Annotated[int, Field(description="Vertices that are drawn; at seams as often as the file has them.")]
+    faces: Annotated[int, Field(description="Triangles.")]
+    components: Annotated[int, Field(description="Parts whose faces are connected by shared edges.")]
+    watertight: Annotated[bool, Field(description="Whether every edge has exactly two faces.")]
+    boundary_edges: Annotated[int, Field(description="Edges with one face.")]
+    nonmanifold_edges: Annotated[int, Field(description="Edges with more than two faces.")]
+
+
+class Engine(Section):
+    """What made the report."""
+
+    version: Annotated[str, Field(description="The version of Meshmark.")]
+    device: Annotated[str, Field(description="Where placement was computed.", examples=["cpu", "cuda"])]
+
+
+class Frame(Section):
+    """The size-30 frame, in which the asset's largest side is 30: size-30 = (world - offset) * scale."""
+
+    model_size: Annotated[float, Field(description="The asset's largest side: 30.")]
+    scale: Annotated[float, Field(description="Size-30 units a world unit.")]
+    offset: Annotated[Vector, Field(description="The frame's origin in world coordinates.")]
+
+
+class Watermark(Section):
+    """A mark, in the asset's world coordinates."""
+
+    id: Annotated[int, Field(description="Its number.")]
+    text: Annotated[str, Field(description="What it says.")]
+    center: Annotated[Vector, Field(description="The centre of its box.")]
+    right: Annotated[Vector, Field(description="The direction of the text, a unit vector.")]
+    up: Annotated[Vector, Field(description="The direction of the letters' ascenders, a unit vector.")]
+    normal: Annotated[Vector, Field(description="The direction it is read from, a unit vector.")]
+    size: Annotated[Vector, Field(description="Width and height of the text, and thickness of the box; world units.")]
+    color: Annotated[str | None, Field(description='Of its letters, "#rrggbb"; null: that of the surface.')]
+    relief: Annotated[float, Field(description="Height of its letters, world units.")]
+    loss: Annotated[
+        float, Field(description="Mean squared distance of its outline to the surface, squared size-30 units.")
+    ]
+    roughness: Annotated[float, Field(description="Mean of 1/cos over pairs of normals in the box; 1 is flat.")]
+    saliency: Annotated[Score, Field(description="Mean saliency under the box, 0 to 1; null where not measured.")]
+    placement_score: Annotated[float, Field(description="`wps_area` of this mark, a share.")]
+    views: Annotated[int, Field(description="Of the paper's 24 views, those that see it.")]
+    cut: Annotated[Literal["split", "arrangement"], Field(description="How it was cut into the surface.")]
+    drawn: Annotated[Literal[True], Field(description="A viewer draws its letters: no other mark stays in the file.")]
+
+
+class CopyFacts(Section):
+    """What became of another copy of the asset in its file."""
+
+    kind: Annotated[
+        Literal["hidden_nodes", "level_of_detail", "scene", "unused_nodes", "unused_meshes"],
+        Field(description="What holds it; hidden nodes are those of the default scene."),
+    ]
+    name: Annotated[str, Field(description="Of the scene, or of the level's node; empty where it has none.")]
+    watermarks: Annotated[int, Field(description="How many of the marks were embossed in it.")]
+    outcome: Annotated[
+        Literal["marked", "shared", "unmarked", "left_out"],
+        Field(description="Shared: its meshes are the asset's own. Unmarked: kept as it is."),
+    ]
+
+
+class Embossing(Section):
+    """How many places were tried for the marks."""
+
+    tried: Annotated[int, Field(description="Places that were tried.")]
+    verified: Annotated[int, Field(description="Those where a mark stands that passed its check.")]
+    refused: Annotated[dict[Refusal, int], Field(description="How many places did not do, by reason.")]
+
+
+class WatermarkQuality(Section):
+    """How well the marks sit, are seen and read; null where not measured. High is good."""
+
+    wps: Annotated[Score, Field(description="Placement by whole faces, a share.")]
+    wps_area: Annotated[Score, Field(description="Placement by exact area, a share.")]
+    ray: Annotated[Score, Field(description="Visibility from 24 views, from just above the letters, a share.")]
+    ray_box: Annotated[Score, Field(description="Visibility from 24 views, from the box's top, a share.")]
+    coverage: Annotated[Score, Field(description="Visibility from 200 directions, a share of these.")]
+    crop_survival: Annotated[Score, Field(description="Crops that leave a whole mark, a share.")]
+    ocr: Annotated[Score, Field(description="Readability: similarity of what is read, 0 to 1, mean over 24 views.")]
+    ocr_ge_08: Annotated[Score, Field(alias="ocr_ge_0.8", description="Share of the views that read at 0.8 or more.")]
+    ocr_exact: Annotated[Score, Field(description="Share of the views that read exactly.")]
+
+
+class AssetUtility(Section):
+    """What the marks cost the asset; null where not measured. Low is good, save of `ss`."""
+
+    smse: Annotated[Score, Field(description="Mean distance to the original, size-30 units.")]
+    smse_squared: Annotated[Score, Field(description="Mean squared distance to the original, squared size-30 units.")]
+    ipe: Annotated[int | None, Field(description="Change in the number of connected parts.")]
+    lce: Annotated[Score, Field(description="Variance of the letters' height, squared size-30 units.")]
+    se: Annotated[Score, Field(description="Share of the marks on salient ground.")]
+    ss: Annotated[Score, Field(description="Similarity of pictures before and after, -1 to 1.")]
+
+
+class Metrics(Section):
+    """What was measured on the file as it was written."""
+
+    watermark_quality: WatermarkQuality
+    asset_utility: AssetUtility
+    higher_is_better: Annotated[dict[str, bool], Field(description="Whether high is good, by metric.")]
+    units: Annotated[
+        dict[str, str],
+        Field(description="By metric, of the size-30 frame; others are shares, similarities or counts."),
+    ]
+    semantics: Annotated[str | None, Field(description="What extracted the features of `ss`; null: nothing did.")]
+    missing: Annotated[dict[str, Notice], Field(description="Why a metric is null, by metric.")]
+    seconds: Annotated[dict[str, float], Field(description="How long each group of metrics took.")]
+
+
+class Report(Section):
+    """What was done to an asset, where, and what it cost it. Fields are only added to it."""
+
+    schema_: Annotated[
+        Literal["meshmark.report/1"], Field(alias="schema", description="Which report this is, and its version.")
+    ] = SCHEMA
+    asset: Annotated[AssetFacts, Field(description="The file that was sent.")]
+    model: Annotated[
+        AssetFacts | FileFacts, Field(description="The file that was made; without metrics, nothing of its surface.")
+    ]
+    parameters: Annotated[Parameters, Field(description="As resolved by the preset.")]
+    seed: Annotated[int, Field(description="Of every random draw.")]
+    engine: Engine
+    units: Frame
+    watermarks: Annotated[list[Watermark], Field(description="The marks, by `id`.")]
+    copies: Annotated[list[CopyFacts], Field(description="Other copies of the asset in its file.")]
+    embossing: Embossing
+    metrics: Annotated[Metrics | None, Field(description="Null with `evaluate: none`.")]
+    warnings: Annotated[list[Notice], Field(description="What did not go as asked although the job went on.")]
+    timings: Annotated[dict[str, float], Field(description="Seconds that each stage took.")]
+    memory: Annotated[
+        dict[str, int], Field(description="The most resident bytes the process had held by the end of each stage.")
+    ]
+
+
+class Place(BaseModel):
+    """Placement of one watermark, in the coordinates of the original: what is read of an entry of ``watermarks``.
+
+    ``up`` and ``normal`` need not be of length one; a ``right`` that is given must agree with them.
     """
-    boxes, relief = boxes_of(marks, parameters)
-    score = wps_area(surface, boxes)
-    view_count = len(view_directions()[0])
-    watermarks = [
-        {
-            "id": number,
-            "text": parameters.text,
-            "center": surface.to_world(boxes.center[number]).tolist(),
-            "right": boxes.axes[number, 0].tolist(),
-            "up": boxes.axes[number, 1].tolist(),
-            "normal": boxes.axes[number, 2].tolist(),
-            "size": (boxes.size[number] / surface.scale).tolist(),
-            "color": colors[number],
-            "relief": float(relief[number] / surface.scale),
-            "loss": float(placement.loss[box]),
-            "roughness": float(placement.roughness[box]),
-            "saliency": None,
-            "placement_score": float(score[number]),
-            "views": int(placement.visible[box, :view_count].sum()),
-            "cut": mark.cut,
-            "drawn": True,
-        }
-        for number, (box, mark) in enumerate(marks.items())
-    ]
-    return {
-        "schema": SCHEMA,
-        "asset": file_facts(data, file_format) | asset_facts(surface),
-        "model": file_facts(model, Format.GLB) | (asset_facts(written) if written is not None else {}),
-        "parameters": parameters.model_dump(mode="json"),
-        "seed": parameters.seed,
-        "engine": {"version": __version__, "device": device().value},
-        "units": {"model_size": MODEL_SIZE, "scale": surface.scale, "offset": surface.offset.tolist()},
-        "watermarks": watermarks,
-        "copies": [
-            {"kind": item.copy.kind, "name": item.copy.name, "watermarks": item.watermarks, "outcome": item.outcome}
-            for item in copies
-        ],
-        "embossing": {
-            "tried": len(marks) + sum(refusals.values()),
-            "verified": len(marks),
-            "refused": dict(sorted(refusals.items())),
-        },
-        "metrics": _unmeasured().report() if parameters.evaluate is not Evaluate.NONE else None,
-        "warnings": [asdict(warning) for warning in warnings],
-        "timings": timings,
-        "memory": memory,
-    }
+
+    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
+
+    center: Vector
+    up: Vector
+    normal: Vector
+    size: Annotated[Vector, Field(description="Width and height of the text, and thickness of the box; world units.")]
+    relief: Annotated[float, Field(description="Height of the letters above the surface, world units.")]
+    text: str = ""
 
 
-def with_metrics(report: dict[str, Any], measured: Measurement) -> dict[str, Any]:
-    """The report with its metrics, and the saliency under each mark."""
-    saliency = measured.box_saliency
-    watermarks = [
-        mark | {"saliency": None if saliency is None else float(saliency[number])}
-        for number, mark in enumerate(report["watermarks"])
-    ]
-    return report | {"watermarks": watermarks, "metrics": measured.report()}
+class Places(BaseModel):
+    """Placements of all watermarks of an asset; a whole report is valid input, too."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    watermarks: list[Place]
 
 
-def boxes_of(marks: dict[int, Mark], parameters: Parameters) -> tuple[Boxes, NDArray[np.float64]]:
-    """The boxes (B) of all marks in their order, and the height (B,) of their letters, size-30 units."""
-    boxes = Boxes(
-        np.concatenate([mark.box.center for mark in marks.values()]),
-        np.concatenate([mark.box.axes for mark in marks.values()]),
-        np.concatenate([mark.box.size for mark in marks.values()]),
-    )
-    return boxes, np.abs([parameters.relief_at(height) for height in boxes.size[:, 1]])
+class EvaluationReport(Section):
+    """The metrics of a pair of files, whoever made them."""
 
-
-def file_facts(data: bytes, file_format: Format) -> dict[str, Any]:
-    """What file it was."""
-    return {"sha256": hashlib.sha256(data).hexdigest(), "bytes": len(data), "format": file_format.value}
-
-
-def asset_facts(surface: Surface) -> dict[str, Any]:
-    """Size and topology of a surface: counts, and whether it is closed."""
-    found = topology(surface)
-    return {
-        "vertices": len(surface.positions),
-        "faces": len(surface.faces),
-        "components": found.components,
-        "watertight": found.watertight,
-        "boundary_edges": found.boundary_edges,
-        "nonmanifold_edges": found.nonmanifold_edges,
-    }
-
-
-def _unmeasured() -> Measurement:
-    """What stands in the report until the measurement has ended."""
-    measurement = Measurement()
-    reason = Notice(
-        NoticeCode.NOT_MEASURED,
-        "The process ended before it had measured the result.",
-        "The model is not affected. Ask for evaluate: geometry if it happens again.",
-    )
-    measurement.missing |= dict.fromkeys(measurement.values, reason)
-    return measurement
+    schema_: Annotated[
+        Literal["meshmark.report/1"], Field(alias="schema", description="Which report this is, and its version.")
+    ] = SCHEMA
+    asset: Annotated[AssetFacts, Field(description="The original.")]
+    model: Annotated[AssetFacts, Field(description="The watermarked file.")]
+    seed: Annotated[int, Field(description="Of the random samples.")]
+    engine: Engine
+    units: Frame
+    watermarks: Annotated[list[Place], Field(description="As given.")]
+    warnings: Annotated[list[Notice], Field(description="What was measured otherwise than it could have been.")]
+    metrics: Metrics
+    timings: Annotated[dict[str, float], Field(description="Seconds.")]

@@ -7,9 +7,11 @@ from functools import partial
 from typing import Any
 
 from fastapi import FastAPI
+from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from core.report import Report
 from service.access import SCHEME
 from service.announcer import Announcer
 from service.bodies import Bodies
@@ -63,8 +65,14 @@ class DeclaredSizeLimit:
         return await self.app(scope, receive, send)
 
 
+def _components(model: type[BaseModel]) -> dict[str, Any]:
+    """The schemas of a model and of all that it consists of, by name."""
+    _, described = models_json_schema([(model, "serialization")], ref_template="#/components/schemas/{model}")
+    return dict(described["$defs"])
+
+
 class Application(FastAPI):
-    """FastAPI whose OpenAPI document knows that every error is a problem."""
+    """FastAPI whose OpenAPI document knows that every error is a problem, and what a report is."""
 
     def build_middleware_stack(self) -> ASGIApp:
         """Middleware stack in the layers that see every response, that to an unexpected error too."""
@@ -74,9 +82,10 @@ class Application(FastAPI):
         """The OpenAPI document."""
         if not self.openapi_schema:
             document = super().openapi()
-            _, problems = models_json_schema([(Problem, "serialization")], ref_template="#/components/schemas/{model}")
             schemas = document["components"]["schemas"]
-            schemas.update(problems["$defs"])
+            schemas.update(_components(Problem))
+            for name, schema in _components(Report).items():
+                schemas.setdefault(name, schema)  # what other answers have too is described already
             for name in ("HTTPValidationError", "ValidationError"):  # FastAPI's own shape, which is never sent
                 schemas.pop(name, None)
             document["components"]["securitySchemes"] = {

@@ -29,15 +29,16 @@ BELOW = {
     "rendering": "gltf geometry process",
     "models": "",
     "metrics": "placement analysis rendering geometry models parameters processors",
-    "report": "metrics embossing placement formats geometry parameters device",
+    "report": "embossing parameters",
+    "reporting": "report stages metrics embossing formats geometry parameters device",
     "preload": "rendering",
     "stages": "embossing placement analysis formats gltf budgets parameters",
-    "marking": "stages report embossing placement analysis artwork formats gltf geometry",
-    "measuring": "stages report metrics rendering analysis parameters",
+    "marking": "stages reporting embossing placement analysis artwork formats gltf geometry",
+    "measuring": "stages report reporting metrics rendering analysis parameters",
     "pipeline": "marking measuring stages budgets parameters preload",
-    "evaluate": "report metrics rendering analysis formats gltf geometry budgets parameters",
+    "evaluate": "report reporting metrics rendering analysis formats gltf geometry budgets parameters",
     "lab": (
-        "pipeline stages metrics rendering placement analysis artwork formats gltf geometry budgets parameters "
+        "pipeline stages report metrics rendering placement analysis artwork formats gltf geometry budgets parameters "
         "processors"
     ),
     "cli": "lab pipeline evaluate models parameters",
@@ -46,7 +47,7 @@ BELOW = {
 EVERYWHERE = {"arrays", "errors", "notices", "__version__"}
 
 # Of core, the service and the worker use these; the worker alone the reading of uploads.
-OF_SERVICE = {"errors", "validation", "parameters", "budgets", "artwork", "__version__"}
+OF_SERVICE = {"errors", "validation", "parameters", "budgets", "artwork", "report", "__version__"}
 OF_WORKER = OF_SERVICE | {"formats", "pipeline", "preload", "processors"}
 
 FILE_LINES = 400
@@ -55,7 +56,6 @@ PARAMETERS = 7
 # Functions of many parameters with a reason.
 WIDE_FUNCTIONS = {
     "core/geometry/warp_kernels.py:first_hit",  # a kernel: it takes arrays and numbers, no records
-    "core/report.py:build_report",
 }
 
 

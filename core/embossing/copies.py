@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 from core.analysis.analyse import analyse
 from core.embossing.emboss import Mark
@@ -19,6 +20,8 @@ from core.gltf.write import write
 from core.notices import Notice, NoticeCode
 from core.parameters import Parameters, UnmarkedCopies
 
+Outcome = Literal["marked", "shared", "unmarked", "left_out"]
+
 
 @dataclass(frozen=True)
 class MarkedCopy:
@@ -27,12 +30,12 @@ class MarkedCopy:
     Attributes:
         copy: nodes or meshes beside the asset.
         watermarks: number of the asset's marks in it, without those of meshes that it shares with the asset.
-        outcome: "marked", "shared" (its meshes are the asset's own), "unmarked" (kept as it is) or "left_out".
+        outcome: "shared" where its meshes are the asset's own, "unmarked" where it is kept as it is.
     """
 
     copy: Copy
     watermarks: int
-    outcome: str
+    outcome: Outcome
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +85,7 @@ def mark_copies(model: bytes, marks: AssetMarks) -> tuple[bytes, list[MarkedCopy
         own = tuple(node for node in copy.nodes if document.entry("nodes", node)["mesh"] not in drawn)
         document, count = _embossed(document, replace(copy, nodes=own), marks)
         kept = marks.parameters.unmarked_copies is UnmarkedCopies.KEEP or copy.kind == "hidden_nodes"
-        left = "unmarked" if kept else "left_out"
+        left: Outcome = "unmarked" if kept else "left_out"
         found.append(MarkedCopy(copy, count, "marked" if count else "shared" if meshes & drawn else left))
     lost = [item.copy for item in found if item.outcome == "left_out"]
     if lost:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from manifold3d import CrossSection
@@ -26,7 +27,7 @@ from core.geometry.triangles import barycentric
 from core.gltf.edit import Kind
 
 Cut = Callable[[Patch, CrossSection], Pieces | None]
-CUTS: tuple[tuple[str, Cut], ...] = (("split", split), ("arrangement", arrange))
+CUTS: tuple[tuple[Literal["split", "arrangement"], Cut], ...] = (("split", split), ("arrangement", arrange))
 # Text heights, in the plane of the box; imperceptible shifts that break coincidences of outline and mesh.
 SHIFTS = ((0.0, 0.0), (0.0104, 0.0072), (-0.0088, 0.0136))
 
@@ -40,12 +41,12 @@ class Mark:
 
     Attributes:
         box: a single box.
-        cut: the method of cutting that succeeded, "split" or "arrangement".
+        cut: the method of cutting that succeeded.
         faces: number of triangles added, less those replaced.
     """
 
     box: Boxes
-    cut: str
+    cut: Literal["split", "arrangement"]
     faces: int
 
 

@@ -5,7 +5,7 @@ With only the default scene marked, they hold the unmarked asset.
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 from core.gltf.builder import Builder
 from core.gltf.document import Document, typed
@@ -15,6 +15,7 @@ from core.gltf.references import INSTANCING, LOD
 from core.gltf.scene import Scene, flatten
 
 Json = dict[str, Any]
+CopyKind = Literal["hidden_nodes", "level_of_detail", "scene", "unused_nodes", "unused_meshes"]
 
 COVERAGE = "MSFT_screencoverage"
 
@@ -24,14 +25,14 @@ class Copy:
     """Nodes with meshes that the default scene does not show, or the meshes that no node draws.
 
     Attributes:
-        kind: "hidden_nodes" (of the default scene), "level_of_detail", "scene", "unused_nodes" or "unused_meshes".
+        kind: what holds them; hidden nodes are those of the default scene.
         name: of the scene, or of the level's node; empty where it has none.
         nodes: those with a mesh that no earlier copy has, ascending.
         root: the level's node; ``None`` for other kinds.
         of: the node that the level replaces.
     """
 
-    kind: str
+    kind: CopyKind
     name: str
     nodes: tuple[int, ...]
     root: int | None = None
@@ -50,7 +51,7 @@ def find_copies(document: Document) -> list[Copy]:
     nodes = typed(document.json, "nodes", list)
     found: list[Copy] = []
 
-    def add(kind: str, name: Any, members: list[int], **more: int) -> None:
+    def add(kind: CopyKind, name: Any, members: list[int], **more: int) -> None:
         mine = tuple(sorted(node for node in members if node not in taken and "mesh" in nodes[node]))
         taken.update(members)
         if mine:

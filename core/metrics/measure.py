@@ -3,9 +3,8 @@
 import logging
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cache, cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,16 +143,6 @@ class Measurement:
     semantics: str = ""
     warnings: list[Notice] = field(default_factory=list)
     box_saliency: Float | None = None
-
-    def report(self) -> dict[str, Any]:
-        """The ``metrics`` of a report (``meshmark.report/1``)."""
-        return {kind: {name: self.values[name] for name in names} for kind, names in HIGHER_IS_BETTER.items()} | {
-            "higher_is_better": {name: better for names in HIGHER_IS_BETTER.values() for name, better in names.items()},
-            "units": UNITS,
-            "semantics": self.semantics or None,
-            "missing": {name: asdict(reason) for name, reason in self.missing.items()},
-            "seconds": self.seconds,
-        }
 
 
 def measure(pair: Pair, level: Evaluate, progress: Callable[[float], None] = lambda _: None) -> Measurement:

@@ -35,9 +35,8 @@ MEDIA_TYPES = {
 CONTENT: dict[ArtifactKind, dict[str, Any]] = {
     ArtifactKind.MODEL: {"type": "string", "format": "binary"},
     ArtifactKind.REPORT: {
-        "type": "object",
+        "$ref": "#/components/schemas/Report",
         "description": "`meshmark.report/1`, as the manual's page on the report describes it.",
-        "examples": [{"schema": "meshmark.report/1", "watermarks": [], "metrics": None, "warnings": []}],
     },
     ArtifactKind.PREVIEW: {"type": "string", "format": "binary"},
 }

@@ -13,6 +13,7 @@ from core.evaluate import evaluate, parse_watermarks
 from core.geometry.spatial import SpatialIndex
 from core.parameters import Evaluate, Parameters
 from core.pipeline import Result, watermark
+from core.report import EvaluationReport
 
 SPOT = Path(__file__).parents[1] / "data" / "spot.glb"
 PLATE = trimesh.creation.box(extents=(2, 2, 0.2))
@@ -35,6 +36,7 @@ def test_a_pair_measures_as_it_did_in_the_job_that_made_it(marked: Result) -> No
     assert again["model"] == marked.report["model"]
     assert again["asset"] == marked.report["asset"]
     assert again["metrics"]["missing"] == before["missing"]
+    assert json.dumps(EvaluationReport.model_validate(again).model_dump(mode="json")) == json.dumps(again)
 
 
 def test_files_of_other_tools_are_measured_with_places_from_a_list() -> None:

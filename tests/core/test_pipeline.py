@@ -16,6 +16,7 @@ from core.gltf.prune import unreferenced_bytes
 from core.gltf.scene import scene_of
 from core.parameters import Evaluate, Mode, Parameters, Preset
 from core.pipeline import STAGES, Result, watermark
+from core.report import Report
 from tests.core.gltf.ktx2_samples import UASTC
 from tests.core.rendering.glb import CORNERS, CUBE_FACES, GlbWriter, plain
 from tests.validator import error_counts
@@ -75,6 +76,17 @@ def test_the_report_has_every_section_of_its_schema(spot: Result) -> None:
     assert spot.report["memory"]["reading"] > 2**20
     assert spot.report["parameters"]["count"] == 3
     assert spot.report["warnings"] == []
+
+
+@pytest.mark.parametrize("evaluate", [Evaluate.GEOMETRY, Evaluate.NONE])
+def test_a_report_is_read_as_it_was_written(spot: Result, evaluate: Evaluate) -> None:
+    report = spot.report if evaluate is FEW.evaluate else watermark(SPOT.read_bytes(), UNMEASURED, preview=False).report
+    again = Report.model_validate_json(json.dumps(report))
+    assert json.dumps(again.model_dump(mode="json")) == json.dumps(report)
+    assert len(again.watermarks) == again.embossing.verified == 3
+    assert (again.metrics is None) == (evaluate is Evaluate.NONE)
+    later = report | {"author": "somebody", "engine": report["engine"] | {"commit": "0f8ebd3"}}
+    assert Report.model_validate_json(json.dumps(later), extra="ignore") == again
 
 
 def test_there_is_a_preview_of_eight_views(spot: Result) -> None:

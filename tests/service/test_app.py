@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from core.notices import NoticeCode
 from service.__main__ import openapi
 
 COMMITTED = Path(__file__).parents[2] / "openapi.yaml"
@@ -29,6 +30,18 @@ def test_every_error_in_the_openapi_document_is_a_problem() -> None:
     assert "HTTPValidationError" not in str(document)
     for schema in ("Problem", "Parameters", "JobView", "ErrorCode"):
         assert schema in document["components"]["schemas"]
+
+
+def test_the_openapi_document_describes_the_report_field_by_field() -> None:
+    document = yaml.safe_load(openapi())
+    answers = document["paths"]["/v1/watermarks/{job_id}/report"]["get"]["responses"]
+    assert {answers[code]["content"]["application/json"]["schema"]["$ref"] for code in ("200", "206")} == {
+        "#/components/schemas/Report"
+    }
+    schemas = document["components"]["schemas"]
+    assert list(schemas["Report"]["properties"]) == schemas["Report"]["required"]
+    assert schemas["NoticeCode"]["enum"] == [*NoticeCode]
+    assert schemas["Watermark"]["properties"]["relief"]["description"] == "Height of its letters, world units."
 
 
 @pytest.mark.parametrize("module", ["service.__main__", "worker.app", "worker.webhooks"])

@@ -11,6 +11,7 @@ from enum import StrEnum
 from types import ModuleType
 
 from prometheus_client import REGISTRY
+from pydantic import BaseModel
 
 from core.budgets import DEFAULT_BUDGETS
 from core.cli import parser
@@ -22,6 +23,7 @@ from core.metrics.measure import HIGHER_IS_BETTER, UNITS
 from core.notices import NoticeCode
 from core.parameters import PRESETS, Parameters, parse_parameters
 from core.pipeline import STAGES
+from core.report import AssetFacts, CopyFacts, Embossing, Engine, Frame, Report, Watermark
 from service.__main__ import parser as service_parser
 from service.app import create_app
 from service.config import Settings
@@ -100,6 +102,23 @@ def test_the_table_of_refused_places_is_that_of_the_engine() -> None:
     assert rows("report", "Reasons for refused places") == [
         [f"`{reason}`", meaning] for reason, (meaning, _) in EXPLAINED.items()
     ]
+
+
+def test_the_tables_of_the_report_have_the_fields_of_its_model() -> None:
+    table = rows("report", "The report")
+    contents = {name: content for cell, content in table for name in re.findall(r"\w+", cell)}
+    assert [*contents] == [field.alias or name for name, field in Report.model_fields.items()]
+    sections: dict[str, type[BaseModel]] = {
+        "asset": AssetFacts,
+        "engine": Engine,
+        "units": Frame,
+        "copies": CopyFacts,
+        "embossing": Embossing,
+    }
+    for name, section in sections.items():
+        assert set(section.model_fields) <= set(re.findall(r"`(\w+)`", contents[name])), name
+    marks = [name for cell, _ in rows("report", "Marks") for name in re.findall(r"\w+", cell)]
+    assert marks == [*Watermark.model_fields]
 
 
 def test_the_tables_of_warnings_have_every_code_that_a_report_may_warn_of() -> None:

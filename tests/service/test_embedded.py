@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import jsonschema
 import psutil
 import pytest
 
@@ -135,6 +136,9 @@ def test_one_command_starts_the_real_engine_and_a_solid_comes_back_watermarked(t
         job = service.wait_for(response.headers["Location"], "succeeded")
         assert service.client.get(job["links"]["model"]).content[:4] == b"glTF"
         report = service.client.get(job["links"]["report"]).json()
+        document = service.client.get("/openapi.json").json()
+        described = {"$ref": "#/components/schemas/Report", "components": document["components"]}
+        jsonschema.Draft202012Validator(described).validate(report)
         assert report["schema"] == "meshmark.report/1"
         assert {mark["text"] for mark in report["watermarks"]} == {"HI"}
         process.send_signal(signal.SIGINT)

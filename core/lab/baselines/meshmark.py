@@ -9,6 +9,7 @@ from core.lab.plain import plain
 from core.parameters import Evaluate, Parameters
 from core.pipeline import run_stages
 from core.placement.objective import OBJECTIVE, Objective
+from core.report import Report
 from core.stages import Request
 
 
@@ -25,11 +26,11 @@ def meshmark(
     unmeasured = parameters.model_copy(update={"evaluate": Evaluate.NONE}).resolved()
     result = run_stages(prepared.data, Request(unmeasured, prepared.font, preview=False, objective=objective))
     surface = prepared.surface
-    marks = result.report["watermarks"]
+    marks = Report.model_validate(result.report).watermarks
     boxes = Boxes(
-        np.array([mark["center"] for mark in marks]),
-        np.array([[mark["right"], mark["up"], mark["normal"]] for mark in marks]),
-        np.array([mark["size"] for mark in marks]),
+        np.array([mark.center for mark in marks]),
+        np.array([[mark.right, mark.up, mark.normal] for mark in marks]),
+        np.array([mark.size for mark in marks]),
     ).to_frame(surface.offset, surface.scale)
-    relief = np.array([mark["relief"] for mark in marks]) * surface.scale
+    relief = np.array([mark.relief for mark in marks]) * surface.scale
     return Marked(plain(scene_of(result.model).surface.in_frame_of(surface)), boxes, relief)

@@ -20,6 +20,7 @@ from core.lab.benchmark.statistics import PowerLaw, power_law
 from core.lab.benchmark.worker import failure, machine
 from core.parameters import Evaluate, Parameters
 from core.pipeline import STAGES, Progress, watermark
+from core.report import Report
 
 SCHEMA = "meshmark.profile/1"
 EVERY_STAGE = list(STAGES)
@@ -133,17 +134,18 @@ def _run(data: bytes, parameters: Parameters) -> Row:
     _read_and_write(data)
     floor = round(time.perf_counter() - start, 6)
     _forget_peak_memory()
-    report = watermark(data, parameters, preview=parameters.evaluate is not Evaluate.NONE).report
-    measured = EVERY_STAGE if report["metrics"] else TO_THE_MODEL
-    seconds = {stage: report["timings"][stage] for stage in measured}
-    memory = {stage: report["memory"][stage] for stage in measured}
+    result = watermark(data, parameters, preview=parameters.evaluate is not Evaluate.NONE)
+    report = Report.model_validate(result.report)
+    measured = EVERY_STAGE if report.metrics else TO_THE_MODEL
+    seconds = {stage: report.timings[stage] for stage in measured}
+    memory = {stage: report.memory[stage] for stage in measured}
     return {
         "seconds": seconds,
         "memory": memory,
         "total": sum(seconds[stage] for stage in TO_THE_MODEL),
         "floor": floor,
         "peak": max(memory.values()),
-        "missing": sorted(report["metrics"]["missing"]) if report["metrics"] else [],
+        "missing": sorted(report.metrics.missing) if report.metrics else [],
     }
 
 

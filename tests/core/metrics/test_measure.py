@@ -11,6 +11,7 @@ from core.geometry.boxes import Boxes
 from core.geometry.surface import Surface
 from core.metrics.measure import HIGHER_IS_BETTER, UNITS, Measurement, Pair, Subject, measure
 from core.parameters import Evaluate
+from core.reporting import metrics_of
 from tests.core.metrics.test_ray import on_all_sides
 from tests.core.placement.shapes import cuboid, index_of, join, moved
 
@@ -33,7 +34,7 @@ def geometry(watermarked: Surface, boxes: Boxes) -> Measurement:
 
 
 def test_the_report_carries_every_metric_and_says_which_way_is_better() -> None:
-    found = geometry(BLOCK, on_all_sides()).report()
+    found = metrics_of(geometry(BLOCK, on_all_sides())).model_dump(mode="json")
     quality, utility = found["watermark_quality"], found["asset_utility"]
     assert list(quality) == [
         "wps",

@@ -1,0 +1,168 @@
+"""Building the report from what the stages found."""
+
+import hashlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core import __version__
+from core.device import device
+from core.embossing.emboss import Mark
+from core.embossing.refusal import Refusal
+from core.formats.sniff import Format
+from core.geometry.boxes import Boxes
+from core.geometry.directions import view_directions
+from core.geometry.surface import MODEL_SIZE, Surface
+from core.metrics.measure import HIGHER_IS_BETTER, UNITS, Measurement
+from core.metrics.topology import topology
+from core.metrics.wps_area import wps_area
+from core.notices import Notice, NoticeCode
+from core.parameters import Evaluate, Parameters
+from core.report import (
+    AssetFacts,
+    AssetUtility,
+    CopyFacts,
+    Embossing,
+    Engine,
+    FileFacts,
+    Frame,
+    Metrics,
+    Report,
+    Watermark,
+    WatermarkQuality,
+)
+from core.stages import Asset, Output
+
+
+def build_report(asset: Asset, output: Output, parameters: Parameters) -> Report:
+    """The report of what was written, its metrics still missing and without an account of the run.
+
+    Args:
+        asset: that was read.
+        output: the GLB, its marks, and the other copies of the asset in it.
+        parameters: resolved.
+    """
+    surface, embossed = asset.scene.surface, output.embossed
+    measured = parameters.evaluate is not Evaluate.NONE
+    model = file_facts(output.model, Format.GLB)
+    refused = {Refusal(reason): count for reason, count in sorted(embossed.refusals.items())}
+    verified = len(embossed.marks)
+    return Report(
+        asset=asset_facts(file_facts(asset.data, asset.format), surface),
+        model=asset_facts(model, output.scene.surface.in_frame_of(surface)) if measured else model,
+        parameters=parameters,
+        seed=parameters.seed,
+        engine=Engine(version=__version__, device=device().value),
+        units=frame_of(surface),
+        watermarks=_watermarks(surface, output, parameters),
+        copies=[
+            CopyFacts(kind=item.copy.kind, name=item.copy.name, watermarks=item.watermarks, outcome=item.outcome)
+            for item in output.copies
+        ],
+        embossing=Embossing(tried=verified + sum(refused.values()), verified=verified, refused=refused),
+        metrics=metrics_of(_unmeasured()) if measured else None,
+        warnings=[],
+        timings={},
+        memory={},
+    )
+
+
+def with_metrics(report: Report, measured: Measurement) -> Report:
+    """The report with its metrics, and the saliency under each mark."""
+    saliency = measured.box_saliency
+    watermarks = [
+        mark.model_copy(update={"saliency": None if saliency is None else float(saliency[number])})
+        for number, mark in enumerate(report.watermarks)
+    ]
+    return report.model_copy(update={"watermarks": watermarks, "metrics": metrics_of(measured)})
+
+
+def boxes_of(marks: dict[int, Mark], parameters: Parameters) -> tuple[Boxes, NDArray[np.float64]]:
+    """The boxes (B) of all marks in their order, and the height (B,) of their letters, size-30 units."""
+    boxes = Boxes(
+        np.concatenate([mark.box.center for mark in marks.values()]),
+        np.concatenate([mark.box.axes for mark in marks.values()]),
+        np.concatenate([mark.box.size for mark in marks.values()]),
+    )
+    return boxes, np.abs([parameters.relief_at(height) for height in boxes.size[:, 1]])
+
+
+def file_facts(data: bytes, file_format: Format) -> FileFacts:
+    """Content and format of a file."""
+    return FileFacts(sha256=hashlib.sha256(data).hexdigest(), bytes=len(data), format=file_format.value)
+
+
+def asset_facts(file: FileFacts, surface: Surface) -> AssetFacts:
+    """A file with size and topology of its surface: counts, and whether it is closed."""
+    found = topology(surface)
+    return AssetFacts(
+        sha256=file.sha256,
+        bytes=file.bytes,
+        format=file.format,
+        vertices=len(surface.positions),
+        faces=len(surface.faces),
+        components=found.components,
+        watertight=found.watertight,
+        boundary_edges=found.boundary_edges,
+        nonmanifold_edges=found.nonmanifold_edges,
+    )
+
+
+def frame_of(surface: Surface) -> Frame:
+    """The size-30 frame of a surface."""
+    x, y, z = surface.offset.tolist()
+    return Frame(model_size=MODEL_SIZE, scale=surface.scale, offset=(x, y, z))
+
+
+def metrics_of(measured: Measurement) -> Metrics:
+    """All metrics of a measurement, and why some are missing."""
+    values = {kind: {name: measured.values[name] for name in names} for kind, names in HIGHER_IS_BETTER.items()}
+    return Metrics(
+        watermark_quality=WatermarkQuality.model_validate(values["watermark_quality"]),
+        asset_utility=AssetUtility.model_validate(values["asset_utility"]),
+        higher_is_better={name: better for names in HIGHER_IS_BETTER.values() for name, better in names.items()},
+        units=UNITS,
+        semantics=measured.semantics or None,
+        missing=measured.missing,
+        seconds=measured.seconds,
+    )
+
+
+def _watermarks(surface: Surface, output: Output, parameters: Parameters) -> list[Watermark]:
+    marks, placement = output.embossed.marks, output.embossed.placement
+    boxes, relief = boxes_of(marks, parameters)
+    score = wps_area(surface, boxes)
+    view_count = len(view_directions()[0])
+    return [
+        Watermark(
+            id=number,
+            text=parameters.text,
+            center=surface.to_world(boxes.center[number]).tolist(),
+            right=boxes.axes[number, 0].tolist(),
+            up=boxes.axes[number, 1].tolist(),
+            normal=boxes.axes[number, 2].tolist(),
+            size=(boxes.size[number] / surface.scale).tolist(),
+            color=output.styles[number].color,
+            relief=float(relief[number] / surface.scale),
+            loss=float(placement.loss[box]),
+            roughness=float(placement.roughness[box]),
+            saliency=None,
+            placement_score=float(score[number]),
+            views=int(placement.visible[box, :view_count].sum()),
+            cut=mark.cut,
+            drawn=True,
+        )
+        for number, (box, mark) in enumerate(marks.items())
+    ]
+
+
+def _unmeasured() -> Measurement:
+    """What stands in the report until the measurement has ended."""
+    measurement = Measurement()
+    reason = Notice(
+        NoticeCode.NOT_MEASURED,
+        "The process ended before it had measured the result.",
+        "The model is not affected. Ask for evaluate: geometry if it happens again.",
+    )
+    measurement.missing |= dict.fromkeys(measurement.values, reason)
+    return measurement
