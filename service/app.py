@@ -30,6 +30,7 @@ from service.problems import Problem, install_problem_handlers, problem_response
 from service.readiness import Readiness
 from service.request_id import RequestId
 from service.routes import batch, events, health, hooks, uploads, watermarks, webhook_endpoints
+from service.routes.report_example import REPORT
 from service.state import AppState
 from service.template import Template
 from service.webhooks.vault import Vault, read_keys
@@ -86,6 +87,7 @@ class Application(FastAPI):
             schemas.update(_components(Problem))
             for name, schema in _components(Report).items():
                 schemas.setdefault(name, schema)  # what other answers have too is described already
+            schemas["Report"]["examples"] = [REPORT]
             for name in ("HTTPValidationError", "ValidationError"):  # FastAPI's own shape, which is never sent
                 schemas.pop(name, None)
             document["components"]["securitySchemes"] = {

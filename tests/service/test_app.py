@@ -6,7 +6,9 @@ import pytest
 import yaml
 
 from core.notices import NoticeCode
+from core.report import Report
 from service.__main__ import openapi
+from service.routes.report_example import REPORT
 
 COMMITTED = Path(__file__).parents[2] / "openapi.yaml"
 
@@ -40,6 +42,9 @@ def test_the_openapi_document_describes_the_report_field_by_field() -> None:
     }
     schemas = document["components"]["schemas"]
     assert list(schemas["Report"]["properties"]) == schemas["Report"]["required"]
+    assert [Report.model_validate(example).model_dump(mode="json") for example in schemas["Report"]["examples"]] == [
+        REPORT
+    ]
     assert schemas["NoticeCode"]["enum"] == [*NoticeCode]
     assert schemas["Watermark"]["properties"]["relief"]["description"] == "Height of its letters, world units."
 

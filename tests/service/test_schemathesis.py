@@ -11,6 +11,7 @@ from typing import Any
 import yaml
 
 from service.__main__ import openapi
+from service.routes.report_example import REPORT
 from tests.service.harness import API_COMMAND, WORKER_COMMAND, Service, redis_server
 
 DOCUMENT = yaml.safe_load(openapi())
@@ -25,7 +26,7 @@ def test_no_request_by_or_against_the_document_is_answered_otherwise_than_it_say
         with service.running(API_COMMAND, WORKER_COMMAND):
             header = {"Authorization": f"Bearer {new_key(service)}"}
             service.client.headers.update(header)
-            for url in [service.start_job(number=number) for number in range(3)]:
+            for url in [service.start_job(number=number, report=REPORT) for number in range(3)]:
                 service.wait_for(url, "succeeded")
             report = tmp_path / "report.json"
             done = schemathesis(service.url, report, header)

@@ -68,7 +68,8 @@ def directed(
     wait_for(order.get("wait_for_before_the_report"))
     preview = b"\x89PNG"
     publish("preview", preview)
-    return Result(model, {"text": parameters.text, "font": font is not None, "metrics": {"ocr": 1.0}}, preview)
+    told = {"text": parameters.text, "font": font is not None, "metrics": {"ocr": 1.0}}
+    return Result(model, order.get("report", told), preview)
 
 
 def wait_for(path: str | None) -> None:
