@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 from core import __version__
 from core.errors import ErrorCode, MeshmarkError
 from core.lab.benchmark.datasets import LAYOUTS
-from core.lab.benchmark.options import OBJECTIVE_METHODS, PAPER_ATTACKS, AttackAsked, BenchmarkOptions
+from core.lab.benchmark.options import OBJECTIVE_METHODS, PAPER_ATTACKS, AttackRequest, BenchmarkOptions
 from core.parameters import Evaluate, Mode, Preset, UnmarkedCopies, parse_parameters
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
@@ -316,11 +316,11 @@ def _attack(options: argparse.Namespace) -> None:
 def _benchmark(options: argparse.Namespace) -> None:
     from core.lab.benchmark.run import run
 
-    asked = {name: getattr(options, name) for name in BenchmarkOptions.__dataclass_fields__}
+    settings = {name: getattr(options, name) for name in BenchmarkOptions.__dataclass_fields__}
     attacks = PAPER_ATTACKS if options.attacks == ("all",) else options.attacks
-    asked["methods"] = OBJECTIVE_METHODS if options.methods == ("objective",) else options.methods
-    asked["attacks"] = tuple(AttackAsked.parse(attack) for attack in attacks)
-    rows = run(BenchmarkOptions(**asked | {"level": Evaluate(options.level)}))
+    settings["methods"] = OBJECTIVE_METHODS if options.methods == ("objective",) else options.methods
+    settings["attacks"] = tuple(AttackRequest.parse(attack) for attack in attacks)
+    rows = run(BenchmarkOptions(**settings | {"level": Evaluate(options.level)}))
     failed = sum(row["status"] != "ok" for row in rows)
     print(f"{options.out / 'REPORT.md'}: {len(rows)} rows, {failed} of them refused or failed")
 

@@ -86,15 +86,15 @@ def place(asset: Asset, artwork: Artwork, run: Run) -> Candidates:
     from core.analysis.texture import texture_saliency
 
     scene, analysis, parameters = asset.scene, asset.analysis, run.request.parameters
-    asked = regions(scene, analysis.surface, parameters)
+    requested = regions(scene, analysis.surface, parameters)
     salient = saliency(analysis.surface, parameters.seed)
     samples = analysis.surface, salient.points, salient.face
-    facts = SurfaceFacts(salient, texture_saliency(scene, *samples), skin_deformation(scene, *samples), asked)
+    facts = SurfaceFacts(salient, texture_saliency(scene, *samples), skin_deformation(scene, *samples), requested)
     run.notices += undecoded_textures(scene.document)
     rng = np.random.default_rng(parameters.seed)
 
     def on(faces: Bool, index: "SpatialIndex", opaque: float) -> Candidates:
-        return _place_on(asset, facts, artwork, (asked.within(faces), index, opaque), rng, run)
+        return _place_on(asset, facts, artwork, (requested.within(faces), index, opaque), rng, run)
 
     try:
         return on(analysis.opaque, analysis.index, HIDING)

@@ -51,8 +51,8 @@ class SurfaceAnalysis:
 
     def with_file_winding(self, edit: SurfaceEdit) -> SurfaceEdit:
         """An edit of ``surface`` as one of the scene's own: every triangle wound like the face it was cut from."""
-        turned = self.flipped[edit.source_face]
-        order = np.where(turned[:, None], [0, 2, 1], [0, 1, 2])
+        flipped = self.flipped[edit.source_face]
+        order = np.where(flipped[:, None], [0, 2, 1], [0, 1, 2])
         rows = np.arange(len(order))[:, None]
         return replace(
             edit,
@@ -75,23 +75,23 @@ def analyse(scene: Scene) -> SurfaceAnalysis:
     possible = invertible & seen.drawn
     solid = possible & (seen.opacity >= HIDING)
     rank = seen.drawn.astype(np.int64) + possible + solid
-    layer = _layer(surface, seen, rank, turn_backed=True)
+    layer = _layer(surface, seen, rank, flip_backed=True)
     inner = layer.orientation.flipped & seen.one_sided
     if inner.any():
         # Of two coincident faces, each drawn from its front only, the one that faces outwards is the distinct one.
-        layer = _layer(surface, seen, 2 * rank - inner, turn_backed=False)
-    sheets, facing, hides, clear = layer.coincident, layer.orientation, layer.hides.copy(), seen.opacity < HIDING
+        layer = _layer(surface, seen, 2 * rank - inner, flip_backed=False)
+    coincident, facing, hides, clear = layer.coincident, layer.orientation, layer.hides.copy(), seen.opacity < HIDING
     # The backs of a closed component cannot be seen: rays need not test the side they meet.
     hides[facing.closed] = Hides.ALWAYS
     if facing.flipped.any():
         faces = np.where(facing.flipped[:, None], surface.faces[:, [0, 2, 1]], surface.faces)
         surface = replace(surface, faces=faces)
-    free = sheets.distinct & ~sheets.not_cuttable
+    free = coincident.distinct & ~coincident.not_cuttable
     return SurfaceAnalysis(
         surface,
         facing.flipped,
         facing.component,
-        sheets,
+        coincident,
         solid & free,
         possible & free,
         layer.index.hiding(_through(hides, clear)),
@@ -107,9 +107,9 @@ def eye_index(scene: Scene, frame: Surface, *, through: bool = True) -> tuple[Su
     surface = drawn_part(scene.surface.in_frame_of(frame), seen.drawn)
     one_sided, counts = seen.one_sided & seen.drawn, seen.drawn
     if one_sided.any():
-        sheets = find_coincident(surface, seen.drawn.astype(np.int64))
-        counts = sheets.distinct & seen.drawn
-        one_sided &= ~_backed(surface, seen, sheets)
+        coincident = find_coincident(surface, seen.drawn.astype(np.int64))
+        counts = coincident.distinct & seen.drawn
+        one_sided &= ~_back_shown(surface, seen, coincident)
     hides = np.where(one_sided, Hides.FROM_FRONT, Hides.ALWAYS).astype(np.uint8)
     if through:
         hides = _through(hides, seen.opacity < HIDING)
@@ -126,23 +126,23 @@ class _Layer:
     index: SpatialIndex
 
 
-def _layer(surface: Surface, seen: Viewed, rank: Int, *, turn_backed: bool) -> _Layer:
+def _layer(surface: Surface, seen: Viewed, rank: Int, *, flip_backed: bool) -> _Layer:
     """The layer of the coincident faces with the highest ``rank`` (F,). Faces that are drawn from their front only may
-    be flipped where ``turn_backed`` and a coincident face shows their back."""
-    sheets = find_coincident(surface, rank)
-    distinct = sheets.distinct & seen.drawn
+    be flipped where ``flip_backed`` and a coincident face shows their back."""
+    coincident = find_coincident(surface, rank)
+    distinct = coincident.distinct & seen.drawn
     if not distinct.any():
         raise MeshmarkError(
             ErrorCode.NO_FACES,
             f"All {len(surface.faces)} faces of this file are collapsed: two of their corners are one point.",
             "Export the model with its surface, not only points, lines or collapsed triangles.",
         )
-    one_sided, clear = seen.one_sided & ~_backed(surface, seen, sheets), seen.opacity < HIDING
+    one_sided, clear = seen.one_sided & ~_back_shown(surface, seen, coincident), seen.opacity < HIDING
     hides = np.where(one_sided, Hides.FROM_FRONT, Hides.ALWAYS).astype(np.uint8)
     glazed = spatial_index(surface.positions, surface.faces, np.flatnonzero(distinct), hides=hides)
-    fixed = one_sided if turn_backed else seen.one_sided
+    fixed = one_sided if flip_backed else seen.one_sided
     facing = orient(surface, distinct, fixed, clear, glazed.hiding(_through(hides, clear)), glazed)
-    return _Layer(replace(sheets, distinct=distinct), facing, hides, glazed)
+    return _Layer(replace(coincident, distinct=distinct), facing, hides, glazed)
 
 
 def _through(hides: NDArray[np.uint8], clear: Bool) -> NDArray[np.uint8]:
@@ -150,14 +150,14 @@ def _through(hides: NDArray[np.uint8], clear: Bool) -> NDArray[np.uint8]:
     return np.where(clear, Hides.NEVER, hides).astype(np.uint8)
 
 
-def _backed(surface: Surface, seen: Viewed, sheets: CoincidentFaces) -> Bool:
+def _back_shown(surface: Surface, seen: Viewed, coincident: CoincidentFaces) -> Bool:
     """(F,) distinct faces with a coincident one that shows their back: a face of opposite orientation, or one that is
     drawn from both sides."""
-    of, copy = sheets.copies.T
+    of, copy = coincident.copies.T
     opposite = np.einsum("ni,ni->n", surface.normals[of], surface.normals[copy]) < 0
-    backed = np.zeros(len(surface.faces), dtype=bool)
-    backed[of[seen.drawn[copy] & (opposite | ~seen.one_sided[copy])]] = True
-    return backed
+    shown = np.zeros(len(surface.faces), dtype=bool)
+    shown[of[seen.drawn[copy] & (opposite | ~seen.one_sided[copy])]] = True
+    return shown
 
 
 def _resolution(scene: Scene) -> Float:

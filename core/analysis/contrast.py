@@ -29,7 +29,9 @@ CONTRAST = 60.0  # CIELAB lightness between letters and surface: about 7:1 in lu
 QUANTILE = 0.1  # share of the surface under a mark whose lightness may be closer to the letters'
 
 
-def letter_styles(scene: Scene, surface: Surface, index: SpatialIndex, boxes: Boxes, asked: str | None) -> list[Style]:
+def letter_styles(
+    scene: Scene, surface: Surface, index: SpatialIndex, boxes: Boxes, requested: str | None
+) -> list[Style]:
     """The style of the letters of each of B marks: the surface's own where shading shows them.
 
     A mark counts as not shaded where a quarter of the surface in its box shows less than 5 units of lightness between
@@ -40,19 +42,19 @@ def letter_styles(scene: Scene, surface: Surface, index: SpatialIndex, boxes: Bo
         surface: the scene's, in which faces may be wound the other way round.
         index: over the faces that count.
         boxes: of the marks.
-        asked: the request's colour for all letters, "#rrggbb"; then only their emission is decided here.
+        requested: the request's colour for all letters, "#rrggbb"; then only their emission is decided here.
 
     Raises:
         MeshmarkError: as :func:`core.analysis.color.appearance`.
     """
     if not len(boxes) or not _outshines(scene.document):
-        return [Style(asked)] * len(boxes)
+        return [Style(requested)] * len(boxes)
     across = [(np.arange(count) + 0.5) / count - 0.5 for count in GRID]
     plane = np.stack(np.meshgrid(*across, indexing="ij"), axis=-1).reshape(-1, 2)
     offset = np.einsum("pk,bk,bki->bpi", plane, boxes.size[:, :2], boxes.axes[:, :2])
     _, face, point = index.closest((boxes.center[:, None] + offset).reshape(-1, 3))
     seen = appearance(scene, surface, point, face)
-    return [_letter_style(seen[rows], asked) for rows in np.split(np.arange(len(point)), len(boxes))]
+    return [_letter_style(seen[rows], requested) for rows in np.split(np.arange(len(point)), len(boxes))]
 
 
 def _outshines(document: Document) -> bool:
@@ -64,21 +66,21 @@ def _outshines(document: Document) -> bool:
     )
 
 
-def _letter_style(ground: Appearance, asked: str | None) -> Style:
+def _letter_style(seen: Appearance, requested: str | None) -> Style:
     """The style of the letters of one mark, from the appearance of the surface in its box."""
-    needed = not_shaded(ground).mean() >= FLAT_SHARE
-    if asked is None and not needed:
+    needed = not_shaded(seen).mean() >= FLAT_SHARE
+    if requested is None and not needed:
         return Style()
-    lab = cielab(ground.shown)
-    color = asked or contrasting(lab)
+    lab = cielab(seen.shown)
+    color = requested or contrasting(lab)
     lighter = cielab(hex_linear(color)[None])[0, 0] > np.median(lab[:, 0])
-    return Style(color, bool(needed and lighter and not ground.unlit.all()))
+    return Style(color, bool(needed and lighter and not seen.unlit.all()))
 
 
-def not_shaded(ground: Appearance) -> Bool:
+def not_shaded(seen: Appearance) -> Bool:
     """(N,) points at which the incident light hardly changes the lightness."""
-    lit = np.where(ground.unlit, 0, product(ground.lit, LUMINANCE[:, None])[:, 0] + SPECULAR)
-    glow = product(ground.glow, LUMINANCE[:, None])[:, 0]
+    lit = np.where(seen.unlit, 0, product(seen.lit, LUMINANCE[:, None])[:, 0] + SPECULAR)
+    glow = product(seen.glow, LUMINANCE[:, None])[:, 0]
     full, dim = (_lightness(np.clip(glow + share * lit, 0, 1)) for share in (1, DIMMED))
     return np.asarray(full - dim < SHADING)
 

@@ -30,10 +30,10 @@ def opacity(scene: Scene, surface: Surface, usable: Bool) -> Opacity | None:
 
     def opaque(points: Float, face: Int) -> Bool:
         found = np.ones(len(points), dtype=bool)
-        asked = np.flatnonzero(mixed[face])
-        owner = surface.face_primitive[face[asked]]
+        tested = np.flatnonzero(mixed[face])
+        owner = surface.face_primitive[face[tested]]
         for number in np.unique(owner).tolist():
-            mine, drawn = asked[owner == number], scene.primitives[number]
+            mine, drawn = tested[owner == number], scene.primitives[number]
             corners = surface.faces[face[mine]]
             inside = barycentric(points[mine, None], surface.positions[corners])[:, 0]
             found[mine] = look.opaque_at(drawn, Points(corners - drawn.first_vertex, inside))

@@ -12,7 +12,8 @@ from core.geometry.spatial import Eye, SpatialIndex
 from core.geometry.surface import Surface
 from core.geometry.winding import consistent
 
-PARTS, SAMPLES, DIRECTIONS = 1024, 16, 24  # components tested, the largest first; points on each; rays from each point
+# Components tested, the largest first; points on each; rays from each point.
+COMPONENTS, SAMPLES, DIRECTIONS = 1024, 16, 24
 GRAZING = 0.1  # cosine; rays at less than this to the face do not count
 CLEAR = 1e-3  # size-30 units between the surface and the origins of rays
 # Ratio of rays that leave from the back of a component to those from its front, from which on it is inside out. For an
@@ -61,68 +62,71 @@ def orient(
     fixed = one_sided[ids]
     together = agree | ~fixed[one] | ~fixed[two]
     one, two, agree = one[together], two[together], agree[together]
-    part, turned = consistent(len(ids), one, two, agree)
-    area, count = surface.areas[ids], part.max(initial=-1) + 1
-    total = np.asarray(np.bincount(part, weights=area, minlength=count), dtype=np.float64)
-    decided = np.bincount(part, weights=area * fixed, minlength=count)  # by the file
-    deciding = area * np.where(decided[part] > 0, fixed, True)
-    against = np.bincount(part, weights=deciding * turned, minlength=count)
-    turned ^= (against > np.where(decided > 0, decided, total) / 2)[part]
-    open_parts = _Parts(ids, part, turned, np.where(decided > 0, 0.0, total))
-    turned ^= _inside_out(surface, open_parts, clear, index, glazed)[part]
-    turned &= ~fixed
+    component, flipped = consistent(len(ids), one, two, agree)
+    area, count = surface.areas[ids], component.max(initial=-1) + 1
+    total = np.asarray(np.bincount(component, weights=area, minlength=count), dtype=np.float64)
+    decided = np.bincount(component, weights=area * fixed, minlength=count)  # by the file
+    deciding = area * np.where(decided[component] > 0, fixed, True)
+    against = np.bincount(component, weights=deciding * flipped, minlength=count)
+    flipped ^= (against > np.where(decided > 0, decided, total) / 2)[component]
+    components = _Components(ids, component, flipped, np.where(decided > 0, 0.0, total))
+    flipped ^= _inside_out(surface, components, clear, index, glazed)[component]
+    flipped &= ~fixed
     none = np.zeros(len(surface.faces), dtype=bool)
     result = Orientation(none, np.full(len(surface.faces), -1), none.copy())
-    result.flipped[ids], result.component[ids] = turned, part
-    result.closed[ids] = _closed(surface, ids, turned, part, one, two, agree)
+    result.flipped[ids], result.component[ids] = flipped, component
+    result.closed[ids] = _closed(surface, ids, flipped, component, one, two, agree)
     return result
 
 
-def _closed(surface: Surface, ids: Int, turned: Bool, part: Int, one: Int, two: Int, agree: Bool) -> Bool:
+def _closed(surface: Surface, ids: Int, flipped: Bool, component: Int, one: Int, two: Int, agree: Bool) -> Bool:
     """(F,) faces of components in which each face has three neighbours that agree with it, of positive volume."""
-    same = agree == (turned[one] == turned[two])
+    same = agree == (flipped[one] == flipped[two])
     beside = np.bincount(np.concatenate([one[same], two[same]]), minlength=len(ids))
-    whole = np.bincount(part, weights=beside == 3) == np.bincount(part)
+    whole = np.bincount(component, weights=beside == 3) == np.bincount(component)
     height = np.einsum("ni,ni->n", surface.positions[surface.faces[ids, 0]], surface.normals[ids])
-    volume = np.bincount(part, weights=height * surface.areas[ids] * np.where(turned, -1, 1))
-    return np.asarray((whole & (volume > 0))[part])
+    volume = np.bincount(component, weights=height * surface.areas[ids] * np.where(flipped, -1, 1))
+    return np.asarray((whole & (volume > 0))[component])
 
 
 @dataclass(frozen=True, eq=False)
-class _Parts:
+class _Components:
     """The components of a surface, within which faces agree.
 
     Attributes:
         ids: (N,) the faces that belong to components.
-        part: (N,) the component of each.
-        turned: (N,) those that are flipped so far.
+        component: (N,) the component of each.
+        flipped: (N,) those that are flipped so far.
         undecided: (P,) the area of each component whose winding the file does not decide; 0 for others.
     """
 
     ids: Int
-    part: Int
-    turned: Bool
+    component: Int
+    flipped: Bool
     undecided: Float
 
 
-def _inside_out(surface: Surface, parts: _Parts, clear: Bool, index: SpatialIndex, glazed: SpatialIndex) -> Bool:
+def _inside_out(
+    surface: Surface, components: _Components, clear: Bool, index: SpatialIndex, glazed: SpatialIndex
+) -> Bool:
     """(P,) undecided components from whose backs clearly more rays leave the asset than from their fronts."""
-    ids, part, turned = parts.ids, parts.part, parts.turned
-    total = np.asarray(np.bincount(part, weights=surface.areas[ids], minlength=len(parts.undecided)), dtype=np.float64)
-    asked = np.argsort(-parts.undecided, kind="stable")[:PARTS]
-    asked = asked[parts.undecided[asked] > 0]
-    by_part = np.argsort(part, kind="stable")
-    cumulative = np.cumsum(surface.areas[ids[by_part]])
+    ids, component, flipped = components.ids, components.component, components.flipped
+    count = len(components.undecided)
+    total = np.asarray(np.bincount(component, weights=surface.areas[ids], minlength=count), dtype=np.float64)
+    tested = np.argsort(-components.undecided, kind="stable")[:COMPONENTS]
+    tested = tested[components.undecided[tested] > 0]
+    by_component = np.argsort(component, kind="stable")
+    cumulative = np.cumsum(surface.areas[ids[by_component]])
     ends = np.cumsum(total)
     # Even steps along each component's area; the golden section spreads the points over their triangles.
-    along = (ends - total)[asked, None] + (np.arange(SAMPLES) + 0.5) / SAMPLES * total[asked, None]
-    picked = by_part[np.minimum(np.searchsorted(cumulative, along.ravel()), len(ids) - 1)]
-    picked_part = np.repeat(asked, SAMPLES)
+    along = (ends - total)[tested, None] + (np.arange(SAMPLES) + 0.5) / SAMPLES * total[tested, None]
+    picked = by_component[np.minimum(np.searchsorted(cumulative, along.ravel()), len(ids) - 1)]
+    picked_component = np.repeat(tested, SAMPLES)
     root = np.sqrt((np.arange(len(picked)) * 0.618034 + 0.5) % 1.0)[:, None]
     second = ((np.arange(len(picked)) * 0.754878 + 0.5) % 1.0)[:, None]
     a, b, c = (surface.positions[surface.faces[ids[picked], corner]] for corner in range(3))
     points = (1 - root) * a + root * (1 - second) * b + root * second * c
-    normals = surface.normals[ids[picked]] * np.where(turned[picked], -1.0, 1.0)[:, None]
+    normals = surface.normals[ids[picked]] * np.where(flipped[picked], -1.0, 1.0)[:, None]
 
     directions = fibonacci_directions(DIRECTIONS)
     cosine = product(normals, directions.T)
@@ -134,7 +138,7 @@ def _inside_out(surface: Surface, parts: _Parts, clear: Bool, index: SpatialInde
     for which, over in ((through, glazed), (~through, index)):
         _, face = over.first_hit(origins[which], directions[direction[which]], Eye.FAR)
         seen[which] = face < 0
-    owner = picked_part[point]
+    owner = picked_component[point]
     front = np.bincount(owner, weights=seen & (side > 0), minlength=len(total))
     back = np.bincount(owner, weights=seen & (side < 0), minlength=len(total))
     return np.asarray(back > CLEARLY * front)

@@ -105,19 +105,19 @@ def _embossed(document: Document, copy: Copy, marks: AssetMarks) -> tuple[Docume
     try:
         scene = scene_of(document, copy)
         scene = replace(scene, surface=scene.surface.in_frame_of(marks.surface))
-        ground = analyse(scene)
+        analysis = analyse(scene)
     except MeshmarkError as error:  # a copy that cannot be read or has no faces counts as one without fitting boxes
         if error.code is ErrorCode.DEVICE_UNAVAILABLE:
             raise
         return document, 0
-    mesh = WorkingMesh(ground.surface, ground.cuttable, ground.coincident, ground.resolution)
-    index = ground.index if ground.opaque.any() else ground.glazed
+    mesh = WorkingMesh(analysis.surface, analysis.cuttable, analysis.coincident, analysis.resolution)
+    index = analysis.index if analysis.opaque.any() else analysis.glazed
     outcomes = list(emboss_boxes(mesh, marks.boxes, marks.letters, marks.parameters, index))
-    stand = [number for number, outcome in enumerate(outcomes) if isinstance(outcome, Mark)]
-    if not stand:
+    embossed = [number for number, outcome in enumerate(outcomes) if isinstance(outcome, Mark)]
+    if not embossed:
         return document, 0
-    styles = [marks.styles[number] for number in stand]
-    return Document.from_glb(write(scene, ground.with_file_winding(mesh.edit()), styles)), len(stand)
+    styles = [marks.styles[number] for number in embossed]
+    return Document.from_glb(write(scene, analysis.with_file_winding(mesh.edit()), styles)), len(embossed)
 
 
 def unmarked(copies: Sequence[MarkedCopy]) -> list[Notice]:

@@ -13,7 +13,7 @@ from core.embossing.cut_arrange import arrange
 from core.embossing.cut_split import split
 from core.embossing.draft import Draft
 from core.embossing.islands import LetterIslands, assign_to_patches
-from core.embossing.lift import MIN_AGREEMENT, folded, lift, obstructed, turned
+from core.embossing.lift import MIN_AGREEMENT, folded, inverted, lift, obstructed
 from core.embossing.mesh import WorkingMesh
 from core.embossing.patch import AREA_TOLERANCE, Patch, patches
 from core.embossing.pieces import Pieces
@@ -63,18 +63,18 @@ def emboss(mesh: WorkingMesh, box: Boxes, letters: LetterIslands, relief: float,
     refusal = Refusal.NOT_WHOLE
     for shift in SHIFTS:
         moved = Boxes(box.center + product(box.size[0, 1] * np.array([shift]), box.axes[0, :2]), box.axes, box.size)
-        found = _injective(mesh, moved, index)
+        found = _single_valued_patches(mesh, moved, index)
         if isinstance(found, Refusal):
             return found
         under = np.concatenate([np.empty(0, dtype=np.int64), *(patch.faces for patch in found)])
         if box.size[0, 0] * letters.finest < FINEST * mesh.resolution(under):
             return Refusal.TOO_FINE
         sources = [mesh.source(patch.faces) for patch in found]
-        standing = assign_to_patches(letters, found, sources, moved, index, raised=relief > 0)
-        if isinstance(standing, Refusal):
-            return standing
-        used = [(patch, text) for patch, text in zip(found, standing, strict=True) if not text.is_empty()]
-        if relief < 0 and any(mesh.covered(patch.faces).any() for patch, _ in used):
+        assigned = assign_to_patches(letters, found, sources, moved, index, raised=relief > 0)
+        if isinstance(assigned, Refusal):
+            return assigned
+        used = [(patch, text) for patch, text in zip(found, assigned, strict=True) if not text.is_empty()]
+        if relief < 0 and any(mesh.has_remaining_copy(patch.faces).any() for patch, _ in used):
             return Refusal.SECOND_LAYER
         for name, cut in CUTS:
             cuts = _cut_patches(mesh, moved, used, cut, letters.draft)
@@ -92,12 +92,12 @@ def emboss(mesh: WorkingMesh, box: Boxes, letters: LetterIslands, relief: float,
     return refusal
 
 
-def _injective(mesh: WorkingMesh, box: Boxes, index: SpatialIndex) -> list[Patch] | Refusal:
+def _single_valued_patches(mesh: WorkingMesh, box: Boxes, index: SpatialIndex) -> list[Patch] | Refusal:
     """The patches in ``box``, each single-valued along its normal; faces hidden behind another layer are left out."""
     found = patches(mesh, box)
     if found is None:
         return Refusal.TOO_DENSE
-    layered = [patch for patch in found if _covers_itself(patch)]
+    layered = [patch for patch in found if _overlaps_in_projection(patch)]
     if not layered:
         return found
     faces = np.concatenate([patch.faces for patch in layered])
@@ -107,10 +107,10 @@ def _injective(mesh: WorkingMesh, box: Boxes, index: SpatialIndex) -> list[Patch
     distance, _ = index.first_hit(centers + start * normal, np.broadcast_to(normal, centers.shape), Eye.FAR)
     found = patches(mesh, box, hidden=faces[distance <= thickness])
     assert found is not None  # fewer faces than before
-    return Refusal.NOT_WHOLE if any(_covers_itself(patch) for patch in found) else found
+    return Refusal.NOT_WHOLE if any(_overlaps_in_projection(patch) for patch in found) else found
 
 
-def _covers_itself(patch: Patch) -> bool:
+def _overlaps_in_projection(patch: Patch) -> bool:
     area = patch.projected_area()
     return bool(area - patch.silhouette().area() > AREA_TOLERANCE * (1 + area))
 
@@ -127,7 +127,7 @@ class _PatchCut:
     rest_source: Int
     letters: Int  # (L, 3) on the surface
     letter_source: Int
-    feet: Int  # (T,) the vertices of ``letters``
+    base: Int  # (T,) the vertices of ``letters``
     normals: Float  # (T, 3) smooth normals there
     shift: Float  # (T, 3) along the surface, of the draft
 
@@ -158,25 +158,25 @@ def _lift_letters(
     removed."""
     known = len(mesh.points)
     new = np.concatenate([s.points for s in cuts])
-    feet = np.concatenate([s.feet for s in cuts])
+    base = np.concatenate([s.base for s in cuts])
     letters = np.concatenate([s.letters for s in cuts])
     letter_source = np.concatenate([s.letter_source for s in cuts])
     normals = np.concatenate([s.normals for s in cuts])
     shift = np.concatenate([s.shift for s in cuts])
     normal = box.axes[0, 2]
 
-    # Tops are numbered after everything on the surface, in the order of `feet`. Nothing here is as long as the mesh.
-    order = np.argsort(feet)
-    feet, normals, shift = feet[order], normals[order], shift[order]
-    caps = np.searchsorted(feet, letters)
-    standing = _positions(mesh, new, feet)
-    tops = _caps(standing, shift, normals, normal, caps, relief, index)
+    # Tops are numbered after everything on the surface, in the order of `base`. Nothing here is as long as the mesh.
+    order = np.argsort(base)
+    base, normals, shift = base[order], normals[order], shift[order]
+    caps = np.searchsorted(base, letters)
+    base_points = _positions(mesh, new, base)
+    tops = _caps(base_points, shift, normals, normal, caps, relief, index)
     if isinstance(tops, Refusal):
         return tops
 
     outline = boundary_edges(letters)
     first_top = known + len(new)
-    top = np.searchsorted(feet, outline) + first_top
+    top = np.searchsorted(base, outline) + first_top
     walls = np.concatenate(
         [np.column_stack([outline, top[:, 1]]), np.column_stack([outline[:, 0], top[:, 1], top[:, 0]])]
     )
@@ -193,24 +193,24 @@ def _lift_letters(
     if _too_fine(_positions(mesh, added_points, corners), corners, removed_corners, mesh.resolution(removed)):
         return Refusal.TOO_FINE
 
-    mesh.add_points(added_points, np.concatenate([new, standing]))
+    mesh.add_points(added_points, np.concatenate([new, base_points]))
     kind = np.repeat([Kind.SURFACE, Kind.CAP, Kind.WALL], [len(rest), len(caps), len(walls)]).astype(np.int8)
     mesh.replace(removed, corners, np.concatenate([rest_source, letter_source, wall_source]), kind)
     return len(corners) - len(removed)
 
 
 def _caps(
-    feet: Float, shift: Float, normals: Float, normal: Float, caps: Int, relief: float, index: SpatialIndex
+    base: Float, shift: Float, normals: Float, normal: Float, caps: Int, relief: float, index: SpatialIndex
 ) -> Float | Refusal:
-    """(T, 3) cap vertices of the bases ``feet`` (T, 3), drafted by ``shift`` (T, 3): lifted along their ``normals``
+    """(T, 3) cap vertices above the points ``base`` (T, 3), drafted by ``shift`` (T, 3): lifted along their ``normals``
     (T, 3) or, where these diverge too much, along the box ``normal``; without draft where both fail, so that no
     watermark is refused because of its draft."""
     for way in (shift, np.zeros_like(shift)):
         for along in (normals, np.broadcast_to(normal, normals.shape)):
-            below, tops = _draft_and_lift(feet, way, along, normal, caps, relief, index)
+            drafted, tops = _draft_and_lift(base, way, along, normal, caps, relief, index)
             if folded(tops, caps, normal):
                 continue
-            if not obstructed(below, tops, relief, index):
+            if not obstructed(drafted, tops, relief, index):
                 return tops
             if way is not shift:
                 return Refusal.SECOND_LAYER if relief > 0 else Refusal.THIN_WALL
@@ -219,19 +219,19 @@ def _caps(
 
 
 def _draft_and_lift(
-    feet: Float, shift: Float, along: Float, normal: Float, caps: Int, relief: float, index: SpatialIndex
+    base: Float, shift: Float, along: Float, normal: Float, caps: Int, relief: float, index: SpatialIndex
 ) -> tuple[Float, Float]:
-    """(T, 3) each: the bases ``feet`` moved by ``shift``, by less where one of the ``caps`` (L, 3) would be inverted,
+    """(T, 3) each: the points ``base`` moved by ``shift``, by less where one of the ``caps`` (L, 3) would be inverted,
     and the cap vertices above them."""
-    below = feet + shift
-    tops = lift(below, along, relief, index)
+    drafted = base + shift
+    tops = lift(drafted, along, relief, index)
     for _ in range(EASE_ROUNDS if shift.any() else 0):
-        eased = np.unique(caps[turned(tops, caps, normal)])
+        eased = np.unique(caps[inverted(tops, caps, normal)])
         if not len(eased):
             break
-        below[eased] = (feet[eased] + below[eased]) / 2
-        tops[eased] = lift(below[eased], along[eased], relief, index)
-    return below, tops
+        drafted[eased] = (base[eased] + drafted[eased]) / 2
+        tops[eased] = lift(drafted[eased], along[eased], relief, index)
+    return drafted, tops
 
 
 def _patch_cut(mesh: WorkingMesh, box: Boxes, patch: Patch, pieces: Pieces, draft: Draft, first: int) -> _PatchCut:
@@ -267,7 +267,7 @@ def _patch_cut(mesh: WorkingMesh, box: Boxes, patch: Patch, pieces: Pieces, draf
         rest_source=source[pieces.rest_faces],
         letters=vertices[pieces.letters],
         letter_source=source[pieces.letter_faces],
-        feet=vertices[local],
+        base=vertices[local],
         normals=product(normals, box.axes[0]),
         shift=box.size[0, 0] * product(np.hstack([across, along]), box.axes[0]),
     )

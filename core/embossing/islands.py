@@ -63,8 +63,8 @@ def assign_to_patches(
         one patch, ``CLEARANCE`` from its edge, and ``second_layer`` where sunken letters would not be seen.
     """
     owner = {face: k for k, faces in enumerate(sources) for face in faces.tolist()}
-    rooms: dict[int, CrossSection] = {}
-    standing: list[list[CrossSection]] = [[] for _ in found]
+    silhouettes: dict[int, CrossSection] = {}
+    assigned: list[list[CrossSection]] = [[] for _ in found]
     center, axes, size = box.center[0], box.axes[0], box.size[0]
     aspect = size[1] / size[0]
     for island, points in zip(letters.islands, letters.samples, strict=True):
@@ -78,20 +78,20 @@ def assign_to_patches(
         if best < 0:
             return Refusal.NOT_WHOLE
         height = size[2] / (2 * size[0]) - distance[met] / size[0]
-        stands = votes == best
+        agreeing = votes == best
         others = [patch for k, patch in enumerate(found) if k != best]
         if not raised and any(_level(patch, points[met], height, aspect).any() for patch in others):
             return Refusal.SECOND_LAYER
-        if raised and not stands.all():
-            stands[~stands] = _level(found[best], points[met][~stands], height[~stands], aspect)
-        if stands.sum() < AGREEMENT * len(points):
+        if raised and not agreeing.all():
+            agreeing[~agreeing] = _level(found[best], points[met][~agreeing], height[~agreeing], aspect)
+        if agreeing.sum() < AGREEMENT * len(points):
             return Refusal.NOT_WHOLE
-        if best not in rooms:
-            rooms[best] = found[best].inset_silhouette(CLEARANCE * aspect)
-        if (island - rooms[best]).area() > LOST_AREA:
+        if best not in silhouettes:
+            silhouettes[best] = found[best].inset_silhouette(CLEARANCE * aspect)
+        if (island - silhouettes[best]).area() > LOST_AREA:
             return Refusal.NOT_WHOLE
-        standing[best].append(island)
-    return [CrossSection.compose(islands) for islands in standing]
+        assigned[best].append(island)
+    return [CrossSection.compose(islands) for islands in assigned]
 
 
 def _level(patch: Patch, points: Float, height: Float, aspect: float) -> Bool:

@@ -12,14 +12,14 @@ SAME_GROUND = 0.5  # cosine between a letter's normal and that of the surface it
 FOLD_TOLERANCE = 1e-4  # share of the letters' area that may face away after lifting: slivers of rounding errors
 
 
-def lift(feet: Float, normals: Float, relief: float, index: SpatialIndex) -> Float:
-    """(N, 3) cap vertices of the bases ``feet`` (N, 3): ``relief`` along the unit ``normals`` (N, 3), then moved so
+def lift(base: Float, normals: Float, relief: float, index: SpatialIndex) -> Float:
+    """(N, 3) cap vertices above the points ``base`` (N, 3): ``relief`` along the unit ``normals`` (N, 3), then moved so
     that their distance to the surface is ``|relief|`` exactly. A negative relief sinks. Size-30 frame.
 
     Distances count only to surface of about the letters' normal: not to a step beside them, the back of a wall, or a
     shell around the asset that is drawn from within only.
     """
-    tops = feet + relief * normals
+    tops = base + relief * normals
     for _ in range(FIT_ROUNDS):
         distance, face, nearest = index.closest(tops)
         stands_on = np.einsum("ni,ni->n", index.normals(face), normals) > SAME_GROUND
@@ -36,7 +36,7 @@ def folded(tops: Float, triangles: Int, normal: Float) -> bool:
     return bool(-area[area < 0].sum() > FOLD_TOLERANCE * np.abs(area).sum())
 
 
-def turned(tops: Float, triangles: Int, normal: Float) -> Bool:
+def inverted(tops: Float, triangles: Int, normal: Float) -> Bool:
     """(L,) those of the ``triangles`` (L, 3) into ``tops`` that face away from the box ``normal`` (3,)."""
     return _facing(tops, triangles, normal) < 0
 
@@ -47,15 +47,15 @@ def _facing(tops: Float, triangles: Int, normal: Float) -> Float:
     return np.asarray(product(cross(b - a, c - a), normal[:, None])[:, 0])
 
 
-def obstructed(feet: Float, tops: Float, relief: float, index: SpatialIndex) -> bool:
+def obstructed(base: Float, tops: Float, relief: float, index: SpatialIndex) -> bool:
     """True where other surface is within one and a half reliefs of the letters: above raised ones, behind sunken."""
-    direction = tops - feet
+    direction = tops - base
     direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), np.finfo(float).tiny)
     reach = 1.5 * abs(relief)
     if relief > 0:
         # The first hit of a ray back from above must be the letter's own base.
-        distance, _ = index.first_hit(feet + reach * direction, -direction, Eye.ORIGIN)
+        distance, _ = index.first_hit(base + reach * direction, -direction, Eye.ORIGIN)
         return bool(np.any(distance < 0.95 * reach))
     start = 0.05 * abs(relief)
-    distance, _ = index.first_hit(feet + start * direction, direction)
+    distance, _ = index.first_hit(base + start * direction, direction)
     return bool(np.any(distance < reach - start))

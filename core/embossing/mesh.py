@@ -78,20 +78,24 @@ class Rows:
 class WorkingMesh:
     """An asset's triangles by topological vertex: original rows welded, new vertices appended.
 
-    Faces below ``original_faces`` are the surface's own; later ones were cut by a watermark. ``feet`` is the base of a
-    vertex on the original surface: its own position, except for lifted cap vertices.
+    Faces below ``original_faces`` are the surface's own; later ones were cut by a watermark. ``bases`` are the
+    points of the vertices on the original surface: their own positions, except for lifted cap vertices.
 
     Args:
         surface: the asset.
         editable: (F,) bool, faces that may carry a watermark.
-        sheets: coincident faces. Those that are not distinct stay in the file and no query returns them, but
+        coincident: coincident faces. Those that are not distinct stay in the file and no query returns them, but
             duplicates are removed with the face they duplicate. A single layer if None.
         resolution: (V,) the spacing of the file's coordinates at each vertex of ``surface``, size-30 units; closer
             points may become one in the file. If None, that of float32 at the largest world coordinate.
     """
 
     def __init__(
-        self, surface: Surface, editable: Bool, sheets: CoincidentFaces | None = None, resolution: Float | None = None
+        self,
+        surface: Surface,
+        editable: Bool,
+        coincident: CoincidentFaces | None = None,
+        resolution: Float | None = None,
     ) -> None:
         self.surface = surface
         self.original_faces = len(surface.faces)
@@ -99,12 +103,12 @@ class WorkingMesh:
         vertices = int(surface.weld.max()) + 1
         original = np.zeros((vertices, 3))
         original[surface.weld] = surface.positions
-        self._points, self._feet = Rows(original), Rows(original)
+        self._points, self._bases = Rows(original), Rows(original)
         self._corners = corners
         self._alive = np.ones(self.original_faces, dtype=bool)
         self._editable = editable
-        self._sheets = sheets if sheets is not None else single_layer(self.original_faces)
-        self._grid = FaceGrid(*_bounds(original, corners), self._sheets.distinct)
+        self._coincident = coincident if coincident is not None else single_layer(self.original_faces)
+        self._grid = FaceGrid(*_bounds(original, corners), self._coincident.distinct)
         self._new_corners = np.empty((0, 3), dtype=np.int64)
         self._new_source = np.empty(0, dtype=np.int64)
         self._new_kind = np.empty(0, dtype=np.int8)
@@ -124,14 +128,14 @@ class WorkingMesh:
         return self._points.rows
 
     @property
-    def feet(self) -> Float:
+    def bases(self) -> Float:
         """(N, 3) bases of the vertices on the original surface."""
-        return self._feet.rows
+        return self._bases.rows
 
     def near(self, low: Float, high: Float) -> Int:
         """Ids of the faces, removed ones excluded, whose bounding box meets ``low``-``high``."""
         old = self._grid.overlapping(low, high)
-        old = old[self._alive[old] & self._sheets.distinct[old]]
+        old = old[self._alive[old] & self._coincident.distinct[old]]
         new = np.flatnonzero(self._new_alive)
         if len(new):
             new = new[np.all((self._new_high[new] >= low) & (self._new_low[new] <= high), axis=1)]
@@ -149,13 +153,13 @@ class WorkingMesh:
         """(N,) true for faces that a watermark may cut: never letters or their walls."""
         return self._read(ids, self._editable, self._new_kind == Kind.SURFACE)
 
-    def twinned(self, ids: Int) -> Bool:
+    def has_reversed_copy(self, ids: Int) -> Bool:
         """(N,) true for faces with a coincident copy of the opposite winding that shares their vertices."""
-        return np.asarray(self._sheets.has_reversed_copy[self.source(ids)])
+        return np.asarray(self._coincident.has_reversed_copy[self.source(ids)])
 
-    def covered(self, ids: Int) -> Bool:
+    def has_remaining_copy(self, ids: Int) -> Bool:
         """(N,) true for faces with a coincident copy that remains when they are cut."""
-        return np.asarray(self._sheets.has_remaining_copy[self.source(ids)])
+        return np.asarray(self._coincident.has_remaining_copy[self.source(ids)])
 
     def resolution(self, ids: Int) -> float:
         """The widest spacing of the file's coordinates on the faces ``ids`` (N,), size-30 units."""
@@ -168,11 +172,11 @@ class WorkingMesh:
         result[~is_old] = new[ids[~is_old] - self.original_faces]
         return result
 
-    def add_points(self, points: Float, feet: Float) -> Int:
+    def add_points(self, points: Float, bases: Float) -> Int:
         """Append (N, 3) vertices; returns their ids."""
         first = len(self.points)
         self._points.append(points)
-        self._feet.append(feet)
+        self._bases.append(bases)
         return np.arange(first, first + len(points))
 
     def replace(self, removed: Int, corners: Int, source: Int, kind: NDArray[np.int8]) -> None:
@@ -180,7 +184,7 @@ class WorkingMesh:
         ``source``. Faces of an earlier mark that this one cuts again count as this one's."""
         original = removed[removed < self.original_faces]
         self._alive[original] = False
-        duplicated, duplicate = self._sheets.duplicates.T
+        duplicated, duplicate = self._coincident.duplicates.T
         self._alive[duplicate[among(duplicated, original)]] = False
         self._new_alive[removed[removed >= self.original_faces] - self.original_faces] = False
         self._new_corners = np.concatenate([self._new_corners, corners])
@@ -199,7 +203,7 @@ class WorkingMesh:
         rows = self.surface.faces[source]
         same = self.surface.weld[rows][:, None, :] == corners[:, :, None]  # (M, corner, source corner)
         original = np.where(same.any(axis=2), np.take_along_axis(rows, same.argmax(axis=2), axis=1), -1)
-        weights = barycentric(self.feet[corners], self.surface.positions[rows])
+        weights = barycentric(self.bases[corners], self.surface.positions[rows])
         weights = np.where(same.any(axis=2)[:, :, None], same.astype(np.float64), weights)
         return SurfaceEdit(
             keep=self._alive.copy(),

@@ -143,8 +143,8 @@ def patches(mesh: WorkingMesh, box: Boxes, hidden: Int | None = None) -> list[Pa
     first, second, agree = edge_table(triangles).pairs()
     one, two = first // 3, second // 3
     # A second layer below is not removed, so that its boundary must be the boundary of a patch too.
-    twinned = mesh.twinned(ids)
-    joined = agree & chosen[one] & chosen[two] & (twinned[one] == twinned[two])
+    reversed_copy = mesh.has_reversed_copy(ids)
+    joined = agree & chosen[one] & chosen[two] & (reversed_copy[one] == reversed_copy[two])
     joined = np.flatnonzero(joined)[np.argsort(first[joined])]  # side by side, as the faces come
     pairs = np.column_stack([one, two])[joined]
     face = np.repeat(np.arange(len(ids)), 3)

@@ -10,12 +10,12 @@ from core.geometry.surface import Surface
 from core.gltf.scene import Scene
 from core.notices import Notice, NoticeCode
 
-LOOKED_AT = 4  # every fourth of the surface's samples is tested for visibility
+STRIDE = 4  # every fourth of the surface's samples is tested for visibility
 CLEAR = 0.01  # size-30 units between the surface and the origins of rays
 MISSING, NAMED = 0.25, 8  # share of the visible surface without marks from which on a warning is given; parts it names
 # Share of the visible surface from which on a part counts. Marks are concentrated where at most the second share of the
 # parts has any, and these have the third number each in the mean: as on a stage and nothing else.
-SOME, FEW, CROWD = 0.01, 0.25, 2
+COUNTED, FEW, CONCENTRATED = 0.01, 0.25, 2
 
 
 def unmarked_parts(
@@ -38,7 +38,7 @@ def unmarked_parts(
     if len(set(names)) < 2:
         return None
     seen = np.bincount(
-        surface.face_primitive[samples.face[::LOOKED_AT]],
+        surface.face_primitive[samples.face[::STRIDE]],
         weights=_seen(scene, surface, samples, index),
         minlength=len(scene.primitives),
     )
@@ -48,8 +48,8 @@ def unmarked_parts(
     carrying = {names[number] for number in marked.tolist()}
     left = {name: share for name, share in shares.items() if name not in carrying and share > 0}
     total = sum(left.values())
-    parts = sum(share >= SOME for share in shares.values())
-    if total < MISSING or len(carrying) > FEW * parts or len(marked) < CROWD * len(carrying):
+    parts = sum(share >= COUNTED for share in shares.values())
+    if total < MISSING or len(carrying) > FEW * parts or len(marked) < CONCENTRATED * len(carrying):
         return None
     largest = sorted(left, key=lambda name: -left[name])
     named = ", ".join(f"{name} ({left[name]:.0%})" for name in largest[:NAMED])
@@ -83,8 +83,8 @@ def _name(entry: dict[str, object], number: str) -> str:
 def _seen(scene: Scene, surface: Surface, samples: Saliency, index: SpatialIndex) -> Float:
     """(S,) relative area in the paper's views of the surface around each sample, where visible; see-through surface
     has none."""
-    faces = samples.face[::LOOKED_AT]
-    points, normals, solid = samples.points[::LOOKED_AT], surface.normals[faces], scene.viewed.opacity[faces]
+    faces = samples.face[::STRIDE]
+    points, normals, solid = samples.points[::STRIDE], surface.normals[faces], scene.viewed.opacity[faces]
     directions, _ = view_directions()
     facing = np.einsum("si,vi->sv", normals, directions)
     sample, view = np.nonzero(facing > 0)

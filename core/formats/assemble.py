@@ -141,7 +141,7 @@ def _faced_outwards(body: PolygonMesh, triangles: Int) -> tuple[PolygonMesh, Int
     own, so that a body is returned too. The front of open components is that of their normals, where there are some.
     """
     found = outward(body.positions, body.corners[triangles])
-    triangles = _reversed(triangles, found.turned)
+    triangles = _reversed(triangles, found.flipped)
     if "NORMAL" in body.attributes and len(body.attributes["NORMAL"].values):
         against = _against_normals(body, triangles, found)
         triangles = _reversed(triangles, against & ~found.closed)
@@ -164,7 +164,7 @@ def _against_normals(body: PolygonMesh, triangles: Int, found: Outward) -> Bool:
     index = normals.index[triangles]
     a, b, c = (body.positions[body.corners[triangles[:, corner]]] for corner in range(3))
     mean = np.where((index >= 0)[..., None], normals.values[index], 0.0).sum(axis=1)
-    group = 2 * (found.part + 1) + found.turned
+    group = 2 * (found.component + 1) + found.flipped
     side = np.bincount(group, np.einsum("ni,ni->n", cross(b - a, c - a), mean))
     return np.asarray(side[group] < 0)
 

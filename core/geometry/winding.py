@@ -20,13 +20,13 @@ class Outward:
     """Winding with which closed components face outwards.
 
     Attributes:
-        turned: (T,) triangles to flip.
-        part: (T,) the component of each; -1 for triangles of fewer than three different corners.
+        flipped: (T,) triangles to flip.
+        component: (T,) the component of each; -1 for triangles of fewer than three different corners.
         closed: (T,) true where that component is closed and two-sided, and for -1.
     """
 
-    turned: Bool
-    part: Int
+    flipped: Bool
+    component: Int
     closed: Bool
 
 
@@ -58,32 +58,36 @@ def consistent(count: int, one: Int, two: Int, agree: Bool) -> tuple[Int, Bool]:
         2 * count, np.concatenate([one, one + count]), np.concatenate([two + across, two + count - across])
     )
     image = np.minimum(both[:count], both[count:])
-    _, part = np.unique(image, return_inverse=True)
-    return part, both[:count] != image
+    _, component = np.unique(image, return_inverse=True)
+    return component, both[:count] != image
 
 
 def _outward(positions: Float, triangles: Int) -> Outward:
     """As :func:`outward`, each row of ``positions`` being a vertex of its own."""
     left = np.flatnonzero((triangles != np.roll(triangles, 1, axis=1)).all(axis=1))
-    turned, part, closed = np.zeros(len(triangles), bool), np.full(len(triangles), -1), np.ones(len(triangles), bool)
+    flipped, component, closed = (
+        np.zeros(len(triangles), bool),
+        np.full(len(triangles), -1),
+        np.ones(len(triangles), bool),
+    )
     for _ in range(ROUNDS):
         if len(left) == 0:
             break
         shells = _Shells(positions, triangles[left])
-        done = shells.closed[shells.part]
-        part[left], closed[left] = part.max() + 1 + shells.part, done
-        turned[left] = shells.turned() & done
+        done = shells.closed[shells.component]
+        component[left], closed[left] = component.max() + 1 + shells.component, done
+        flipped[left] = shells.flipped() & done
         if not done.any():
             break
         left = left[~done]  # components that touch closed ones along edges may have edges of two faces without these
-    return Outward(turned, part, closed)
+    return Outward(flipped, component, closed)
 
 
 class _Shells:
     """The components of a mesh.
 
     Attributes:
-        part: (F,) of each face.
+        component: (F,) of each face.
         closed: (P,) components that are closed and two-sided.
     """
 
@@ -92,23 +96,25 @@ class _Shells:
         edges = edge_table(corners)
         first, second, agree = edges.pairs()
         one, two = first // 3, second // 3
-        self.part, against = consistent(len(corners), one, two, agree)
-        size = np.bincount(self.part)
-        against ^= (np.bincount(self.part, against) > size / 2)[self.part]  # the fewest faces are flipped
+        self.component, against = consistent(len(corners), one, two, agree)
+        size = np.bincount(self.component)
+        against ^= (np.bincount(self.component, against) > size / 2)[self.component]  # the fewest faces are flipped
         self._against = against
-        self._as_in_file = np.bincount(self.part[one], ~agree, len(size)) == 0
+        self._as_in_file = np.bincount(self.component[one], ~agree, len(size)) == 0
         self.closed = np.ones(len(size), bool)
-        self.closed[self.part[one[~(agree ^ against[one] ^ against[two])]]] = False  # one-sided
+        self.closed[self.component[one[~(agree ^ against[one] ^ against[two])]]] = False  # one-sided
         self.closed[self._at_boundary(edges)] = False
         a, b, c = (positions[corners[:, number]] for number in range(3))
-        origin = a[np.unique(self.part, return_index=True)[1]][self.part]
+        origin = a[np.unique(self.component, return_index=True)[1]][self.component]
         side = np.where(against, -1.0, 1.0)
-        volume = np.bincount(self.part, side * np.einsum("ni,ni->n", a - origin, cross(b - origin, c - origin))) / 6
-        area = np.bincount(self.part, np.linalg.norm(cross(b - a, c - a), axis=1)) / 2
+        volume = (
+            np.bincount(self.component, side * np.einsum("ni,ni->n", a - origin, cross(b - origin, c - origin))) / 6
+        )
+        area = np.bincount(self.component, np.linalg.norm(cross(b - a, c - a), axis=1)) / 2
         self._volume = np.where(np.abs(volume) > FLAT * area**1.5, volume, 0.0)
         self.closed &= (self._volume != 0) | self._as_in_file  # of two faces back to back there is nothing to flip
 
-    def turned(self) -> Bool:
+    def flipped(self) -> Bool:
         """(F,) the faces to flip for all closed components to have the right orientation."""
         sign, told = np.sign(self._volume), self._as_in_file
         turn = (sign < 0) & self.closed
@@ -116,7 +122,7 @@ class _Shells:
             # Components of one winding are flipped together; else their nesting decides.
             same = told[self.closed].all() and turn[self.closed & (sign != 0)].all()
             turn = turn if same else sign * self._wanted() < 0
-        return self._against ^ turn[self.part]
+        return self._against ^ turn[self.component]
 
     def _at_boundary(self, edges: EdgeTable) -> Int:
         """The components whose faces, once they agree, do not run along each edge equally often in both directions.
@@ -125,7 +131,7 @@ class _Shells:
         """
         row = np.flatnonzero(np.repeat(edges.uses != 2, edges.uses))
         face, number = edges.sides[row] // 3, edges.edge[edges.sides[row]]
-        used, place = np.unique(self.part[face] * len(edges.uses) + number, return_inverse=True)
+        used, place = np.unique(self.component[face] * len(edges.uses) + number, return_inverse=True)
         way = np.where(edges.upward[row] ^ self._against[face], 1, -1)
         return np.asarray(used[np.bincount(place, way) != 0] // max(len(edges.uses), 1))
 
@@ -147,8 +153,8 @@ class _Shells:
         """(P,) number of closed components around each closed one, and the smallest of them."""
         import igl  # the native library is loaded only for files that need it
 
-        order = np.argsort(self.part, kind="stable")
-        start = np.searchsorted(self.part[order], np.arange(len(self.closed)))
+        order = np.argsort(self.component, kind="stable")
+        start = np.searchsorted(self.component[order], np.arange(len(self.closed)))
         end = np.append(start[1:], len(order))
         points = self._positions[self._corners]
         low = np.minimum.reduceat(points.min(axis=1)[order], start)

@@ -345,12 +345,12 @@ def _bounds(document: Document, world: Float, faces: Int, primitives: list[Drawn
     return corners.min(axis=0), corners.max(axis=0)
 
 
-def _counting(document: Document, world: Float, faces: Int, primitives: list[DrawnPrimitive], asked: Bool) -> Int:
-    """Those of the faces ``asked`` (F,) that are drawn and have an area."""
+def _counting(document: Document, world: Float, faces: Int, primitives: list[DrawnPrimitive], tested: Bool) -> Int:
+    """Those of the faces ``tested`` (F,) that are drawn and have an area."""
     look, first = Look(document), 0
     found = []
     for drawn in primitives:
-        which = np.flatnonzero(asked[first : first + len(drawn.triangles)])
+        which = np.flatnonzero(tested[first : first + len(drawn.triangles)])
         if len(which):
             which = which[look.drawn(drawn, drawn.triangles[which])[0]]
             found.append(first + which)

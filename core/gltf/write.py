@@ -209,8 +209,8 @@ class _Paint:
         return vertices.primitive(bare, triangles) | {"material": self._material(source, style)}
 
     def _material(self, source: dict[str, Any], style: Style) -> int:
-        ground = self._editor.json["materials"][source["material"]] if "material" in source else {}
-        double_sided, unlit = bool(ground.get("doubleSided", False)), UNLIT in ground.get("extensions", {})
+        original = self._editor.json["materials"][source["material"]] if "material" in source else {}
+        double_sided, unlit = bool(original.get("doubleSided", False)), UNLIT in original.get("extensions", {})
         key = double_sided, unlit, style.glows and not unlit, str(style.color)
         if key not in self._materials:
             self._materials[key] = self._editor.append("materials", letter_material(*key))

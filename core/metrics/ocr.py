@@ -47,14 +47,14 @@ def ocr(pictures: Picture, text: str, reader: Reader) -> Ocr:
         text: of the watermark.
         reader: made once for many calls.
     """
-    fresh: dict[bytes, int] = {}
-    row = [fresh.setdefault(picture.tobytes(), len(fresh)) for picture in pictures]
+    distinct: dict[bytes, int] = {}
+    row = [distinct.setdefault(picture.tobytes(), len(distinct)) for picture in pictures]
     crops = [
         (view, line)
         for view, picture in enumerate(pictures[np.unique(row, return_index=True)[1]])
         for line in reader.detect(_crop(picture))[:MOST_LINES]
     ]
-    best = np.zeros(len(fresh))
+    best = np.zeros(len(distinct))
     for turn in TURNS:
         open_crops = [(view, line) for view, line in crops if best[view] < 1]
         readings = reader.read([np.rot90(line, turn) for _, line in open_crops])

@@ -109,8 +109,8 @@ class Reader:
             for rows in np.split(alike, range(together, len(alike), together)):
                 steps = _run(self._recogniser, [filled[row] for row in rows], RECOGNISER_COLORS)
                 for row, labels in zip(rows, steps.argmax(axis=2), strict=True):
-                    fresh = np.append(True, labels[1:] != labels[:-1])
-                    texts[row] = "".join(self._characters[label] for label in labels[fresh])
+                    changed = np.append(True, labels[1:] != labels[:-1])
+                    texts[row] = "".join(self._characters[label] for label in labels[changed])
         return texts
 
 

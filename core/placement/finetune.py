@@ -96,15 +96,15 @@ class Closest(Protocol):
         ...
 
 
-Settle = Callable[[Boxes], tuple[Boxes, Bool]]
+Recentre = Callable[[Boxes], tuple[Boxes, Bool]]
 
 
 def levenberg_marquardt(
     boxes: Boxes,
     index: SpatialIndex,
-    stand_in: Closest | None = None,
-    worth: Callable[[Boxes], Bool] | None = None,
-    settle: Settle | None = None,
+    proxy: Closest | None = None,
+    keep: Callable[[Boxes], Bool] | None = None,
+    recentre: Recentre | None = None,
 ) -> tuple[Boxes, Float]:
     """Fit all boxes by batched Levenberg-Marquardt, coarse to fine.
 
@@ -114,60 +114,60 @@ def levenberg_marquardt(
     Args:
         boxes: to start from.
         index: over the surface.
-        stand_in: the proxy surface (``surfels``) of the coarse and the fine pass, whose result the last pass corrects
+        proxy: the proxy surface (``surfels``) of the coarse and the fine pass, whose result the last pass corrects
             on the surface itself; if None, the surface in all passes.
-        worth: (B,) the boxes to keep after the coarse pass, given these; all of them if None.
-        settle: see :func:`correct`.
+        keep: (B,) the boxes to keep after the coarse pass, given these; all of them if None.
+        recentre: see :func:`correct`.
 
     Returns:
         the fitted boxes, and their :func:`alignment_loss` (B,); inf where a box was rejected: it stayed too far from
-        the surface, came close to a better one, or was not kept by ``worth`` or ``settle``.
+        the surface, came close to a better one, or was not kept by ``keep`` or ``recentre``.
     """
     device = torch.device(index.device)
-    center, axes, rough = _fit(boxes, stand_in or index, device, COARSE_GRID, COARSE_STEPS)
+    center, axes, rough = _fit(boxes, proxy or index, device, COARSE_GRID, COARSE_STEPS)
     loss, limit = np.full(len(boxes), np.inf), loss_limit(boxes.size)
-    hopeful = np.flatnonzero(rough < limit + COARSE_SLACK)
+    active = np.flatnonzero(rough < limit + COARSE_SLACK)
     coarse = Boxes(center, axes, boxes.size)
-    if len(hopeful):
-        hopeful = hopeful[distinct(coarse[hopeful], rough[hopeful], COARSE_COPY)]
-        hopeful = hopeful[worth(coarse[hopeful])] if worth else hopeful
-        up = boxes.axes[hopeful, 1]
-        center[hopeful], axes[hopeful], fine = _fit(
-            coarse[hopeful], stand_in or index, device, FINE_GRID, FINE_STEPS, up
-        )
-        near = fine < limit[hopeful] + FINE_SLACK
-        hopeful = hopeful[near]
-        fitted, loss[hopeful] = correct(Boxes(center, axes, boxes.size)[hopeful], index, settle, up[near])
-        center[hopeful], axes[hopeful] = fitted.center, fitted.axes
+    if len(active):
+        active = active[distinct(coarse[active], rough[active], COARSE_COPY)]
+        active = active[keep(coarse[active])] if keep else active
+        up = boxes.axes[active, 1]
+        center[active], axes[active], fine = _fit(coarse[active], proxy or index, device, FINE_GRID, FINE_STEPS, up)
+        near = fine < limit[active] + FINE_SLACK
+        active = active[near]
+        fitted, loss[active] = correct(Boxes(center, axes, boxes.size)[active], index, recentre, up[near])
+        center[active], axes[active] = fitted.center, fitted.axes
     return Boxes(center, axes, boxes.size), loss
 
 
-def correct(boxes: Boxes, index: SpatialIndex, settle: Settle | None, up: Float | None = None) -> tuple[Boxes, Float]:
+def correct(
+    boxes: Boxes, index: SpatialIndex, recentre: Recentre | None, up: Float | None = None
+) -> tuple[Boxes, Float]:
     """The last pass, on the surface itself, for boxes that are nearly aligned.
 
     Args:
         boxes: to start from.
         index: over the surface.
-        settle: recentres boxes on their support, and returns (B,) those to keep; all as they are if None.
+        recentre: recentres boxes on their support, and returns (B,) those to keep; all as they are if None.
         up: (B, 3) up direction of the roll prior; the boxes' own if None.
 
     Returns:
         as :func:`levenberg_marquardt`.
     """
-    settled, promising = settle(boxes) if settle else (boxes, np.ones(len(boxes), dtype=bool))
-    center, axes, loss = settled.center.copy(), settled.axes.copy(), np.full(len(boxes), np.inf)
-    hopeful = np.flatnonzero(promising)
-    if len(hopeful):
-        center[hopeful], axes[hopeful], squared = _fit(
-            settled[hopeful],
+    recentred, kept = recentre(boxes) if recentre else (boxes, np.ones(len(boxes), dtype=bool))
+    center, axes, loss = recentred.center.copy(), recentred.axes.copy(), np.full(len(boxes), np.inf)
+    active = np.flatnonzero(kept)
+    if len(active):
+        center[active], axes[active], squared = _fit(
+            recentred[active],
             index,
             torch.device(index.device),
             EXACT_GRID,
             EXACT_STEPS,
-            boxes.axes[hopeful, 1] if up is None else up[hopeful],
+            boxes.axes[active, 1] if up is None else up[active],
         )
-        hopeful = hopeful[squared < loss_limit(boxes.size[hopeful]) + EXACT_SLACK]
-        loss[hopeful] = alignment_loss(Boxes(center, axes, boxes.size)[hopeful], index)
+        active = active[squared < loss_limit(boxes.size[active]) + EXACT_SLACK]
+        loss[active] = alignment_loss(Boxes(center, axes, boxes.size)[active], index)
     return Boxes(center, axes, boxes.size), loss
 
 

@@ -13,7 +13,9 @@ from core.lab.plain import Mesh
 # Winding number above which a point is inside. A single open surface has one half on both of its sides: the threshold
 # is above it.
 INSIDE = 0.55
-SHEET = 0.9  # voxels; half the thickness of an open surface: more than half a voxel's diagonal, so that none is missed
+HALF_THICKNESS = (
+    0.9  # voxels; half the thickness of an open surface: more than half a voxel's diagonal, so that none is missed
+)
 SLOPE = 1.25  # bound on the field's slope: 1 along the distance, a little more where the winding number changes it
 LEVELS = 5  # halvings of blocks: the search starts with 2**5 voxels a side
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
@@ -53,9 +55,9 @@ class _Field:
     def __init__(self, mesh: Mesh, voxel: float) -> None:
         self._mesh = mesh
         self._index = SpatialIndex(mesh.positions, mesh.faces)
-        self._sheet = self._find_sheets(0.01 * voxel)
-        self._half = SHEET * voxel
-        self.margin = self._half if self._sheet.any() else 0.0  # distance of the zero set from the mesh, at most
+        self._is_open = self._find_open(0.01 * voxel)
+        self._half = HALF_THICKNESS * voxel
+        self.margin = self._half if self._is_open.any() else 0.0  # distance of the zero set from the mesh, at most
 
     def nearest(self, points: Float) -> tuple[Float, Int]:
         """Unsigned distance (N,) to the mesh and the nearest face (N,)."""
@@ -66,13 +68,13 @@ class _Field:
         """The field (N,) at ``points``, given their distances to the nearest faces."""
         # Where a hole is closed, far from any face, the sign changes continuously instead of by a jump.
         side = np.clip((INSIDE - self._winding(points)) / (1 - INSIDE), -1, 1)
-        return np.minimum(side * distance, np.where(self._sheet[face], distance - self._half, np.inf))
+        return np.minimum(side * distance, np.where(self._is_open[face], distance - self._half, np.inf))
 
-    def _find_sheets(self, step: float) -> Bool:
+    def _find_open(self, step: float) -> Bool:
         """(F,) faces with the outside on both sides; only faces of open components or with a coincident one can be."""
         faces = self._mesh.faces
         surface = self._mesh.surface()
-        candidate = np.flatnonzero((_in_open_parts(self._mesh) | _has_twin(faces)) & (surface.areas > 0))
+        candidate = np.flatnonzero((_in_open_components(self._mesh) | _has_coincident(faces)) & (surface.areas > 0))
         middle = self._mesh.positions[faces[candidate]].mean(axis=1)
         normal = step * surface.normals[candidate]
         candidate = candidate[(self._winding(middle + normal) <= INSIDE) & (self._winding(middle - normal) <= INSIDE)]
@@ -85,7 +87,7 @@ class _Field:
         return np.asarray(np.abs(winding))
 
 
-def _in_open_parts(mesh: Mesh) -> Bool:
+def _in_open_components(mesh: Mesh) -> Bool:
     """(F,) faces of the components that have an edge used more often in one direction than in the other."""
     count = len(mesh.positions)
     start, end = mesh.faces.ravel(), np.roll(mesh.faces, -1, axis=1).ravel()
@@ -96,7 +98,7 @@ def _in_open_parts(mesh: Mesh) -> Bool:
     return np.asarray(np.isin(part[mesh.faces[:, 0]], opened))
 
 
-def _has_twin(faces: Int) -> Bool:
+def _has_coincident(faces: Int) -> Bool:
     """(F,) faces that have a coincident one: with the same three vertices."""
     _, label, count = np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True, return_counts=True)
     return np.asarray(count[label.ravel()] > 1)

@@ -24,7 +24,7 @@ from core.lab.baselines import STRATEGIES
 from core.lab.baselines.invisible import LENGTH, bit_accuracy, embed, extract
 from core.lab.baselines.strategy import Marked, Prepared, prepare, text_width
 from core.lab.benchmark.datasets import Asset
-from core.lab.benchmark.options import INVISIBLE, NO_ATTACK, AttackAsked, BenchmarkOptions
+from core.lab.benchmark.options import INVISIBLE, NO_ATTACK, AttackRequest, BenchmarkOptions
 from core.lab.benchmark.rows import Row
 from core.lab.plain import Mesh, plain, plain_glb
 from core.metrics.measure import Pair, Subject, measure
@@ -128,7 +128,7 @@ class AssetBench:
                 marked = STRATEGIES[method](self._prepared, parameters, np.random.default_rng(self._seed))
         return Trial(marked, seconds | {"run": round(sum(seconds.values()), 4)}, bits)
 
-    def measure(self, trial: Trial, attack: AttackAsked) -> Row:
+    def measure(self, trial: Trial, attack: AttackRequest) -> Row:
         """All metrics of ``trial`` after ``attack``, against the original moved along with it.
 
         A mark that the attack cut away is not measured; where none is left, or none was ever visible, no view has a
@@ -192,7 +192,7 @@ class AssetBench:
                 make[name]()
         return self._parts[name]
 
-    def _attacked(self, marked: Marked, attack: AttackAsked, seconds: dict[str, float]) -> Attacked:
+    def _attacked(self, marked: Marked, attack: AttackRequest, seconds: dict[str, float]) -> Attacked:
         # Seeded by asset and attack: every method is cut by the same plane and turned about the same axis.
         stream = int.from_bytes(hashlib.sha256(attack.name.encode()).digest()[:4])
         target = Target(self._prepared.index, marked.boxes, np.random.default_rng([self._seed, stream]))

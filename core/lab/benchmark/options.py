@@ -30,18 +30,18 @@ OBJECTIVE_METHODS = (
 
 
 @dataclass(frozen=True)
-class AttackAsked:
+class AttackRequest:
     """An attack by name; ``strength`` None is the attack's own default."""
 
     name: str
     strength: float | None = None
 
     @staticmethod
-    def parse(text: str) -> "AttackAsked":
+    def parse(text: str) -> "AttackRequest":
         """``name`` or ``name:strength``; raises ``invalid_parameters``."""
         name, _, strength = text.partition(":")
         try:
-            return AttackAsked(name, float(strength) if strength else None)
+            return AttackRequest(name, float(strength) if strength else None)
         except ValueError:
             raise MeshmarkError(
                 ErrorCode.INVALID_PARAMETERS,
@@ -86,7 +86,7 @@ class BenchmarkOptions:
     samples: int | None = None
     methods: tuple[str, ...] = METHODS
     counts: tuple[int, ...] = (4, 16, 32)
-    attacks: tuple[AttackAsked, ...] = ()
+    attacks: tuple[AttackRequest, ...] = ()
     attack_counts: tuple[int, ...] = ()
     text: str = "watermark"
     size: float | None = None

@@ -13,7 +13,7 @@ from typing import Any
 
 from core import __version__
 from core.errors import ErrorCode, MeshmarkError
-from core.lab.benchmark.options import INVISIBLE, NO_ATTACK, REMOVAL, AttackAsked, BenchmarkOptions
+from core.lab.benchmark.options import INVISIBLE, NO_ATTACK, REMOVAL, AttackRequest, BenchmarkOptions
 
 Row = dict[str, Any]
 
@@ -26,7 +26,7 @@ class Combination:
 
     method: str
     count: int
-    attack: AttackAsked
+    attack: AttackRequest
 
     def identity(self, sha256: str, seed: int, options: BenchmarkOptions) -> Row:
         """Identity of this row among all others; the same identity always means the same values."""
@@ -48,7 +48,7 @@ def combinations(options: BenchmarkOptions) -> list[Combination]:
     found = []
     for method in dict.fromkeys(options.methods):
         for count in (0,) if method == INVISIBLE else dict.fromkeys(options.counts):
-            found.append(Combination(method, count, AttackAsked(NO_ATTACK)))
+            found.append(Combination(method, count, AttackRequest(NO_ATTACK)))
             if method == INVISIBLE or count in options.attacked_counts:
                 # Removal deletes letters, and an invisible watermark has none.
                 possible = [attack for attack in attacks if (method, attack.name) != (INVISIBLE, REMOVAL)]

@@ -10,7 +10,7 @@ from pathlib import Path
 from core.errors import ErrorCode, MeshmarkError
 from core.lab.benchmark import rows as rows_of
 from core.lab.benchmark.datasets import LAYOUTS, load, stratified
-from core.lab.benchmark.options import INVISIBLE, NO_ATTACK, AttackAsked, BenchmarkOptions
+from core.lab.benchmark.options import INVISIBLE, NO_ATTACK, AttackRequest, BenchmarkOptions
 from core.lab.benchmark.plots import require_matplotlib
 from core.lab.benchmark.pool import Task, outcomes
 from core.lab.benchmark.progress import Progress
@@ -122,7 +122,7 @@ def _checked(options: BenchmarkOptions) -> BenchmarkOptions:
                 f"Choose among: {', '.join(known)}.",
             )
     attacks = tuple(
-        attack if attack.strength is not None else AttackAsked(attack.name, float(ATTACKS[attack.name].strength))
+        attack if attack.strength is not None else AttackRequest(attack.name, float(ATTACKS[attack.name].strength))
         for attack in options.attacks
         if attack.name != NO_ATTACK
     )

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 
 from core.errors import ErrorCode, MeshmarkError
 from core.lab.benchmark.datasets import Asset
-from core.lab.benchmark.options import AttackAsked, BenchmarkOptions
+from core.lab.benchmark.options import AttackRequest, BenchmarkOptions
 from core.lab.benchmark.rows import Combination, Row, grouped
 from core.processors import available_processors
 
@@ -30,7 +30,7 @@ class Bench(Protocol):
     def mark(self, method: str, count: int) -> Any:
         """The asset watermarked."""
 
-    def measure(self, marked: Any, attack: AttackAsked) -> Row:
+    def measure(self, marked: Any, attack: AttackRequest) -> Row:
         """The values of one row."""
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from core.embossing.lift import folded, lift, obstructed, turned
+from core.embossing.lift import folded, inverted, lift, obstructed
 from core.geometry.spatial import SpatialIndex
 from tests.core.shapes import box, grid, join, moved, sphere, surface
 
@@ -10,8 +10,8 @@ UP = np.array([[0.0, 0.0, 1.0]])
 
 def test_tops_keep_their_distance_where_the_given_normal_is_wrong() -> None:
     ball = sphere(10.0)
-    feet = ball.positions[ball.positions[:, 2] > 9.5]
-    tops = lift(feet, np.broadcast_to(UP, feet.shape), 0.3, SpatialIndex(ball.positions, ball.faces))
+    base = ball.positions[ball.positions[:, 2] > 9.5]
+    tops = lift(base, np.broadcast_to(UP, base.shape), 0.3, SpatialIndex(ball.positions, ball.faces))
     distance, _, _ = SpatialIndex(ball.positions, ball.faces).closest(tops)
     assert np.allclose(distance, 0.3, atol=1e-9)
 
@@ -38,24 +38,24 @@ def test_letters_that_turn_over_are_noticed() -> None:
 def test_each_triangle_that_turns_over_is_named() -> None:
     points = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0]])
     triangles = np.array([[0, 1, 2], [0, 3, 2], [1, 4, 2]])
-    assert turned(points, triangles, UP[0]).tolist() == [False, True, False]
+    assert inverted(points, triangles, UP[0]).tolist() == [False, True, False]
 
 
 def test_a_lid_above_is_an_obstruction_only_within_reach() -> None:
     ground = grid(4.0, 4.0, 4, 4)
-    feet = np.array([[0.1, 0.2, 0.0]])
+    base = np.array([[0.1, 0.2, 0.0]])
     for height, expected in ((0.25, True), (0.4, False)):
         both = join(ground, moved(ground, 0.0, 0.0, height))
         index = SpatialIndex(both.positions, both.faces)
-        assert obstructed(feet, feet + 0.2 * UP, 0.2, index) is expected
+        assert obstructed(base, base + 0.2 * UP, 0.2, index) is expected
 
 
 def test_the_back_of_a_plate_is_an_obstruction_for_sunken_letters() -> None:
-    feet = np.array([[0.1, 0.2, 0.5]])
+    base = np.array([[0.1, 0.2, 0.5]])
     for relief, expected in ((-0.9, True), (-0.5, False)):
         plate = box(4.0, 4.0, 1.0)
         index = SpatialIndex(plate.positions, plate.faces)
-        assert obstructed(feet, feet + relief * UP, relief, index) is expected
+        assert obstructed(base, base + relief * UP, relief, index) is expected
 
 
 def test_surface_that_faces_elsewhere_does_not_bend_letters() -> None:
@@ -65,6 +65,6 @@ def test_surface_that_faces_elsewhere_does_not_bend_letters() -> None:
     faces = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])
     index = SpatialIndex(np.concatenate([ground, wedge]), faces)
     assert (index.normals(np.arange(4))[:, 2] > 0).tolist() == [True, True, False, False]
-    feet = np.array([[0.0, 0, 0], [0.15, 0, 0], [0.3, 1, 0]])
-    tops = lift(feet, np.tile([0.0, 0, 1], (3, 1)), 0.12, index)
-    np.testing.assert_allclose(tops, feet + np.array([0, 0, 0.12]), atol=1e-9)
+    base = np.array([[0.0, 0, 0], [0.15, 0, 0], [0.3, 1, 0]])
+    tops = lift(base, np.tile([0.0, 0, 1], (3, 1)), 0.12, index)
+    np.testing.assert_allclose(tops, base + np.array([0, 0, 0.12]), atol=1e-9)

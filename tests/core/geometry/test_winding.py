@@ -35,7 +35,7 @@ def _reversed(faces: Int, which: np.ndarray) -> Int:
 def _result(positions: Float, faces: Int) -> tuple[Int, bool]:
     """The faces as they come out, from their smallest corner on, and whether all are of closed parts."""
     found = outward(positions, faces)
-    return _reversed(faces, found.turned), bool(found.closed.all())
+    return _reversed(faces, found.flipped), bool(found.closed.all())
 
 
 def _same_winding(one: Int, other: Int) -> bool:
@@ -118,7 +118,7 @@ def test_open_and_one_sided_surfaces_stay_as_they_are() -> None:
     strip = np.concatenate([np.stack([steps, following[0], steps + 16], 1), np.stack([steps + 16, *following], 1)])
     for positions, faces in ((moebius, strip), _parts((BALL, 1.0, np.zeros(3)))):
         found = outward(positions, faces[1:])
-        assert not found.turned.any()
+        assert not found.flipped.any()
         assert not found.closed.any()
 
 
@@ -126,7 +126,7 @@ def test_one_hole_does_not_keep_other_parts_from_being_turned() -> None:
     positions, faces = _parts((BALL, 1.0, np.zeros(3)), (BALL, 1.0, np.array([3.0, 0, 0])))
     found = outward(positions, faces[1:, ::-1])
     count = len(BALL.faces)
-    assert found.turned.tolist() == [False] * (count - 1) + [True] * count
+    assert found.flipped.tolist() == [False] * (count - 1) + [True] * count
     assert found.closed.tolist() == [False] * (count - 1) + [True] * count
 
 
@@ -134,13 +134,13 @@ def test_collapsed_triangles_and_pairs_back_to_back_do_no_harm() -> None:
     positions, faces = _parts((BALL, 1.0, np.zeros(3)))
     collapsed = np.concatenate([faces[:, ::-1], faces[:5, [0, 0, 1]], faces[:5, [2, 2, 2]]])
     found = outward(positions, collapsed)
-    assert found.turned.tolist() == [True] * len(faces) + [False] * 10
+    assert found.flipped.tolist() == [True] * len(faces) + [False] * 10
     assert found.closed.all()
     pair = outward(positions, np.array([[0, 1, 2], [2, 1, 0]]))
-    assert not pair.turned.any()
+    assert not pair.flipped.any()
     assert pair.closed.all()
     twice = outward(positions, np.array([[0, 1, 2], [0, 1, 2]]))
-    assert not twice.turned.any()
+    assert not twice.flipped.any()
     assert not twice.closed.any()
 
 
@@ -150,10 +150,10 @@ def test_any_triangles_have_an_answer(seed: int) -> None:
     positions = rng.integers(0, 3, (12, 3)).astype(float)
     faces = rng.integers(0, 12, (rng.integers(1, 40), 3))
     found = outward(positions, faces)
-    assert not (found.turned & ~found.closed).any()
-    once = outward(positions, _reversed(faces, found.turned))
+    assert not (found.flipped & ~found.closed).any()
+    once = outward(positions, _reversed(faces, found.flipped))
     np.testing.assert_array_equal(once.closed, found.closed)
 
 
 def test_a_mesh_without_triangles_has_nothing_to_turn() -> None:
-    assert len(outward(np.empty((0, 3)), np.empty((0, 3), np.int64)).turned) == 0
+    assert len(outward(np.empty((0, 3)), np.empty((0, 3), np.int64)).flipped) == 0

@@ -8,7 +8,7 @@ from typing import Any
 
 from core.errors import ErrorCode, MeshmarkError
 from core.lab.benchmark.datasets import Asset
-from core.lab.benchmark.options import AttackAsked, BenchmarkOptions
+from core.lab.benchmark.options import AttackRequest, BenchmarkOptions
 from core.lab.benchmark.rows import Row, combinations, key
 from core.parameters import Evaluate
 
@@ -32,7 +32,7 @@ class FakeBench:
             raise ZeroDivisionError("by zero")
         return method, count
 
-    def measure(self, marked: Any, attack: AttackAsked) -> Row:
+    def measure(self, marked: Any, attack: AttackRequest) -> Row:
         if self.name == "hanging" and marked == ("li", 4) and attack.name == "crop":
             time.sleep(60)
         if self.name.startswith("slow"):
@@ -57,7 +57,7 @@ def options(tmp_path: Path, *names: str, **changes: Any) -> BenchmarkOptions:
     given: dict[str, Any] = {
         "methods": ("meshmark", "li"),
         "counts": (4, 16),
-        "attacks": (AttackAsked("crop", 0.5),),
+        "attacks": (AttackRequest("crop", 0.5),),
         "attack_counts": (4,),
         "level": Evaluate.GEOMETRY,
     }

@@ -16,7 +16,7 @@ from core.lab.attacks.target import letter_faces
 from core.lab.baselines import STRATEGIES
 from core.lab.baselines.strategy import Marked, Prepared
 from core.lab.benchmark.bench import AssetBench, moved_boxes, moved_points
-from core.lab.benchmark.options import AttackAsked, BenchmarkOptions
+from core.lab.benchmark.options import AttackRequest, BenchmarkOptions
 from core.lab.benchmark.run import run
 from core.parameters import Evaluate, Parameters
 from tests.core.lab.benchmark.fakes import options
@@ -46,16 +46,16 @@ def bench() -> AssetBench:
 
 def test_moving_an_asset_changes_nothing_that_does_not_depend_on_size(bench: AssetBench) -> None:
     trial = bench.mark("li", 4)
-    still = bench.measure(trial, AttackAsked("none"))["metrics"]
+    still = bench.measure(trial, AttackRequest("none"))["metrics"]
     for name, strength in (("translate", 1.0), ("scale", 10.0)):
-        moved = bench.measure(trial, AttackAsked(name, strength))["metrics"]
+        moved = bench.measure(trial, AttackRequest(name, strength))["metrics"]
         for metric in ("wps", "wps_area", "ray", "coverage", "ipe"):
             assert moved[metric] == pytest.approx(still[metric], abs=1e-3), (name, metric)
 
 
 def test_marks_that_were_cut_away_are_not_measured_and_their_share_is_told(bench: AssetBench) -> None:
     trial = bench.mark("li", 4)
-    cut = bench.measure(trial, AttackAsked("crop", 0.999))
+    cut = bench.measure(trial, AttackRequest("crop", 0.999))
     assert cut["survived"] == 0.0
     assert cut["metrics"]["ray"] == cut["metrics"]["coverage"] == 0.0
     assert cut["metrics"]["wps"] is None
@@ -66,7 +66,7 @@ def test_a_letters_colour_stays_on_it_through_decimation(bench: AssetBench) -> N
     trial = bench.mark("li", 4)
     original = bench._prepared.index
     share = {}
-    for attack in (AttackAsked("none"), AttackAsked("decimate", 0.5), AttackAsked("scale", 10.0)):
+    for attack in (AttackRequest("none"), AttackRequest("decimate", 0.5), AttackRequest("scale", 10.0)):
         attacked = bench._attacked(trial.marked, attack, {})
         letters = trial.letters(attacked, original)
         areas = attacked.mesh.surface().areas
@@ -79,7 +79,7 @@ def test_a_letters_colour_stays_on_it_through_decimation(bench: AssetBench) -> N
 
 
 def test_an_invisible_watermark_is_read_back_and_has_no_ray(bench: AssetBench) -> None:
-    found = bench.measure(bench.mark("invisible", 0), AttackAsked("none"))
+    found = bench.measure(bench.mark("invisible", 0), AttackRequest("none"))
     assert found["bit_accuracy"] == 1.0
     assert found["marks"] is None
     assert found["metrics"]["ray"] == 0.0

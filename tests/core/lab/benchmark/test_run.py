@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from core.errors import ErrorCode, MeshmarkError
-from core.lab.benchmark.options import AttackAsked, BenchmarkOptions
+from core.lab.benchmark.options import AttackRequest, BenchmarkOptions
 from core.lab.benchmark.pool import THREADS
 from core.lab.benchmark.rows import Row, read
 from core.lab.benchmark.run import run
@@ -211,7 +211,7 @@ def test_a_report_without_rows_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"methods": ("magic",)}, {"attacks": (AttackAsked("fire"),)}, {"dataset": "shapenet"}]
+    "wrong", [{"methods": ("magic",)}, {"attacks": (AttackRequest("fire"),)}, {"dataset": "shapenet"}]
 )
 def test_an_unknown_name_is_refused_before_any_work(tmp_path: Path, wrong: dict[str, object]) -> None:
     with pytest.raises(MeshmarkError) as caught:
@@ -235,10 +235,10 @@ def test_attacks_are_made_at_the_middle_count_unless_named(tmp_path: Path) -> No
 
 
 def test_an_attack_is_written_with_its_strength_after_a_colon() -> None:
-    assert AttackAsked.parse("remesh:0.25") == AttackAsked("remesh", 0.25)
-    assert AttackAsked.parse("crop") == AttackAsked("crop", None)
+    assert AttackRequest.parse("remesh:0.25") == AttackRequest("remesh", 0.25)
+    assert AttackRequest.parse("crop") == AttackRequest("crop", None)
     with pytest.raises(MeshmarkError):
-        AttackAsked.parse("crop:much")
+        AttackRequest.parse("crop:much")
 
 
 def test_the_environment_of_the_caller_is_left_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
