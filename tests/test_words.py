@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("core",)
+PACKAGES = ("core", "service", "worker")
 
 # A docstring that begins with one of these names nothing: its reader has to read on to learn what the thing is.
 BARE = {"what", "that", "who", "whoever", "whom", "whose", "which", "whatever", "how", "where", "whether"}
