@@ -15,7 +15,7 @@ from tests.core.formats.meshes import MESHES
 from tests.core.lab.attacks.settings import area, mesh_of, target_of
 from tests.core.placement.shapes import moved, sphere
 
-SPOT = Path(__file__).parents[2] / "data" / "spot.glb"
+SPOT = Path(__file__).parents[3] / "data" / "spot.glb"
 REAL = sorted(path for path in MESHES.glob("*.*") if path.suffix not in (".csv", ".md") and path.stat().st_size < 2**19)
 
 

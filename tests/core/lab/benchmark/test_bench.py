@@ -21,7 +21,7 @@ from core.lab.benchmark.run import run
 from core.parameters import Evaluate, Parameters
 from tests.core.lab.benchmark.fakes import options
 
-SPOT = Path(__file__).parents[2] / "data" / "spot.glb"
+SPOT = Path(__file__).parents[3] / "data" / "spot.glb"
 
 
 @given(st.integers(0, 10**6), st.floats(0.1, 10))

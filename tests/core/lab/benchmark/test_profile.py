@@ -15,7 +15,7 @@ from core.lab.benchmark.profile import CLEAR_REFS, EVERY_STAGE, TO_THE_MODEL, ma
 from core.lab.benchmark.statistics import power_law
 from core.parameters import Evaluate
 
-SPOT = Path(__file__).parents[2] / "data" / "spot.glb"
+SPOT = Path(__file__).parents[3] / "data" / "spot.glb"
 BALLS = {"coarse.stl": 1, "fine.stl": 3}  # subdivisions: 80 and 1280 faces
 
 

@@ -19,7 +19,7 @@ from core.lab.benchmark.run import run
 from tests.core.lab.benchmark.fakes import expected, open_fake, options
 from tests.worker.waiting import PATIENCE, wait_until
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[4]
 
 
 def by_asset(rows: list[Row], name: str) -> list[Row]:
