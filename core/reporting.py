@@ -157,7 +157,7 @@ def _watermarks(surface: Surface, output: Output, parameters: Parameters) -> lis
 
 
 def _unmeasured() -> Measurement:
-    """What stands in the report until the measurement has ended."""
+    """The metrics of a report whose measurement has not ended."""
     measurement = Measurement()
     reason = Notice(
         NoticeCode.NOT_MEASURED,

@@ -97,7 +97,7 @@ class Subject:
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """What is measured.
+    """An asset before and after, and its marks, to be measured.
 
     Attributes:
         original, watermarked: in the same frame.
