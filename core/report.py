@@ -55,7 +55,7 @@ class AssetFacts(FileFacts):
 
 
 class Engine(Section):
-    """What made the report."""
+    """The program that made the report."""
 
     version: Annotated[str, Field(description="The version of Meshmark.")]
     device: Annotated[str, Field(description="Where placement was computed.", examples=["cpu", "cuda"])]
@@ -93,7 +93,7 @@ class Watermark(Section):
 
 
 class CopyFacts(Section):
-    """What became of another copy of the asset in its file."""
+    """The outcome for another copy of the asset in its file."""
 
     kind: Annotated[
         Literal["hidden_nodes", "level_of_detail", "scene", "unused_nodes", "unused_meshes"],
@@ -108,7 +108,7 @@ class CopyFacts(Section):
 
 
 class Embossing(Section):
-    """How many places were tried for the marks."""
+    """The number of places tried for the marks."""
 
     tried: Annotated[int, Field(description="Places that were tried.")]
     verified: Annotated[int, Field(description="Those where a mark stands that passed its check.")]
@@ -116,7 +116,7 @@ class Embossing(Section):
 
 
 class WatermarkQuality(Section):
-    """How well the marks sit, are seen and read; null where not measured. High is good."""
+    """Fit, visibility and legibility of the marks; null where not measured. High is good."""
 
     wps: Annotated[Score, Field(description="Placement by whole faces, a share.")]
     wps_area: Annotated[Score, Field(description="Placement by exact area, a share.")]
@@ -130,7 +130,7 @@ class WatermarkQuality(Section):
 
 
 class AssetUtility(Section):
-    """What the marks cost the asset; null where not measured. Low is good, save of `ss`."""
+    """The cost of the marks to the asset; null where not measured. Low is good, save of `ss`."""
 
     smse: Annotated[Score, Field(description="Mean distance to the original, size-30 units.")]
     smse_squared: Annotated[Score, Field(description="Mean squared distance to the original, squared size-30 units.")]
@@ -141,7 +141,7 @@ class AssetUtility(Section):
 
 
 class Metrics(Section):
-    """What was measured on the file as it was written."""
+    """Measurements on the file as it was written."""
 
     watermark_quality: WatermarkQuality
     asset_utility: AssetUtility
@@ -156,7 +156,7 @@ class Metrics(Section):
 
 
 class Report(Section):
-    """What was done to an asset, where, and what it cost it. Fields are only added to it."""
+    """The marks of an asset, where they are, and their cost to it. Fields are only added to it."""
 
     schema_: Annotated[
         Literal["meshmark.report/1"], Field(alias="schema", description="Which report this is, and its version.")
