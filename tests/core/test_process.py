@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[2]
 CORE = ROOT / "core"
 CHANGES = re.compile(r"os\.environ\[[^]]*\] =|os\.environ\.(setdefault|update)|os\.putenv|set_num_threads|infty =")
 # The benchmark's parent gives its children other numbers of threads, and takes that back.
-EXEMPT = {CORE / "process.py", CORE / "benchmark" / "pool.py"}
+EXEMPT = {CORE / "process.py", CORE / "lab" / "benchmark" / "pool.py"}
 PRINTS = re.compile(r"traceback\.print_|logging\.basicConfig")
 
 

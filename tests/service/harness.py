@@ -27,6 +27,8 @@ EMBEDDED = (
     "serve(Settings(), [sys.executable, '-m', 'tests.worker.apps', str(os.getpid())])"
 )
 EMBEDDED_COMMAND = [sys.executable, "-c", EMBEDDED]
+# Before a command: it is told of a hangup also where the tests themselves are not, as after `nohup`.
+HEEDING = ["env", "--default-signal=HUP"]
 API_COMMAND = [sys.executable, "-m", "service", "api"]
 WORKER_COMMAND = [sys.executable, "-m", "celery", "-A", "tests.worker.apps", "worker"]
 

@@ -11,7 +11,7 @@ import jsonschema
 import psutil
 import pytest
 
-from tests.service.harness import API_COMMAND, EMBEDDED_COMMAND, Service
+from tests.service.harness import API_COMMAND, EMBEDDED_COMMAND, HEEDING, Service
 from tests.worker.waiting import PATIENCE, gone, wait_until
 
 SPOT = (Path(__file__).parents[1] / "data" / "spot.glb").read_bytes()
@@ -104,7 +104,7 @@ def test_stopping_ends_api_worker_and_engine_and_the_job_goes_on_at_the_next_sta
     number: signal.Signals, tmp_path: Path
 ) -> None:
     service, go = Service(tmp_path), tmp_path / "go"
-    with service.running(EMBEDDED_COMMAND) as [process]:
+    with service.running([*HEEDING, *EMBEDDED_COMMAND]) as [process]:
         url = service.start_job(wait_for=os.fspath(go))
         wait_until(lambda: service.job(url)["stage"] == "placing")
         family = psutil.Process(process.pid).children(recursive=True)

@@ -32,7 +32,7 @@ def test_nothing_starts_on_a_store_of_another_ledger(command: list[str], tmp_pat
 def test_a_store_that_does_not_answer_is_named_at_start(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     settings = Settings(data_dir=tmp_path, store_url="s3://bucket", s3_endpoint="http://127.0.0.1:9", s3_region="none")
     with pytest.raises(SystemExit) as ended:
-        require_own_store(settings, timeout=0)
+        require_own_store(settings, timeout=0.0)
     assert ended.value.code == 2
     assert "cannot be reached" in capsys.readouterr().err
 
@@ -42,7 +42,7 @@ NOBODY = "postgresql://meshmark:password-of-the-tests@127.0.0.1:9/ledger"
 
 def test_a_database_that_does_not_answer_is_named_at_start(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
-        require_own_store(Settings(data_dir=tmp_path, database_url=NOBODY), timeout=0)
+        require_own_store(Settings(data_dir=tmp_path, database_url=NOBODY), timeout=0.0)
     assert ended.value.code == 2
     told = capsys.readouterr().err
     assert told.startswith("The database does not answer: ")
@@ -103,7 +103,7 @@ def test_a_database_that_is_back_soon_is_waited_for(tmp_path: Path) -> None:
         settings = Settings(data_dir=tmp_path, database_url=server.new_database())
         server.stop()
         threading.Timer(1, server.start).start()
-        require_own_store(settings, timeout=30)
+        require_own_store(settings, timeout=PATIENCE)
 
 
 def test_the_command_hands_a_store_over_and_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -123,5 +123,5 @@ def test_a_store_that_is_back_soon_is_waited_for(s3: S3, tmp_path: Path) -> None
         bucket.endpoint = flaky.url
         flaky.failing.set()
         threading.Timer(1, flaky.failing.clear).start()
-        require_own_store(bucket_settings(bucket, tmp_path), timeout=30)
+        require_own_store(bucket_settings(bucket, tmp_path), timeout=PATIENCE)
         assert flaky.failed > 0

@@ -10,7 +10,7 @@ import pytest
 from service.config import Settings
 from service.jobs.queue import create_queue
 from service.webhooks import queue
-from tests.service.harness import running
+from tests.service.harness import HEEDING, running
 from tests.worker.waiting import PATIENCE, wait_until
 from worker.factory import create_worker
 from worker.webhooks import CONCURRENCY, create_sender
@@ -53,7 +53,7 @@ def test_a_terminal_that_closes_ends_a_worker_unless_it_was_told_to_ignore_that(
     environment = {"MESHMARK_DATA_DIR": os.fspath(tmp_path)}
     with (
         create_queue(Settings(data_dir=tmp_path)) as broker,
-        running(["nohup", *command] if ignored else command, environment, quiet=True) as process,
+        running([*(["nohup"] if ignored else HEEDING), *command], environment, quiet=True) as process,
     ):
         queue.send(broker, "no such delivery")
         wait_until(lambda: queue.is_empty(broker))  # it was taken: the worker is ready

@@ -263,7 +263,7 @@ def test_the_samples_of_the_saliency_will_do_and_the_same_ones_give_the_same_det
     assert (one.points == map_.points).all()
     assert (one.normals == map_.normals).all()
     assert one.threshold == other.threshold
-    for name in ("stands_out", "busy", "color"):
+    for name in ("saliency", "color_variance", "color"):
         first, second = getattr(one, name), getattr(other, name)
         assert (first == second).all()
         assert first.min() >= 0
