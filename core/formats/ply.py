@@ -230,7 +230,9 @@ def _colors(header: Header, name: str, table: Columns) -> Float | None:
     rgba = np.ones((len(table[names[0]]), 4))
     for column, channel in enumerate((*names, names[0].replace("red", "alpha"))):
         if channel in table:
-            rgba[:, column] = _matrix(table, [channel])[:, 0]
-            if kinds[channel] in "bB":  # a signed byte is the same eight bits
-                rgba[:, column] = rgba[:, column] % 256 / 255
+            values = _matrix(table, [channel])[:, 0]
+            if kinds[channel] in "bB":  # a signed byte is the same eight bits; in text it may be no number at all
+                finite = np.isfinite(values)
+                values[finite] = values[finite] % 256 / 255
+            rgba[:, column] = values
     return color_fractions(rgba)
