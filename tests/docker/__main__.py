@@ -13,6 +13,7 @@ import socket
 import sys
 import tempfile
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -84,32 +85,31 @@ def _deploy(engine: Engine, folder: Path) -> dict[str, str]:
         say("the stack is up")
         create = ("python", "-m", "service", "keys", "create", "--tenant", "acme", "--name", "first")
         client.key = stack.compose("exec", "-T", "api", *create)
-        plan: dict[str, drills.Drill] = {
-            "all metrics": partial(drills.everything_measured, client, weights),
-            "hook": partial(drills.hook, stack, client),
-            "large uploads": partial(drills.large_uploads, client),
-            "no way to the host": partial(drills.no_way_to_the_host, stack),
-            "worker killed": partial(drills.killed_worker, stack, client),
-            **{
-                f"{name} restarted": partial(drills.restarted, stack, client, name)
-                for name in ("redis", "postgres", "store")
+        rounds: list[dict[str, drills.Drill]] = [  # the drills of a round run at the same time
+            {
+                "all metrics": partial(drills.everything_measured, client, weights),
+                "hook": partial(drills.hook, stack, client),
+                "no way to the host": partial(drills.no_way_to_the_host, stack),
             },
-            "stop and start": partial(drills.stopped_and_started, stack, client),
-            "nothing lost": partial(drills.ended_once, client),
-            "logs": partial(drills.logs, stack),
-            "down": partial(drills.taken_down, stack),
-        }
+            {"large uploads": partial(drills.large_uploads, client)},
+            {"worker killed": partial(drills.killed_worker, stack, client)},
+            {"redis restarted": partial(drills.restarted, stack, client, "redis")},
+            {"postgres restarted": partial(drills.restarted, stack, client, "postgres")},
+            {"store restarted": partial(drills.restarted, stack, client, "store")},
+            {"stop and start": partial(drills.stopped_and_started, stack, client)},
+            {"nothing lost": partial(drills.ended_once, client), "logs": partial(drills.logs, stack)},
+            {"down": partial(drills.taken_down, stack)},
+        ]
         failed = []
-        for name, drill in plan.items():
-            try:
-                done[name] = drill()
-            except FailedError as error:  # the others are tried all the same: what failed shows more clearly
-                failed.append(f"{name}: {error}")
-                say(f"FAILED {failed[-1]}")
-                print(stack.compose("ps", "--all", check=False, both=True))
-                print(stack.compose("logs", "--tail", "40", check=False, both=True), flush=True)
-            else:
-                say(f"{name}: {done[name]}")
+        for plan in rounds:
+            for name, outcome in _at_once(plan).items():
+                if isinstance(outcome, FailedError):  # later rounds are tried all the same: what failed shows better
+                    failed.append(f"{name}: {outcome}")
+                    say(f"FAILED {failed[-1]}")
+                    print(stack.compose("ps", "--all", check=False, both=True))
+                    print(stack.compose("logs", "--tail", "40", check=False, both=True), flush=True)
+                else:
+                    done[name] = outcome
         require(not failed, "; ".join(failed))
     finally:
         stack.compose("down", "--volumes", "--timeout", "5", check=False, both=True)
@@ -118,6 +118,21 @@ def _deploy(engine: Engine, folder: Path) -> dict[str, str]:
     done["one processor"] = drills.one_processor(engine, TAG)
     done["layers"] = _layers(engine)
     return done
+
+
+def _at_once(plan: dict[str, drills.Drill]) -> dict[str, str | FailedError]:
+    """What came of drills that run at the same time, by name."""
+
+    def outcome(name: str) -> str | FailedError:
+        try:
+            text = plan[name]()
+        except FailedError as error:
+            return error
+        say(f"{name}: {text}")
+        return text
+
+    with ThreadPoolExecutor(len(plan)) as pool:
+        return dict(zip(plan, pool.map(outcome, plan), strict=True))
 
 
 def _layers(engine: Engine) -> str:

@@ -119,6 +119,8 @@ def test_the_store_has_time_to_end_and_volumes_on_a_small_disk_too() -> None:
     store = SERVICES["store"]
     assert store["stop_grace_period"] == "60s"
     assert "-volume.preStopSeconds=0" in store["command"]  # else ten, and another ten for its filer
+    assert "-master.electionTimeout=1s" in store["command"]  # else it is away for twenty seconds at each restart
+    assert "-idleTimeout=5" in store["command"]  # else half a minute for connections between its parts
     assert "-master.volumeSizeLimitMB=512" in store["command"]
     assert "-volume.max=0" in store["command"]
 
