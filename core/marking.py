@@ -17,6 +17,7 @@ from core.artwork.outline import text_artwork
 from core.embossing.mesh import WorkingMesh
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
+from core.geometry.boxes import Boxes
 from core.gltf.prune import unreferenced_bytes
 from core.gltf.scene import flatten, scene_of
 from core.gltf.textures import undecoded_textures
@@ -205,12 +206,11 @@ def _without(unseen: set[int], asset: Asset, context: "PlacementContext", emboss
     from core.embossing.emboss import Mark
     from core.embossing.marks import emboss_boxes
     from core.embossing.refusal import Refusal
-    from core.reporting import boxes_of
 
     refusals = embossed.refusals + Counter({Refusal.UNDRAWN.value: len(unseen)})
     mesh, marks = _whole(asset, context), dict[int, Mark]()
     if kept := {box: mark for box, mark in embossed.marks.items() if box not in unseen}:
-        boxes, _ = boxes_of(kept, context.parameters)
+        boxes = Boxes.concat(*(mark.box for mark in kept.values()))
         outcomes = emboss_boxes(mesh, boxes, embossed.letters, context.parameters, context.carrier.index)
         for box, outcome in zip(kept, outcomes, strict=True):
             if isinstance(outcome, Mark):
@@ -231,10 +231,9 @@ def _written(asset: Asset, context: "PlacementContext", embossed: Embossed) -> O
     """The model with these marks, and with those of its other scenes and levels of detail."""
     from core.analysis.contrast import letter_styles
     from core.embossing.copies import AssetMarks, mark_copies
-    from core.reporting import boxes_of
 
     surface, parameters = asset.analysis.surface, context.parameters
-    boxes, _ = boxes_of(embossed.marks, parameters)
+    boxes = Boxes.concat(*(mark.box for mark in embossed.marks.values()))
     styles = letter_styles(asset.scene, surface, context.carrier.index, boxes, parameters.color)
     model = write(asset.scene, asset.analysis.with_file_winding(embossed.mesh.edit()), styles)
     marks = AssetMarks(surface, boxes, embossed.letters, styles, parameters)

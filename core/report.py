@@ -78,7 +78,7 @@ class Watermark(Section):
     right: Annotated[Vector, Field(description="The direction of the text, a unit vector.")]
     up: Annotated[Vector, Field(description="The direction of the letters' ascenders, a unit vector.")]
     normal: Annotated[Vector, Field(description="The direction it is read from, a unit vector.")]
-    size: Annotated[Vector, Field(description="Width and height of the text, and thickness of the box; world units.")]
+    size: Annotated[Vector, Field(description="Width and height of the text, depth of its letters; world units.")]
     color: Annotated[str | None, Field(description='Of its letters, "#rrggbb"; null: that of the surface.')]
     relief: Annotated[float, Field(description="Height of its letters, world units.")]
     loss: Annotated[
@@ -191,7 +191,7 @@ class Place(BaseModel):
     center: Vector
     up: Vector
     normal: Vector
-    size: Annotated[Vector, Field(description="Width and height of the text, and thickness of the box; world units.")]
+    size: Annotated[Vector, Field(description="Width and height of the text, depth of its letters; world units.")]
     relief: Annotated[float, Field(description="Height of the letters above the surface, world units.")]
     text: str = ""
 

@@ -78,12 +78,8 @@ def with_metrics(report: Report, measured: Measurement) -> Report:
 
 
 def boxes_of(marks: dict[int, Mark], parameters: Parameters) -> tuple[Boxes, NDArray[np.float64]]:
-    """The boxes (B) of all marks in their order, and the height (B,) of their letters, size-30 units."""
-    boxes = Boxes(
-        np.concatenate([mark.box.center for mark in marks.values()]),
-        np.concatenate([mark.box.axes for mark in marks.values()]),
-        np.concatenate([mark.box.size for mark in marks.values()]),
-    )
+    """The bounds (B) of all marks in their order, and the height (B,) of their letters, size-30 units."""
+    boxes = Boxes.concat(*(mark.bounds for mark in marks.values()))
     return boxes, np.abs([parameters.relief_at(height) for height in boxes.size[:, 1]])
 
 

@@ -2,7 +2,7 @@
 
 Every client, with a key or without, is bounded by: a number of connections, beyond which the one that has been idle
 before its request for longest is closed; a time in which headers must arrive, and in which a slow client must take some
-of an answer; a size of headers and chunk framing; and strict parsing by RFC 9112. Refusals are problem details, too.
+of an answer; a size of headers, and of framing; and strict parsing by RFC 9112. Refusals are problem details, too.
 """
 
 import asyncio
@@ -25,11 +25,14 @@ from service.config import Settings
 from service.errors import ServiceErrorCode
 from service.problems import problem_response
 
-# Bytes of headers and of chunk framing (lengths, extensions, trailers); beyond this, framing may have half as many as
-# the body. The smaller a chunk, the more time it costs for each byte.
-MOST_BESIDE_BODY = 2**16
+MOST_HEADERS = 2**16  # bytes
+# Bytes of chunk framing (lengths, extensions, trailers) beyond half as many as the body has. The smaller a chunk, the
+# more time it costs for each byte.
+MOST_FRAMING = 2**13
+PIECE = 2**13  # bytes that are parsed before they are counted
 BACKLOG = 2048  # connections that the kernel holds before they are accepted
 SLOW_PARSE, PAUSE_FACTOR = 0.001, 3  # seconds of parsing a chunk that cause a pause; its length in multiples of them
+REFUSAL_DELAY = 0.5  # seconds until what is no proper HTTP is answered: who sends it again and again is held up himself
 REQUEST_GRACE = 0.5  # seconds a new connection has to send its request before it may be closed for another one
 PAUSE = 1.0  # seconds between two attempts to accept after a failure, and between two log lines of a kind
 DESCRIPTORS = 1024  # file descriptors for all but connections
@@ -211,27 +214,37 @@ class Connection(HttpToolsProtocol):
                 self._flow.pause_for(self.loop, PAUSE_FACTOR * spent)
 
     def _read(self, data: bytes) -> None:
-        self._other_bytes += len(data)
+        left = memoryview(data)
         try:
-            while data:
+            while left and not self._is_refused:
+                piece, left = left[:PIECE], left[PIECE:]
+                self._other_bytes += len(piece)
                 try:
-                    self.parser.feed_data(data)
-                    break
+                    self.parser.feed_data(piece)
                 except httptools.HttpParserUpgrade as upgrade:
-                    data = self._without_upgrade() + data[upgrade.args[0] :]
+                    self._other_bytes = 0
+                    left = memoryview(self._without_upgrade() + piece[upgrade.args[0] :] + left)
+                self._check_size()
         except httptools.HttpParserError:
             self._refuse(
                 ErrorCode.INVALID_REQUEST,
                 "The request is not HTTP/1.1 as RFC 9112 describes it.",
                 "Send it with an HTTP client, without a proxy that changes it.",
             )
-        else:
-            if self._other_bytes > MOST_BESIDE_BODY + self._body_bytes // 2:
-                self._refuse(
-                    ErrorCode.INVALID_REQUEST,
-                    "The headers of the request are too large, or its body comes in chunks that are too small.",
-                    f"Send less than {MOST_BESIDE_BODY:,} bytes of headers, and chunks of some kilobytes.",
-                )
+
+    def _check_size(self) -> None:
+        if self._is_in_headers and self._other_bytes > MOST_HEADERS:
+            self._refuse(
+                ErrorCode.INVALID_REQUEST,
+                "The headers of the request are too large.",
+                f"Send less than {MOST_HEADERS:,} bytes of headers.",
+            )
+        elif not self._is_in_headers and self._other_bytes > MOST_FRAMING + self._body_bytes // 2:
+            self._refuse(
+                ErrorCode.INVALID_REQUEST,
+                "The body of the request comes in chunks that are too small.",
+                "Send it in chunks of some kilobytes, or with its Content-Length.",
+            )
 
     def on_message_begin(self) -> None:
         """Begin a request."""
@@ -261,6 +274,7 @@ class Connection(HttpToolsProtocol):
         if len(hosts) > 1 or (version == "1.1" and not hosts):
             raise ValueError("not one host")
         self._is_in_headers = False
+        self._other_bytes -= len(self.url) + sum(len(name) + len(value) for name, value in self.headers)
         self._stop_waiting()
         super().on_headers_complete()
 
@@ -348,8 +362,14 @@ class Connection(HttpToolsProtocol):
         response = problem_response(MeshmarkError(code, message, remedy), {"Connection": "close"})
         headers = [*self.server_state.default_headers, *response.raw_headers]
         lines = [b"%s: %s\r\n" % (name, value) for name, value in headers]
-        self.transport.write(b"".join([STATUS_LINE[response.status_code], *lines, b"\r\n", bytes(response.body)]))
-        self.transport.close()
+        answer = b"".join([STATUS_LINE[response.status_code], *lines, b"\r\n", bytes(response.body)])
+        self.transport.pause_reading()
+        self.loop.call_later(REFUSAL_DELAY, self._close_with, answer)
+
+    def _close_with(self, answer: bytes) -> None:
+        if not self.transport.is_closing():
+            self.transport.write(answer)
+            self.transport.close()
 
 
 def connection_limit(wanted: int) -> int:

@@ -76,9 +76,9 @@ def _again(threads: int, step: Callable[[httpx2.Client], object]) -> Attack:
     return attack
 
 
-def _posting(content: bytes, name: str) -> Attack:
+def _posting(clients: int, content: bytes, name: str) -> Attack:
     form = {"params": json.dumps({"text": "A"})}
-    return _again(4, lambda client: client.post("/v1/watermarks", data=form, files={"file": (name, content)}))
+    return _again(clients, lambda client: client.post("/v1/watermarks", data=form, files={"file": (name, content)}))
 
 
 def _lines(count: int, data: Callable[[Victim], bytes]) -> Attack:
@@ -109,16 +109,17 @@ def _one_byte_chunks(victim: Victim, over: Event) -> None:
                 line.sendall(b"1\r\nx\r\n" * 2000)
 
 
-def attacks() -> dict[str, Attack]:
-    """The attacks of one tenant, by name."""
+def attacks(clients: int) -> dict[str, Attack]:
+    """The attacks of one tenant, by name; each of so many clients sends a request as soon as its last is answered."""
     stalled = b"--X\r\nContent-Disposition: form-data; name=file; filename=a.glb\r\n\r\n" + b"x" * 2_200_000
     keys = b'{"size":1,' + b",".join(b'"%d":1' % number for number in range(160_000)) + b"}"
     wide = COLLADA % b"<a %b/>" % b" ".join(b'a%x=""' % number for number in range(2 * 10**6))
     return {
-        "a DAE of 20 million elements": _posting(zipped({"a.dae": COLLADA % (b"<a/>" * 20 * 10**6)}), "a.zip"),
-        "a DAE element of 2 million attributes": _posting(zipped({"a.dae": wide}), "a.zip"),
+        "a DAE of 20 million elements": _posting(clients, zipped({"a.dae": COLLADA % (b"<a/>" * 20 * 10**6)}), "a.zip"),
+        "a DAE element of 2 million attributes": _posting(clients, zipped({"a.dae": wide}), "a.zip"),
         "JSON of 160,000 keys": _again(
-            4, lambda client: client.post("/v1/uploads", content=keys, headers={"Content-Type": "application/json"})
+            clients,
+            lambda client: client.post("/v1/uploads", content=keys, headers={"Content-Type": "application/json"}),
         ),
         "40 uploads that stand still": _lines(
             40,
@@ -131,8 +132,8 @@ def attacks() -> dict[str, Attack]:
         ),
         "300 requests that never end": _lines(300, lambda _victim: b"GET /healthz HTTP/1.1\r\nHost: a\r\nX-a: "),
         "chunks of one byte": _one_byte_chunks,
-        "8 uploads of 40 MB at a time": _again(
-            8,
+        "uploads of 40 MB": _again(
+            clients,
             lambda client: client.post(
                 "/v1/watermarks", data={"params": '{"text": "A"}'}, files={"file": ("a.obj", b"\n" * 40_000_000)}
             ),
@@ -199,6 +200,7 @@ def main() -> None:
     """Run every attack for a while, and print a row for each."""
     parser = argparse.ArgumentParser(prog="python -m tests.attacks", description=__doc__)
     parser.add_argument("--seconds", type=float, default=8.0, help="of each attack (default %(default)s)")
+    parser.add_argument("--clients", type=int, default=4, help="of the attacker, where one request is one attack")
     options = parser.parse_args()
     mp.set_start_method("fork")
     with tempfile.TemporaryDirectory(prefix="meshmark-attacks-") as folder:
@@ -215,7 +217,7 @@ def main() -> None:
             with Victim(port, keys[1]).client() as client:
                 sent(client, "warm")
                 print(row("none", measured(client, options.seconds), sent(client, "idle")), flush=True)
-                for name, attack in attacks().items():
+                for name, attack in attacks(options.clients).items():
                     with under(attack, victim):
                         time.sleep(1)
                         gets = measured(client, options.seconds)

@@ -32,6 +32,7 @@ CUTS: tuple[tuple[Literal["split", "arrangement"], Cut], ...] = (("split", split
 SHIFTS = ((0.0, 0.0), (0.0104, 0.0072), (-0.0088, 0.0136))
 
 EASE_ROUNDS = 6  # rounds in which the draft of caps that would be inverted is halved
+SLACK = 0.05  # reliefs between the letters and the faces of their bounds, so that the surface under them is inside
 FINEST = 4  # spacings of the file's coordinates; least length of a new edge
 
 
@@ -43,11 +44,13 @@ class Mark:
         box: a single box.
         cut: the method of cutting that succeeded.
         faces: number of triangles added, less those replaced.
+        bounds: the box without its room above and below the letters, where the other side of a thin wall may be.
     """
 
     box: Boxes
     cut: Literal["split", "arrangement"]
     faces: int
+    bounds: Boxes
 
 
 def emboss(mesh: WorkingMesh, box: Boxes, letters: LetterIslands, relief: float, index: SpatialIndex) -> Mark | Refusal:
@@ -83,7 +86,8 @@ def emboss(mesh: WorkingMesh, box: Boxes, letters: LetterIslands, relief: float,
                 upright = [replace(each, shift=np.zeros_like(each.shift)) for each in cuts]
                 outcome = _lift_letters(mesh, moved, upright, relief, index)
             if not isinstance(outcome, Refusal):
-                return Mark(moved, name, outcome)
+                faces, bounds = outcome
+                return Mark(moved, name, faces, bounds)
             if outcome in (Refusal.SECOND_LAYER, Refusal.THIN_WALL, Refusal.FOLDED):
                 return outcome
             refusal = outcome
@@ -153,9 +157,9 @@ def _cut_patches(
 
 def _lift_letters(
     mesh: WorkingMesh, box: Boxes, cuts: list[_PatchCut], relief: float, index: SpatialIndex
-) -> int | Refusal:
+) -> tuple[int, Boxes] | Refusal:
     """Lifts the letters of all cuts off the surface and puts the result into the mesh; the triangles added, less those
-    removed."""
+    removed, and the bounds of the letters (:class:`Mark`)."""
     known = len(mesh.points)
     new = np.concatenate([s.points for s in cuts])
     base = np.concatenate([s.base for s in cuts])
@@ -196,7 +200,15 @@ def _lift_letters(
     mesh.add_points(added_points, np.concatenate([new, base_points]))
     kind = np.repeat([Kind.SURFACE, Kind.CAP, Kind.WALL], [len(rest), len(caps), len(walls)]).astype(np.int8)
     mesh.replace(removed, corners, np.concatenate([rest_source, letter_source, wall_source]), kind)
-    return len(corners) - len(removed)
+    return len(corners) - len(removed), _bounds(box, np.concatenate([base_points, tops]), relief)
+
+
+def _bounds(box: Boxes, points: Float, relief: float) -> Boxes:
+    """The one ``box`` no thicker than the ``points`` (N, 3) of its letters need, and :data:`SLACK`."""
+    height, slack = box.to_local(0, points)[:, 2], SLACK * abs(relief)
+    low, high = height.min() - slack, height.max() + slack
+    center = box.center + (low + high) / 2 * box.axes[:, 2]
+    return Boxes(center, box.axes, np.column_stack([box.size[:, :2], [high - low]]))
 
 
 def _caps(

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from service.http_server import MOST_BESIDE_BODY
+from service.http_server import MOST_HEADERS
 from tests.service.edge import Edge, Line, edge_with
 from tests.service.harness import Service
 from tests.worker.waiting import wait_until
@@ -245,9 +245,9 @@ def test_headers_have_a_size(edge: Edge) -> None:
     small = b"GET /healthz HTTP/1.1\r\nHost: a\r\nConnection: close\r\nX-a: " + b"x" * 40_000 + b"\r\n\r\n"
     assert edge.line(small).until_closed().startswith(b"HTTP/1.1 200 ")
     for large in (
-        HALF + b"x" * 2 * MOST_BESIDE_BODY + b"\r\n\r\n",
-        b"GET /healthz HTTP/1.1\r\nHost: a\r\n" + b"X-a: x\r\n" * MOST_BESIDE_BODY,
-        b"GET /" + b"x" * 2 * MOST_BESIDE_BODY,
+        HALF + b"x" * 2 * MOST_HEADERS + b"\r\n\r\n",
+        b"GET /healthz HTTP/1.1\r\nHost: a\r\n" + b"X-a: x\r\n" * MOST_HEADERS,
+        b"GET /" + b"x" * 2 * MOST_HEADERS,
     ):
         line = edge.line()
         line.send(large)

@@ -12,7 +12,7 @@ from core.artwork.outline import text_artwork
 from core.embossing import emboss as module
 from core.embossing.cut_arrange import arrange
 from core.embossing.cut_split import split
-from core.embossing.emboss import Mark
+from core.embossing.emboss import SLACK, Mark
 from core.embossing.islands import letter_islands
 from core.embossing.lift import folded
 from core.embossing.refusal import Refusal
@@ -68,6 +68,18 @@ def test_sunken_letters_lie_exactly_the_relief_below() -> None:
     assert np.allclose(distance, 0.2, atol=1e-9)
     assert np.all(np.linalg.norm(tops, axis=1) < 10.0)
     assert edge_counts(bench.faces()) == (0, 0)
+
+
+@pytest.mark.parametrize("relief", [0.2, -0.2])
+def test_the_bounds_of_a_mark_hold_its_letters_and_hardly_more(relief: float) -> None:
+    bench = Bench(sphere(10.0))
+    mark = bench.emboss(ON_SPHERE, relief=relief)
+    assert isinstance(mark, Mark)
+    edit = bench.edit()
+    letters = edit.position[edit.kind != Kind.SURFACE].reshape(-1, 3)
+    beyond = np.abs(mark.bounds.to_local(0, letters)) - mark.bounds.size[0] / 2
+    assert beyond[:, 2].max() == pytest.approx(-SLACK * abs(relief))
+    assert mark.bounds.size[0, 2] < mark.box.size[0, 2]
 
 
 def test_no_letter_is_lost() -> None:
