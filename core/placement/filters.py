@@ -14,7 +14,7 @@ from core.arrays import Bool, Float, Int
 from core.geometry.boxes import Boxes, unit_grid
 from core.geometry.products import cross, product
 from core.geometry.spatial import Eye, SpatialIndex
-from core.placement.finetune import LOSS_THRESHOLD
+from core.placement.finetune import ADAM
 
 ROUGHNESS_THRESHOLD = 1.25  # the paper's, mean of 1/cos
 ROUGHNESS_SAMPLES = 32  # the paper's H_r, its value not given
@@ -72,7 +72,7 @@ def footprint(
 
 def well_aligned(loss: Float) -> Bool:
     """(B,) loss below the paper's 0.005."""
-    return np.asarray(loss < LOSS_THRESHOLD)
+    return np.asarray(loss < ADAM.threshold)
 
 
 def recentre(boxes: Boxes, met: Footprint, component: Int, step: float) -> Boxes:

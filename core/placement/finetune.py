@@ -6,6 +6,7 @@ the surface. Boxes turn about their own centroid (the paper's Eqs. 6-7).
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -22,38 +23,93 @@ from core.geometry.spatial import SpatialIndex
 
 process.after_torch()
 
-LOSS_POINTS = 179  # points of a box's outline (the paper's J)
-LOSS_THRESHOLD = 0.005  # squared size-30 units; loss of a well-aligned box, at most (the paper's)
-# Share of the longer side; root mean square distance that is well aligned too: on a ball of radius 7, a rump or a head,
-# text may be 4.9 wide then, where the paper's threshold allows 3.4. On 33 assets uncoloured text is read better than
-# with less (0.02) and as well as with more (0.04).
-BEND = 0.03
-ADAM_STEPS = 200  # steps, at most (the paper's)
-# Learning rate, not given in the paper. Boxes below the threshold after at most 200 steps, of 231 on its elephant and
-# 153 on its shark: 21 and 69 at 0.005, 48 and 92 at 0.01, 73 and 110 at 0.02, 97 and 117 at 0.05, 108 and 122 at 0.1.
-# Beyond that the gain is small and boxes move two units and more from their samples.
-ADAM_RATE = 0.1
-
-COARSE_GRID, COARSE_STEPS = (8, 2), 8
-# Squared size-30 units; excess of the mean squared distance over the limit after each pass, at most: boxes of more are
-# rejected. Of the boxes that end well aligned, all but about one in twenty-five and one in a hundred are below.
-COARSE_SLACK, FINE_SLACK, EXACT_SLACK = 0.025, 0.015, 0.005
-COARSE_COPY = 0.06  # tolerance of ``distinct`` after the coarse pass: closer boxes end as copies of one another
-FINE_GRID, FINE_STEPS = (12, 3), 6
-EXACT_GRID, EXACT_STEPS = (10, 3), 2  # of the pass on the surface itself, after those on its proxy
+LOSS_POINTS = 179  # points of a box's outline; the paper's J, supplement "Implementation Details"
 DIGITS = 7  # decimals of the positions, directions and squared distances of a fit
-CONVERGED, NEGLIGIBLE = 0.01, 1e-6  # relative decrease of the cost; the cost itself
-LONGEST_MOVE, LARGEST_TURN = 1.0, 0.5  # per step: size-30 units, radians
-# Loss limits; weight of the squared sine of the roll against the mean squared distance: enough to keep text upright
-# where the surface allows it, and on a saddle, which is straight along its diagonals only; too little to hold a box off
-# the surface.
-ROLL_WEIGHT = 3.0
 
 
-def loss_limit(size: Float) -> Float:
+@dataclass(frozen=True)
+class AdamOptions:
+    """Values of :func:`adam`.
+
+    Attributes:
+        steps: at most. Paper, supplement "Implementation Details".
+        threshold: squared size-30 units; loss of a well-aligned box, at most. Paper, supplement "Filtering".
+        rate: learning rate. Ours; the paper gives none. Boxes below the threshold after at most 200 steps, of 231 on
+            its elephant and 153 on its shark: 21 and 69 at 0.005, 48 and 92 at 0.01, 73 and 110 at 0.02, 97 and 117 at
+            0.05, 108 and 122 at 0.1. Beyond that the gain is small and boxes move two units and more from their
+            samples.
+    """
+
+    steps: int = 200
+    threshold: float = 0.005
+    rate: float = 0.1
+
+
+ADAM = AdamOptions()
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One pass of :func:`levenberg_marquardt`.
+
+    Attributes:
+        grid: points along the text and across it at which the distance to the surface is taken.
+        steps: at most.
+        slack: squared size-30 units; excess of the mean squared distance over the limit after the pass, at most: boxes
+            of more are rejected.
+    """
+
+    grid: tuple[int, int]
+    steps: int
+    slack: float
+
+
+@dataclass(frozen=True)
+class LevenbergMarquardtOptions:
+    """Values of :func:`levenberg_marquardt`: all ours, but for the threshold.
+
+    Attributes:
+        threshold: squared size-30 units; loss of a well-aligned box, at most. Paper, see :class:`AdamOptions`.
+        bend: share of the longer side; root mean square distance that is well aligned too: on a ball of radius 7, a
+            rump or a head, text may be 4.9 wide then, where the paper's threshold allows 3.4. On 33 assets uncoloured
+            text is read better than with less (0.02) and as well as with more (0.04).
+        coarse: first pass. Of the boxes that end well aligned, all but about one in twenty-five are below its slack.
+        fine: second pass; all but one in a hundred are below its slack.
+        exact: last pass, on the surface itself after those on its proxy.
+        copy: tolerance of :func:`distinct` after the coarse pass: closer boxes end as copies of one another.
+        roll_weight: loss limits; weight of the squared sine of the roll against the mean squared distance: enough to
+            keep text upright where the surface allows it, and on a saddle, which is straight along its diagonals only;
+            too little to hold a box off the surface.
+        damping: of the first step, in shares of the matrix's diagonal.
+        damping_factor: by which a failed step raises the damping, and a successful one lowers it.
+        converged: relative decrease of the cost, below which a box has converged.
+        negligible: squared size-30 units; cost below which a box has converged.
+        longest_move: size-30 units in one step.
+        largest_turn: radians in one step.
+    """
+
+    threshold: float = ADAM.threshold
+    bend: float = 0.03
+    coarse: Pass = Pass(grid=(8, 2), steps=8, slack=0.025)
+    fine: Pass = Pass(grid=(12, 3), steps=6, slack=0.015)
+    exact: Pass = Pass(grid=(10, 3), steps=2, slack=0.005)
+    copy: float = 0.06
+    roll_weight: float = 3.0
+    damping: float = 1e-2
+    damping_factor: float = 4.0
+    converged: float = 0.01
+    negligible: float = 1e-6
+    longest_move: float = 1.0
+    largest_turn: float = 0.5
+
+
+LEVENBERG_MARQUARDT = LevenbergMarquardtOptions()
+
+
+def loss_limit(size: Float, options: LevenbergMarquardtOptions = LEVENBERG_MARQUARDT) -> Float:
     """(B,) the :func:`alignment_loss`, squared size-30 units, below which boxes of each ``size`` (B, 3) are well
     aligned: the paper's, or more for long text, which may follow a body round."""
-    return np.asarray(np.maximum((BEND * _longest(size)) ** 2, LOSS_THRESHOLD))
+    return np.asarray(np.maximum((options.bend * _longest(size)) ** 2, options.threshold))
 
 
 def _longest(size: Float) -> Float:
@@ -105,6 +161,7 @@ def levenberg_marquardt(
     proxy: Closest | None = None,
     keep: Callable[[Boxes], Bool] | None = None,
     recentre: Recentre | None = None,
+    options: LevenbergMarquardtOptions = LEVENBERG_MARQUARDT,
 ) -> tuple[Boxes, Float]:
     """Fit all boxes by batched Levenberg-Marquardt, coarse to fine.
 
@@ -118,30 +175,35 @@ def levenberg_marquardt(
             on the surface itself; if None, the surface in all passes.
         keep: (B,) the boxes to keep after the coarse pass, given these; all of them if None.
         recentre: see :func:`correct`.
+        options: tuned values.
 
     Returns:
         the fitted boxes, and their :func:`alignment_loss` (B,); inf where a box was rejected: it stayed too far from
         the surface, came close to a better one, or was not kept by ``keep`` or ``recentre``.
     """
     device = torch.device(index.device)
-    center, axes, rough = _fit(boxes, proxy or index, device, COARSE_GRID, COARSE_STEPS)
-    loss, limit = np.full(len(boxes), np.inf), loss_limit(boxes.size)
-    active = np.flatnonzero(rough < limit + COARSE_SLACK)
+    center, axes, rough = _fit(boxes, proxy or index, device, options.coarse, options)
+    loss, limit = np.full(len(boxes), np.inf), loss_limit(boxes.size, options)
+    active = np.flatnonzero(rough < limit + options.coarse.slack)
     coarse = Boxes(center, axes, boxes.size)
     if len(active):
-        active = active[distinct(coarse[active], rough[active], COARSE_COPY)]
+        active = active[distinct(coarse[active], rough[active], options.copy)]
         active = active[keep(coarse[active])] if keep else active
         up = boxes.axes[active, 1]
-        center[active], axes[active], fine = _fit(coarse[active], proxy or index, device, FINE_GRID, FINE_STEPS, up)
-        near = fine < limit[active] + FINE_SLACK
+        center[active], axes[active], fine = _fit(coarse[active], proxy or index, device, options.fine, options, up)
+        near = fine < limit[active] + options.fine.slack
         active = active[near]
-        fitted, loss[active] = correct(Boxes(center, axes, boxes.size)[active], index, recentre, up[near])
+        fitted, loss[active] = correct(Boxes(center, axes, boxes.size)[active], index, recentre, up[near], options)
         center[active], axes[active] = fitted.center, fitted.axes
     return Boxes(center, axes, boxes.size), loss
 
 
 def correct(
-    boxes: Boxes, index: SpatialIndex, recentre: Recentre | None, up: Float | None = None
+    boxes: Boxes,
+    index: SpatialIndex,
+    recentre: Recentre | None,
+    up: Float | None = None,
+    options: LevenbergMarquardtOptions = LEVENBERG_MARQUARDT,
 ) -> tuple[Boxes, Float]:
     """The last pass, on the surface itself, for boxes that are nearly aligned.
 
@@ -150,6 +212,7 @@ def correct(
         index: over the surface.
         recentre: recentres boxes on their support, and returns (B,) those to keep; all as they are if None.
         up: (B, 3) up direction of the roll prior; the boxes' own if None.
+        options: tuned values.
 
     Returns:
         as :func:`levenberg_marquardt`.
@@ -162,11 +225,11 @@ def correct(
             recentred[active],
             index,
             torch.device(index.device),
-            EXACT_GRID,
-            EXACT_STEPS,
+            options.exact,
+            options,
             boxes.axes[active, 1] if up is None else up[active],
         )
-        active = active[squared < loss_limit(boxes.size[active]) + EXACT_SLACK]
+        active = active[squared < loss_limit(boxes.size[active], options) + options.exact.slack]
         loss[active] = alignment_loss(Boxes(center, axes, boxes.size)[active], index)
     return Boxes(center, axes, boxes.size), loss
 
@@ -187,35 +250,36 @@ def _fit(
     boxes: Boxes,
     index: Closest,
     device: torch.device,
-    grid: tuple[int, int],
-    steps: int,
+    stage: Pass,
+    options: LevenbergMarquardtOptions,
     reference: Float | None = None,
 ) -> tuple[Float, Float, Float]:
-    """``steps`` damped Gauss-Newton steps per box over ``grid`` points; centres, axes, mean squared distance.
+    """Damped Gauss-Newton steps per box, of one ``stage``; centres, axes, mean squared distance.
 
     All but the look-ups in ``index`` happens on ``device``.
     ``reference`` (B, 3) is the up direction of the roll prior; the boxes' own if None.
     """
-    unit = torch.tensor(np.pad(unit_grid(grid), ((0, 0), (0, 1))), device=device)
+    unit = torch.tensor(np.pad(unit_grid(stage.grid), ((0, 0), (0, 1))), device=device)
     local = unit[None] * torch.tensor(boxes.size, device=device)[:, None, :]
     up = torch.tensor(boxes.axes[:, 1] if reference is None else reference, device=device)
     center, axes = torch.tensor(boxes.center, device=device), torch.tensor(boxes.axes, device=device)
-    weight = torch.tensor(ROLL_WEIGHT * loss_limit(boxes.size), device=device)
-    damping = torch.full((len(boxes),), 1e-2, dtype=torch.float64, device=device)
+    weight = torch.tensor(options.roll_weight * loss_limit(boxes.size, options), device=device)
+    damping = torch.full((len(boxes),), options.damping, dtype=torch.float64, device=device)
     squared, cost, hessian, gradient = _linearise(center, axes, local, up, weight, index)
     going = torch.arange(len(boxes), device=device)
-    for _ in range(steps):
+    for _ in range(stage.steps):
         scale = torch.diagonal(hessian[going], dim1=1, dim2=2) + 1e-3
         damped = hessian[going] + torch.diag_embed(damping[going, None] * scale)
         step = -torch.linalg.solve(damped, gradient[going])
-        moved = center[going] + _clamp(step[:, :3], LONGEST_MOVE)
-        turned = axes[going] @ _rotation(_clamp(step[:, 3:], LARGEST_TURN)).transpose(1, 2)
+        moved = center[going] + _clamp(step[:, :3], options.longest_move)
+        turned = axes[going] @ _rotation(_clamp(step[:, 3:], options.largest_turn)).transpose(1, 2)
         trial = _linearise(moved, turned, local[going], up[going], weight[going], index)
         decrease = cost[going] - trial[1]
         better = decrease > 0
         # A box whose last step gained next to nothing has converged; its distances need no further queries.
-        arrived = (better & (decrease < CONVERGED * cost[going])) | (trial[1] < NEGLIGIBLE)
-        damping[going] = torch.where(better, damping[going] / 4, damping[going] * 4).clamp(1e-6, 1e4)
+        arrived = (better & (decrease < options.converged * cost[going])) | (trial[1] < options.negligible)
+        factor = options.damping_factor
+        damping[going] = torch.where(better, damping[going] / factor, damping[going] * factor).clamp(1e-6, 1e4)
         taken = going[better]
         center[taken], axes[taken] = moved[better], turned[better]
         for kept, new in zip((squared, cost, hessian, gradient), trial, strict=True):
@@ -281,7 +345,12 @@ def _rotation(turn: Tensor) -> Tensor:
     return rotation
 
 
-def adam(boxes: Boxes, index: SpatialIndex, progress: Callable[[float], None] = lambda _: None) -> tuple[Boxes, Float]:
+def adam(
+    boxes: Boxes,
+    index: SpatialIndex,
+    progress: Callable[[float], None] = lambda _: None,
+    options: AdamOptions = ADAM,
+) -> tuple[Boxes, Float]:
     """Fit all boxes as the paper does: up to 200 Adam steps on Eqs. 8-9.
 
     A box stops at the first step at which its own loss is below 0.005 (the paper stops all boxes on the mean,
@@ -290,18 +359,18 @@ def adam(boxes: Boxes, index: SpatialIndex, progress: Callable[[float], None] = 
     local = torch.from_numpy(perimeter(boxes.size))
     start, axes = torch.from_numpy(boxes.center), torch.from_numpy(boxes.axes)
     pose = torch.zeros((len(boxes), 6), dtype=torch.float64, requires_grad=True)
-    optimizer = torch.optim.Adam([pose], lr=ADAM_RATE)
+    optimizer = torch.optim.Adam([pose], lr=options.rate)
     loss = np.full(len(boxes), np.inf)
     active = torch.arange(len(boxes))
-    for step in range(ADAM_STEPS + 1):
+    for step in range(options.steps + 1):
         turned = axes[active] @ _rotation(pose[active, 3:]).transpose(1, 2)
         points = local[active] @ turned + (start[active] + pose[active, :3])[:, None, :]
         _, _, nearest = index.closest(points.detach().numpy().reshape(-1, 3))
         each = (points - torch.from_numpy(nearest).reshape(points.shape)).square().sum(-1).mean(1)
         loss[active.numpy()] = each.detach().numpy()
-        going = each.detach() >= LOSS_THRESHOLD
-        progress(step / ADAM_STEPS)
-        if step == ADAM_STEPS or not going.any():
+        going = each.detach() >= options.threshold
+        progress(step / options.steps)
+        if step == options.steps or not going.any():
             break
         frozen = pose.detach().clone()
         optimizer.zero_grad()

@@ -25,7 +25,7 @@ from core.placement.filters import (
     support,
     thin_walled,
 )
-from core.placement.finetune import LOSS_THRESHOLD, adam, correct, distinct, levenberg_marquardt, loss_limit
+from core.placement.finetune import ADAM, adam, correct, distinct, levenberg_marquardt, loss_limit
 from core.placement.legibility import text_width
 from core.placement.objective import (
     FACING_VIEW,
@@ -100,7 +100,7 @@ def fit(
     left = {"candidates": len(boxes)}
     if context.parameters.solver is Solver.ADAM:
         boxes, loss = adam(boxes, context.carrier.index, progress)
-        return _survivors(context, boxes, loss, LOSS_THRESHOLD, left)
+        return _survivors(context, boxes, loss, ADAM.threshold, left)
     overhanging = 0
 
     def keep_after_coarse(coarse: Boxes) -> Bool:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from core.lab.baselines.meshmark import meshmark
-from core.placement.finetune import LOSS_THRESHOLD, alignment_loss
+from core.placement.finetune import ADAM, alignment_loss
 from tests.core.lab.baselines.assets import asset, raised, same, wanted
 from tests.core.shapes import moved, sphere
 
@@ -14,7 +14,7 @@ def test_marks_are_read_back_in_the_frame_of_the_original() -> None:
     assert len(marked.boxes) == 3
     assert marked.boxes.size[:, 0] == pytest.approx(4.0)
     assert marked.relief == pytest.approx(0.05)
-    assert (alignment_loss(marked.boxes, BALL.index) < LOSS_THRESHOLD).all()
+    assert (alignment_loss(marked.boxes, BALL.index) < ADAM.threshold).all()
     tops, distance = raised(BALL, marked)
     assert distance == pytest.approx(0.05, rel=0.01)
     nearest = np.linalg.norm(tops[:, None] - marked.boxes.center[None], axis=2).min(axis=1)

@@ -7,7 +7,7 @@ from core.lab.baselines.strategy import Marked, Prepared, Strategy
 from core.lab.plain import plain
 from core.metrics.lce import lce
 from core.placement.filters import overlapping
-from core.placement.finetune import LOSS_THRESHOLD, alignment_loss
+from core.placement.finetune import ADAM, alignment_loss
 from tests.core.lab.baselines.assets import asset, raised, same, wanted, watertight
 from tests.core.shapes import sphere, surface
 
@@ -27,7 +27,7 @@ def run(strategy: Strategy, prepared: Prepared, count: int = 8, seed: int = 0) -
 def test_marks_are_well_aligned_and_apart_and_as_many_as_asked_for(egg: Prepared) -> None:
     marked = run(paper, egg)
     assert len(marked.boxes) == 8
-    assert (alignment_loss(marked.boxes, egg.index) < LOSS_THRESHOLD).all()
+    assert (alignment_loss(marked.boxes, egg.index) < ADAM.threshold).all()
     assert all(overlapping(marked.boxes, one).sum() == 1 for one in range(8))
     assert watertight(marked.mesh)
 
