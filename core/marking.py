@@ -125,14 +125,13 @@ def _place_on(
     from core.analysis.facts import Carrier
     from core.analysis.opacity import opacity
     from core.placement.context import build_context
-    from core.placement.objective import OBJECTIVE
     from core.placement.place import place as place_boxes
 
     (faces, index, opaque), surface = ground, asset.analysis.surface
     looks = opacity(asset.scene, surface, faces) if opaque else None
     carrier = Carrier(surface, index, faces, asset.analysis.component, looks)
     request = run.request
-    context = build_context(carrier, facts, artwork, request.parameters, rng, request.objective or OBJECTIVE)
+    context = build_context(carrier, facts, artwork, request.parameters, rng, request.options)
     return Candidates(context, place_boxes(context, rng, run.progress), opaque, rng)
 
 

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from core.embossing.emboss import Mark
     from core.embossing.islands import LetterIslands
     from core.placement.context import PlacementContext
-    from core.placement.objective import Objective, Placement
+    from core.placement.objective import Placement
+    from core.placement.options import PlacementOptions
 
 Publish = Callable[[str, bytes], None]
 
@@ -37,14 +38,14 @@ class Request:
         font: a TrueType or OpenType file; None for the bundled one.
         budgets: the most that the asset may declare before it is read.
         preview: render a contact sheet.
-        objective: the weights of placement, for ablations; None for those of the product.
+        options: the tuned values of placement, for ablations; None for those of the preset.
     """
 
     parameters: Parameters
     font: bytes | None = None
     budgets: Budgets = DEFAULT_BUDGETS
     preview: bool = True
-    objective: "Objective | None" = None
+    options: "PlacementOptions | None" = None
 
 
 @dataclass

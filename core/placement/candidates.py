@@ -1,5 +1,7 @@
 """Candidate boxes at even surface samples, facing along the normal, text upright."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -12,9 +14,55 @@ from core.geometry.sampling import thin
 UP = np.array([0.0, 1.0, 0.0])
 # Cosine; normals within 20 degrees of +-Y have no reading direction by the asset's up.
 POLE = np.cos(np.radians(20.0))
-# Of a strip: radius of its samples over its greatest width, so that no border of a wide face counts; ratio of length to
-# width within this radius, at least; and number of samples, at least.
-STRIP_REACH, STRIP, STRIP_SAMPLES = 1.7, 1.5, 12
+
+
+@dataclass(frozen=True)
+class CandidateOptions:
+    """Values of the boxes that fitting starts from: all ours, see :data:`PAPER_CANDIDATES` for the paper's.
+
+    Narrower text is searched only where wider text covers little, and draws more samples: thin edges and small parts
+    have little of the area.
+
+    Attributes:
+        thickness: share of a box's longer side; room for text on curved surface.
+        thinnest: size-30 units; thickness of a box, at least.
+        samples: area samples drawn.
+        radius: size-30 units between candidates; None for that which leaves ``number`` of them.
+        number: boxes to fit, left after thinning: with ``samples``, about 0.5 s of fitting on one core.
+        more_samples: area samples drawn where only some directions are wanted.
+        more: share of ``number`` for each share of all directions that is wanted.
+        fewest: share of ``number`` however few directions are wanted.
+        choice: candidates drawn for each one fitted, those with the best support: few others ever gain it.
+        support_grid: rays along the text and across it that estimate the support.
+        probes: directions tried for each sample; one visible from none lies inside or in a cranny.
+        narrow: share of the width of legible text, or of the text if that is less; text runs along narrower strips.
+        strip_density: samples for each place in a square of four of these widths; they decide on strips.
+        strip_reach: radius of a strip's samples over its greatest width, so that no border of a wide face counts.
+        strip: ratio of a strip's length to its width within this radius, at least.
+        strip_samples: of a strip, at least.
+    """
+
+    thickness: float = 0.15
+    thinnest: float = 0.25
+    samples: int = 8000
+    radius: float | None = None
+    number: int = 700
+    more_samples: int = 40_000
+    more: float = 1.2
+    fewest: float = 0.25
+    choice: float = 2.0
+    support_grid: tuple[int, int] = (8, 3)
+    probes: int = 6
+    narrow: float = 0.75
+    strip_density: int = 300
+    strip_reach: float = 1.7
+    strip: float = 1.5
+    strip_samples: int = 12
+
+
+CANDIDATES = CandidateOptions()
+# The paper's thickness of 0.5 for every text, H_s = 300 and H_r = 1, supplement "Implementation Details".
+PAPER_CANDIDATES = CandidateOptions(thickness=0.0, thinnest=0.5, samples=300, radius=1.0)
 
 
 def candidates(points: Float, normals: Float, size: tuple[float, float, float], radius: float) -> Boxes:
@@ -43,7 +91,9 @@ def upright(normal: Float) -> Float:
     return np.stack([cross(up, normal), up, normal], axis=1)
 
 
-def along_strips(boxes: Boxes, points: Float, normals: Float, narrow: float) -> Boxes:
+def along_strips(
+    boxes: Boxes, points: Float, normals: Float, narrow: float, options: CandidateOptions = CANDIDATES
+) -> Boxes:
     """The same boxes; on bars, handles, shins and other strips less than ``narrow`` across text runs along the strip.
 
     Args:
@@ -52,8 +102,9 @@ def along_strips(boxes: Boxes, points: Float, normals: Float, narrow: float) -> 
         normals: (N, 3) unit normals there; samples that face another way than the box by over 60 degrees do not
             count.
         narrow: size-30 units.
+        options: tuned values.
     """
-    owner, which = _alike(points, normals, boxes.center, boxes.axes[:, 2], STRIP_REACH * narrow)
+    owner, which = _alike(points, normals, boxes.center, boxes.axes[:, 2], options.strip_reach * narrow)
     local = np.einsum("ni,nki->nk", points[which] - boxes.center[owner], boxes.axes[owner, :2])
     count = np.maximum(np.bincount(owner, minlength=len(boxes)), 1)
     mean = np.stack([np.bincount(owner, column, len(boxes)) for column in local.T], axis=1) / count[:, None]
@@ -63,7 +114,7 @@ def along_strips(boxes: Boxes, points: Float, normals: Float, narrow: float) -> 
     )
     least, most, way = _spread(*(moments[:, [0, 1, 3]] / count[:, None]).T)
     # The variance of an even strip is a twelfth of its width squared.
-    strip = (count >= STRIP_SAMPLES) & (12 * least < narrow**2) & (most > STRIP**2 * least)
+    strip = (count >= options.strip_samples) & (12 * least < narrow**2) & (most > options.strip**2 * least)
     along = np.where(strip[:, None], way, (1.0, 0.0))
     along *= np.where(along[:, :1] < 0, -1.0, 1.0)
     right, normal = np.einsum("bk,bkj->bj", along, boxes.axes[:, :2]), boxes.axes[:, 2]

@@ -12,7 +12,8 @@ from core.geometry.products import product
 from core.geometry.surface import Surface
 from core.geometry.surfels import Surfels
 from core.parameters import Parameters
-from core.placement.objective import OBJECTIVE, Objective, Targets, targets
+from core.placement.objective import Targets, targets
+from core.placement.options import PlacementOptions, of_preset
 from core.placement.rims import Rims, rims
 
 # Share of the surface that has to look in a direction for text to be placed there; estimated from so many samples.
@@ -28,7 +29,7 @@ class PlacementContext:
         facts: about the surface.
         artwork: the text.
         parameters: resolved.
-        objective: the weights of the objective's terms.
+        options: the tuned values.
         ground: the faces of the surface that boxes may stand on.
         normals: (F, 3) of the surface, zero where no box may stand.
         surfels: a proxy for ``ground``.
@@ -42,7 +43,7 @@ class PlacementContext:
     facts: SurfaceFacts
     artwork: Artwork
     parameters: Parameters
-    objective: Objective
+    options: PlacementOptions
     ground: Surface
     normals: Float
     surfels: Surfels
@@ -57,7 +58,7 @@ def build_context(
     artwork: Artwork,
     parameters: Parameters,
     rng: np.random.Generator,
-    objective: Objective = OBJECTIVE,
+    options: PlacementOptions | None = None,
 ) -> PlacementContext:
     """The context of one text on an asset.
 
@@ -67,7 +68,7 @@ def build_context(
         artwork: the text.
         parameters: resolved.
         rng: the source of every draw.
-        objective: the weights of its terms.
+        options: the tuned values; those of the preset if None.
 
     Raises:
         MeshmarkError: ``no_placement`` where no face is cuttable; ``no_faces`` where none has any area.
@@ -90,7 +91,8 @@ def build_context(
             face_triangle=surface.face_triangle[cuttable],
         )
         normals = np.where(cuttable[:, None], normals, 0.0)
-    goal, surfels = targets(surface, objective), Surfels(ground, rng)
+    options = options or of_preset(parameters.preset)
+    goal, surfels = targets(surface, options.objective), Surfels(ground, rng)
     some = surfels.normals[:: len(surfels.normals) // FEW]
     ranked = round((1 - LOOKING) * len(some))
     return PlacementContext(
@@ -98,7 +100,7 @@ def build_context(
         facts=facts,
         artwork=artwork,
         parameters=parameters,
-        objective=objective,
+        options=options,
         ground=ground,
         normals=normals,
         surfels=surfels,

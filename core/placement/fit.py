@@ -9,7 +9,7 @@ from core.geometry.boxes import Boxes
 from core.geometry.products import product
 from core.geometry.sampling import sample
 from core.geometry.spatial import Eye
-from core.parameters import Mode, Preset, Solver
+from core.parameters import Mode, Solver
 from core.placement.candidates import along_strips, candidates, right_way_up
 from core.placement.context import PlacementContext
 from core.placement.filters import (
@@ -25,7 +25,7 @@ from core.placement.filters import (
     support,
     thin_walled,
 )
-from core.placement.finetune import ADAM, adam, correct, distinct, levenberg_marquardt, loss_limit
+from core.placement.finetune import adam, correct, distinct, levenberg_marquardt, loss_limit
 from core.placement.legibility import text_width
 from core.placement.objective import (
     FACING_VIEW,
@@ -44,25 +44,12 @@ from core.placement.objective import (
 )
 from core.placement.selection import visibility
 
-THICKNESS, THINNEST = 0.15, 0.25  # size-30 units, share of the longer side and least: room for text on curved surface
-PAPER_THICKNESS, PAPER_SAMPLES, PAPER_RADIUS = 0.5, 300, 1.0
-# Area samples drawn, and boxes left after thinning: about 0.5 s of fitting on one core. Narrower text is searched only
-# where wider text covers little, and draws more samples: thin edges and small parts have little of the area.
-SAMPLES, CANDIDATES = 8000, 700
-MORE_SAMPLES = 40_000
-MORE, FEWEST = 1.2, 0.25  # share of CANDIDATES for each share of all directions that is wanted; least share
-# Candidates drawn for each one fitted, those with the best support: few others ever gain it.
-CHOICE, COARSE_GRID = 2.0, (8, 3)
 # Least supported share of a box after the coarse pass. Of 2746 boxes with less, on seven assets, 145 would have become
 # fully supported: one in fifty of all that did.
 MIN_SUPPORT = 0.7
-VISIBILITY_PROBES = 6  # directions tried for each sample; one visible from none lies inside or in a cranny
 # Random points thinned to a radius r leave about this times area / r^2.
 PACKING = 0.5
 COPY = 0.05  # size-30 units: fitted boxes closer than this are one (finetune.distinct)
-# Text runs along strips narrower than this share of legible text, or of the text if that is less; so many samples
-# around each place decide.
-NARROW, STRIP_SAMPLES = 0.75, 300
 GROWTH, GROWTH_STEPS = 1.1, 5  # from each width to nearly the next wider one
 LIFT = 1.5  # reliefs above the surface at which visibility starts: just clear of the letters
 SKIN = 0.01  # how far from the surface rays start that must not meet it
@@ -93,14 +80,13 @@ def fit(
         The boxes that passed, and the number left after each stage.
     """
     height = width * context.artwork.aspect
-    thickness = max(THICKNESS * max(width, height), THINNEST)
-    if context.parameters.preset is Preset.PAPER:
-        thickness = PAPER_THICKNESS
+    options = context.options.candidates
+    thickness = max(options.thickness * max(width, height), options.thinnest)
     boxes = _candidates(context, (width, height, thickness), wanted, rng)
     left = {"candidates": len(boxes)}
     if context.parameters.solver is Solver.ADAM:
-        boxes, loss = adam(boxes, context.carrier.index, progress)
-        return _survivors(context, boxes, loss, ADAM.threshold, left)
+        boxes, loss = adam(boxes, context.carrier.index, progress, context.options.adam)
+        return _survivors(context, boxes, loss, context.options.adam.threshold, left)
     overhanging = 0
 
     def keep_after_coarse(coarse: Boxes) -> Bool:
@@ -115,21 +101,24 @@ def fit(
         overhanging += int((~supported).sum())
         return recentred, supported
 
+    solver = context.options.levenberg_marquardt
     boxes, loss = levenberg_marquardt(
-        boxes, context.carrier.index, context.surfels, keep_after_coarse, recentre_on_support
+        boxes, context.carrier.index, context.surfels, keep_after_coarse, recentre_on_support, solver
     )
-    return _survivors(context, boxes, loss, loss_limit(boxes.size), left, overhanging)
+    return _survivors(context, boxes, loss, loss_limit(boxes.size, solver), left, overhanging)
 
 
 def widen(context: PlacementContext, boxes: Boxes, most: Float) -> Placement:
     """Wider text at the places of ``boxes``, each in several widths below its ``most`` (B,), where there is room."""
-    start = Boxes.empty()
+    start, solver = Boxes.empty(), context.options.levenberg_marquardt
     for step in range(1, GROWTH_STEPS + 1):
-        size = np.maximum(boxes.size * GROWTH**step, (0.0, 0.0, THINNEST))
+        size = np.maximum(boxes.size * GROWTH**step, (0.0, 0.0, context.options.candidates.thinnest))
         room = np.flatnonzero(size[:, 0] < most)
         start = Boxes.concat(start, Boxes(boxes.center[room], boxes.axes[room], size[room]))
-    grown, loss = correct(start, context.carrier.index, lambda fitted: _recentred_on_support(context, fitted))
-    return _survivors(context, grown, loss, loss_limit(grown.size), {})[0]
+    grown, loss = correct(
+        start, context.carrier.index, lambda fitted: _recentred_on_support(context, fitted), options=solver
+    )
+    return _survivors(context, grown, loss, loss_limit(grown.size, solver), {})[0]
 
 
 def _relief(context: PlacementContext, boxes: Boxes) -> Float:
@@ -223,38 +212,41 @@ def _candidates(
     context: PlacementContext, size: tuple[float, float, float], wanted: Float | None, rng: np.random.Generator
 ) -> Boxes:
     """Boxes to start from; where directions are ``wanted``, only on surface that looks there."""
-    if context.parameters.preset is Preset.PAPER:
-        points, face = sample(context.ground, PAPER_SAMPLES, rng)
-        return candidates(points, context.ground.normals[face], size, PAPER_RADIUS)
-    number, most = SAMPLES, float(CANDIDATES)
+    options = context.options.candidates
+    if options.radius is not None:
+        points, face = sample(context.ground, options.samples, rng)
+        return candidates(points, context.ground.normals[face], size, options.radius)
+    number, most = options.samples, float(options.number)
     if wanted is not None:
-        number, most = MORE_SAMPLES, CANDIDATES * max(MORE * len(wanted) / len(context.targets.directions), FEWEST)
+        share = max(options.more * len(wanted) / len(context.targets.directions), options.fewest)
+        number, most = options.more_samples, options.number * share
     points, face = sample(context.ground, number, rng)
     normals = context.ground.normals[face]
     if wanted is not None:
         looking = np.flatnonzero((product(normals, wanted.T) >= FACING_VIEW).any(axis=1))
-        points, normals = points[looking[: 2 * SAMPLES]], normals[looking[: 2 * SAMPLES]]
+        points, normals = points[looking[: 2 * options.samples]], normals[looking[: 2 * options.samples]]
         number = number * len(points) // max(len(looking), 1)
     shown = _in_sight(context, points, normals, context.targets.directions if wanted is None else wanted, rng)
     area = float(context.ground.areas.sum()) * len(shown) / number
-    shown = shown[:SAMPLES]
+    shown = shown[: options.samples]
     if not len(shown):
         return Boxes.empty()
-    boxes = candidates(points[shown], normals[shown], size, float(np.sqrt(PACKING * area / (CHOICE * most))))
-    narrow = NARROW * min(text_width(1.0, context.artwork.aspect), size[0])
-    around = shown[:: int(np.ceil(len(shown) * 4 * narrow**2 / (area * STRIP_SAMPLES)))]
-    return _most_supported(context, along_strips(boxes, points[around], normals[around], narrow))
+    boxes = candidates(points[shown], normals[shown], size, float(np.sqrt(PACKING * area / (options.choice * most))))
+    narrow = options.narrow * min(text_width(1.0, context.artwork.aspect), size[0])
+    around = shown[:: int(np.ceil(len(shown) * 4 * narrow**2 / (area * options.strip_density)))]
+    return _most_supported(context, along_strips(boxes, points[around], normals[around], narrow, options))
 
 
 def _most_supported(context: PlacementContext, boxes: Boxes) -> Boxes:
-    """The best supported of the ``boxes`` before fitting, one in :data:`CHOICE`."""
+    """The best supported of the ``boxes`` before fitting, one in ``choice``."""
     best_first = np.argsort(-_support(context, boxes), kind="stable")
-    return boxes[np.sort(best_first[: int(np.ceil(len(boxes) / CHOICE))])]
+    return boxes[np.sort(best_first[: int(np.ceil(len(boxes) / context.options.candidates.choice))])]
 
 
 def _support(context: PlacementContext, boxes: Boxes) -> Float:
     """(B,) supported share of each box, on a coarse grid."""
-    met = footprint(boxes, context.carrier.index, context.normals, _relief(context, boxes), COARSE_GRID, margin=0.0)
+    grid = context.options.candidates.support_grid
+    met = footprint(boxes, context.carrier.index, context.normals, _relief(context, boxes), grid, margin=0.0)
     return support(met, boxes, context.carrier.component)
 
 
@@ -266,7 +258,7 @@ def _in_sight(
     hidden = product(normals, directions.T) < FACING_VIEW
     order = rng.random(hidden.shape, dtype=np.float32)
     order[hidden] = np.inf
-    few = min(VISIBILITY_PROBES, len(directions))
+    few = min(context.options.candidates.probes, len(directions))
     probe = np.argpartition(order, few - 1, axis=1)[:, :few]
     point, turn = np.nonzero(np.isfinite(np.take_along_axis(order, probe, axis=1)))
     start, toward = points[point] + SKIN * normals[point], directions[probe[point, turn]]
@@ -304,10 +296,12 @@ def _valued(
         loss=loss,
         roughness=rough,
         visible=visible,
-        likelihood=likelihood(boxes, visible, bent, legible, context.targets, parameters.color, context.objective),
-        cost=cost(terms, context.objective),
-        last_resort=((salient > MAX_SALIENT_SHARE) | (details > MAX_DETAIL_SHARE)) & context.objective.bars,
+        likelihood=likelihood(
+            boxes, visible, bent, legible, context.targets, parameters.color, context.options.objective
+        ),
+        cost=cost(terms, context.options.objective),
+        last_resort=((salient > MAX_SALIENT_SHARE) | (details > MAX_DETAIL_SHARE)) & context.options.objective.bars,
         weight=context.targets.weight,
-        redundancy=context.objective.redundancy,
-        proximity_weight=context.objective.proximity_weight,
+        redundancy=context.options.objective.redundancy,
+        proximity_weight=context.options.objective.proximity_weight,
     )

@@ -151,11 +151,11 @@ def _poorly_covered(context: PlacementContext, found: Placement, chosen: list[in
     """(D,) directions that the ``chosen`` boxes do not cover, or clearly worse than text of this ``width`` could."""
     covered, _ = found.coverage(chosen)
     enough = BETTER * best_possible_coverage(
-        width * context.artwork.aspect, context.facing, context.parameters.color, context.objective
+        width * context.artwork.aspect, context.facing, context.parameters.color, context.options.objective
     )
     # In the views rolled text counts less, and other text would be rolled as well.
     views = len(context.targets.up)
-    enough[:views] = np.minimum(enough[:views], context.objective.seen)
+    enough[:views] = np.minimum(enough[:views], context.options.objective.seen)
     return np.asarray(covered[: len(enough)] < enough)
 
 

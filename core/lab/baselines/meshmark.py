@@ -8,23 +8,24 @@ from core.lab.baselines.strategy import Marked, Prepared
 from core.lab.plain import plain
 from core.parameters import Evaluate, Parameters
 from core.pipeline import run_stages
-from core.placement.objective import OBJECTIVE, Objective
+from core.placement.options import PlacementOptions
 from core.report import Report
 from core.stages import Request
 
 
 def meshmark(
-    prepared: Prepared, parameters: Parameters, _rng: np.random.Generator, objective: Objective = OBJECTIVE
+    prepared: Prepared, parameters: Parameters, _rng: np.random.Generator, options: PlacementOptions | None = None
 ) -> Marked:
     """The file watermarked by :func:`core.pipeline.watermark`, read back from the written GLB.
 
-    Its draws come from ``parameters.seed``, as they do for every user.
+    Its draws come from ``parameters.seed``, as they do for every user; ``options`` are the tuned values of placement,
+    those of the preset if None.
 
     Raises:
         MeshmarkError: as the pipeline.
     """
     unmeasured = parameters.model_copy(update={"evaluate": Evaluate.NONE}).resolved()
-    result = run_stages(prepared.data, Request(unmeasured, prepared.font, preview=False, objective=objective))
+    result = run_stages(prepared.data, Request(unmeasured, prepared.font, preview=False, options=options))
     surface = prepared.surface
     marks = Report.model_validate(result.report).watermarks
     boxes = Boxes(

@@ -23,11 +23,10 @@ from core.gltf.scene import flatten
 from core.lab.baselines.solid import solid
 from core.lab.plain import Mesh
 from core.parameters import PRESETS, Mode, Parameters, Preset
-from core.placement.candidates import upright
+from core.placement.candidates import PAPER_CANDIDATES, upright
 from core.placement.finetune import adam, alignment_loss
-from core.placement.fit import PAPER_RADIUS, PAPER_SAMPLES
 
-THICKNESS = 0.5  # size-30 units, of the text solid and its box (paper, supplement "Implementation Details")
+THICKNESS = PAPER_CANDIDATES.thinnest  # size-30 units, of the text solid and its box
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +73,9 @@ class Prepared:
         """The paper's candidates before fine-tuning and their alignment loss (B,): H_s = 300 area samples thinned to
         radius 1."""
         if width not in self._initial:
-            points, face = sample(self.surface, PAPER_SAMPLES, np.random.default_rng(self.seed))
-            kept = thin(points, PAPER_RADIUS)
+            points, face = sample(self.surface, PAPER_CANDIDATES.samples, np.random.default_rng(self.seed))
+            assert PAPER_CANDIDATES.radius is not None
+            kept = thin(points, PAPER_CANDIDATES.radius)
             boxes = self.boxes_at(points[kept], face[kept], width)
             self._initial[width] = boxes, alignment_loss(boxes, self.index)
         return self._initial[width]

@@ -16,7 +16,8 @@ from core.geometry.boxes import Boxes
 from core.parameters import Evaluate, Parameters
 from core.pipeline import run_stages, watermark
 from core.placement import place
-from core.placement.objective import OBJECTIVE, Objective, Placement
+from core.placement.objective import Objective, Placement
+from core.placement.options import PLACEMENT, PlacementOptions
 from core.stages import Request
 
 
@@ -44,14 +45,14 @@ class Cutter:
 
 
 def cube_marks(
-    monkeypatch: pytest.MonkeyPatch, refused: int, pooled: bool = False, objective: Objective = OBJECTIVE
+    monkeypatch: pytest.MonkeyPatch, refused: int, pooled: bool = False, options: PlacementOptions = PLACEMENT
 ) -> tuple[set[tuple[int, ...]], int]:
     """The sides of a cube that get marks when so many places on its front are refused, and how often places are
     searched for again."""
     cutter = Cutter(monkeypatch, refused, pooled)
     cube = trimesh.creation.box(extents=(2, 2, 2)).export(file_type="glb")
     asked = Parameters(text="watermark", count=16, evaluate=Evaluate.NONE).resolved()
-    request = Request(asked, preview=False, objective=objective)
+    request = Request(asked, preview=False, options=options)
     found = run_stages(cube, request).report["watermarks"]
     return {tuple(np.round(mark["normal"]).astype(int).tolist()) for mark in found}, cutter.searches
 
@@ -78,7 +79,7 @@ def test_a_side_on_which_a_search_found_nothing_either_is_given_up(monkeypatch: 
 def test_where_every_mark_costs_more_than_it_shows_the_search_still_ends(
     monkeypatch: pytest.MonkeyPatch, refused: int
 ) -> None:
-    sides, searches = cube_marks(monkeypatch, refused, objective=Objective(mark=1.0))
+    sides, searches = cube_marks(monkeypatch, refused, options=PlacementOptions(objective=Objective(mark=1.0)))
     assert len(sides) == 1
     assert searches <= 1
 
