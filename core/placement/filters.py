@@ -16,15 +16,53 @@ from core.geometry.products import cross, product
 from core.geometry.spatial import Eye, SpatialIndex
 from core.placement.finetune import ADAM
 
-ROUGHNESS_THRESHOLD = 1.25  # the paper's, mean of 1/cos
-ROUGHNESS_SAMPLES = 32  # the paper's H_r, its value not given
 # 1/cos has a pole at a right angle: steeper or opposed normals count as this rough.
 SMALLEST_COSINE = 0.05
 FACING = 0.15  # cosine from which embossing takes a face as part of the patch
-FOOTPRINT = (24, 6)
-RAYS_SKIPPED = 4  # roughness takes every fourth ray, 36 a box
-EDGE_MARGIN, EDGE_GRID = 0.8, (9, 4)  # text heights around a box
-FOOTPRINT_MARGIN = 0.08  # of the height; letters keep this clear of every border of the surface
+
+
+@dataclass(frozen=True)
+class FilterOptions:
+    """Values of the filters of boxes: ours, but for the roughness.
+
+    Attributes:
+        min_support: supported share of a box after the first pass of fitting, at least. Of 2746 boxes with less, on
+            seven assets, 145 would have become fully supported: one in fifty of all that did.
+        copy: tolerance of :func:`core.placement.finetune.distinct` after fitting: closer boxes are one.
+        footprint: rays along the text and across it onto each box.
+        margin: text heights around a box that the footprint spans too; letters keep this clear of every border of the
+            surface.
+        recentre_steps: ways of :func:`recentre` in turn, in shares of that to the centre of the support.
+        recentre_grid: rays along the text and across it that find this centre.
+        recentre_margin: text heights to spare at the border by then.
+        roughness: mean of 1/cos, below which surface is smooth. Paper, supplement "Filtering".
+        roughness_samples: normals in a box that :func:`roughness` compares. The paper's H_r, its value not given.
+        roughness_rays: one in so many of the footprint's rays counts for the roughness, 36 a box.
+        lift: reliefs above the surface at which visibility starts: just clear of the letters.
+        sight_grid: rays along the text and across it that have to be free.
+        sight: text heights in front of a text in which no other part may stand.
+        edge_margin: text heights around a box that :func:`edge_proximity` looks at.
+        edge_grid: rays along the text and across it over box and margin; the outermost count.
+    """
+
+    min_support: float = 0.7
+    copy: float = 0.05
+    footprint: tuple[int, int] = (24, 6)
+    margin: float = 0.08
+    recentre_steps: tuple[float, ...] = (2.0, 1.0)
+    recentre_grid: tuple[int, int] = (12, 16)
+    recentre_margin: float = 0.16
+    roughness: float = 1.25
+    roughness_samples: int = 32
+    roughness_rays: int = 4
+    lift: float = 1.5
+    sight_grid: tuple[int, int] = (8, 2)
+    sight: float = 8.0
+    edge_margin: float = 0.8
+    edge_grid: tuple[int, int] = (9, 4)
+
+
+FILTERS = FilterOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +87,8 @@ def footprint(
     index: SpatialIndex,
     normals: Float,
     clearance: float | Float,
-    grid: tuple[int, int] = FOOTPRINT,
-    margin: float = FOOTPRINT_MARGIN,
+    grid: tuple[int, int] = FILTERS.footprint,
+    margin: float = FILTERS.margin,
 ) -> Footprint:
     """Cast a ``grid`` of rays onto each box from ``clearance`` (one for all, or (B,)) above its front face.
 
@@ -117,27 +155,30 @@ def _on_one_component(met: Footprint, component: Int) -> Bool:
     return np.asarray(under == np.take_along_axis(under, middle[:, None], axis=1))
 
 
-def edge_proximity(boxes: Boxes, index: SpatialIndex, normals: Float, clearance: float | Float) -> Float:
+def edge_proximity(
+    boxes: Boxes, index: SpatialIndex, normals: Float, clearance: float | Float, options: FilterOptions = FILTERS
+) -> Float:
     """(B,) share of a margin around each box that has no supporting surface: near an edge, a hole or a silhouette a
     mark is cut off by the first crop, and looks misplaced.
 
-    The margin is :data:`EDGE_MARGIN` of the height wide; ``clearance`` and ``normals`` as for :func:`footprint`.
+    ``clearance`` and ``normals`` as for :func:`footprint`.
     """
-    met = footprint(boxes, index, normals, clearance, EDGE_GRID, margin=EDGE_MARGIN)
-    across, down = EDGE_GRID
-    rim = np.zeros(EDGE_GRID, dtype=bool)
+    met = footprint(boxes, index, normals, clearance, options.edge_grid, options.edge_margin)
+    across, down = options.edge_grid
+    rim = np.zeros(options.edge_grid, dtype=bool)
     rim[[0, across - 1]] = True
     rim[:, [0, down - 1]] = True
     return np.asarray(1 - _supported(met, boxes)[:, rim.ravel()].mean(axis=1))
 
 
-def roughness(boxes: Boxes, points: Float, normals: Float) -> Float:
+def roughness(boxes: Boxes, points: Float, normals: Float, options: FilterOptions = FILTERS) -> Float:
     """(B,) mean over all pairs of normals inside each box of 1/cos (paper, supplement "Filtering"); 1 is flat.
 
     Args:
         boxes: the boxes.
         points: (S, 3) area samples of the surface; samples, not vertices, so that coarse meshes are judged too.
         normals: (S, 3) unit normals there.
+        options: tuned values.
 
     Samples that look away from the box belong to the far side of a thin wall and do not count. Pairs at
     almost a right angle or more count as 1/0.05. A box with no sample inside is infinitely rough.
@@ -150,15 +191,15 @@ def roughness(boxes: Boxes, points: Float, normals: Float) -> Float:
     # The samples come in random order, so each box's first ones are a random choice.
     first = np.searchsorted(owner, np.arange(len(boxes)))
     rank = np.arange(len(owner)) - first[owner]
-    few = rank < ROUGHNESS_SAMPLES
-    taken = np.zeros((len(boxes), ROUGHNESS_SAMPLES, 3))
+    few = rank < options.roughness_samples
+    taken = np.zeros((len(boxes), options.roughness_samples, 3))
     taken[owner[few], rank[few]] = normals[which[few]]
     return _mean_inverse_cosine(taken, np.linalg.norm(taken, axis=2) > 0.5)
 
 
-def roughness_met(met: Footprint, normals: Float) -> Float:
-    """(B,) :func:`roughness` over the faces met by every fourth ray of a footprint; ``normals`` as there."""
-    face = met.face[:, ::RAYS_SKIPPED]
+def roughness_met(met: Footprint, normals: Float, options: FilterOptions = FILTERS) -> Float:
+    """(B,) :func:`roughness` over the faces met by some of the rays of a footprint; ``normals`` as there."""
+    face = met.face[:, :: options.roughness_rays]
     return _mean_inverse_cosine(normals[face], face >= 0)
 
 
@@ -171,9 +212,9 @@ def _mean_inverse_cosine(normals: Float, valid: Bool) -> Float:
     return np.asarray(np.divide(total, count, out=np.full(len(normals), np.inf), where=count > 0))
 
 
-def smooth(rough: Float) -> Bool:
-    """(B,) roughness below the paper's 1.25."""
-    return np.asarray(rough < ROUGHNESS_THRESHOLD)
+def smooth(rough: Float, options: FilterOptions = FILTERS) -> Bool:
+    """(B,) roughness below the threshold."""
+    return np.asarray(rough < options.roughness)
 
 
 def occluded(boxes: Boxes, points: Float, index: SpatialIndex, reach: float | Float) -> Bool:

@@ -44,19 +44,10 @@ from core.placement.objective import (
 )
 from core.placement.selection import visibility
 
-# Least supported share of a box after the coarse pass. Of 2746 boxes with less, on seven assets, 145 would have become
-# fully supported: one in fifty of all that did.
-MIN_SUPPORT = 0.7
 # Random points thinned to a radius r leave about this times area / r^2.
 PACKING = 0.5
-COPY = 0.05  # size-30 units: fitted boxes closer than this are one (finetune.distinct)
 GROWTH, GROWTH_STEPS = 1.1, 5  # from each width to nearly the next wider one
-LIFT = 1.5  # reliefs above the surface at which visibility starts: just clear of the letters
 SKIN = 0.01  # how far from the surface rays start that must not meet it
-SIGHT_GRID = (8, 2)
-SIGHT = 8.0  # heights in front of a text in which no other part may stand
-RECENTRE_STEPS, RECENTRE_GRID = (2.0, 1.0), (12, 16)
-RECENTRE_MARGIN = 0.16  # text heights to spare at the border
 
 
 def fit(
@@ -91,7 +82,7 @@ def fit(
 
     def keep_after_coarse(coarse: Boxes) -> Bool:
         nonlocal overhanging
-        supported = _support(context, coarse) >= MIN_SUPPORT
+        supported = _support(context, coarse) >= context.options.filters.min_support
         overhanging += int((~supported).sum())
         return supported
 
@@ -129,19 +120,23 @@ def _relief(context: PlacementContext, boxes: Boxes) -> Float:
 def _recentred_on_support(context: PlacementContext, fitted: Boxes) -> tuple[Boxes, Bool]:
     """Overhanging boxes are recentred on their support before they are rejected; this takes only ray casts. The boxes,
     and which of them are fully supported (B,)."""
-    index, relief = context.carrier.index, _relief(context, fitted)
-    supported = fully_supported(footprint(fitted, index, context.normals, relief), fitted, context.carrier.component)
+    index, relief, options = context.carrier.index, _relief(context, fitted), context.options.filters
+    supported = fully_supported(_footprint(context, fitted, relief), fitted, context.carrier.component)
     center = fitted.center.copy()
-    for step in RECENTRE_STEPS:
+    for step in options.recentre_steps:
         over = np.flatnonzero(~supported)
         moved = Boxes(center[over], fitted.axes[over], fitted.size[over])
-        met = footprint(moved, index, context.normals, relief[over], RECENTRE_GRID, RECENTRE_MARGIN)
+        met = footprint(moved, index, context.normals, relief[over], options.recentre_grid, options.recentre_margin)
         moved = recentre(moved, met, context.carrier.component, step)
         center[over] = moved.center
-        supported[over] = fully_supported(
-            footprint(moved, index, context.normals, relief[over]), moved, context.carrier.component
-        )
+        supported[over] = fully_supported(_footprint(context, moved, relief[over]), moved, context.carrier.component)
     return Boxes(center, fitted.axes, fitted.size), supported
+
+
+def _footprint(context: PlacementContext, boxes: Boxes, relief: Float) -> Footprint:
+    """The surface under each of the ``boxes``, for letters of a ``relief`` (B,)."""
+    options = context.options.filters
+    return footprint(boxes, context.carrier.index, context.normals, relief, options.footprint, options.margin)
 
 
 def _survivors(
@@ -154,11 +149,11 @@ def _survivors(
 ) -> tuple[Placement, dict[str, int]]:
     """Fitted ``boxes`` (B,) with a ``loss`` (B,) below the ``limit`` (B,) that pass all filters, and the number
     ``left`` after each stage; ``overhanging`` ones were rejected during fitting."""
-    parameters, index = context.parameters, context.carrier.index
+    parameters, index, options = context.parameters, context.carrier.index, context.options.filters
     kept = np.flatnonzero(loss < limit)
     boxes, loss = right_way_up(boxes[kept]), loss[kept]
     left["aligned"] = len(boxes) + overhanging
-    kept = distinct(boxes, loss, COPY)
+    kept = distinct(boxes, loss, options.copy)
     boxes, loss = boxes[kept], loss[kept]
     left["distinct"] = len(boxes) + overhanging
     if context.facts.regions is not None:
@@ -168,7 +163,7 @@ def _survivors(
         boxes, loss = boxes[kept], loss[kept]
     left["free"] = len(boxes) + overhanging
 
-    met = footprint(boxes, index, context.normals, _relief(context, boxes))
+    met = _footprint(context, boxes, _relief(context, boxes))
     kept = np.flatnonzero(fully_supported(met, boxes, context.carrier.component))
     boxes, loss = boxes[kept], loss[kept]
     met = Footprint(met.height[kept], met.cosine[kept], met.local[kept], met.face[kept])
@@ -187,18 +182,18 @@ def _survivors(
         boxes, loss = boxes[kept], loss[kept]
     left["opaque"] = len(boxes)
 
-    rough = roughness_met(met, context.normals)[kept]
-    kept = np.flatnonzero(smooth(rough))
+    rough = roughness_met(met, context.normals, options)[kept]
+    kept = np.flatnonzero(smooth(rough, options))
     boxes, loss, rough = boxes[kept], loss[kept], rough[kept]
     left["smooth"] = len(boxes)
 
     relief = _relief(context, boxes)
-    met = footprint(boxes, index, context.normals, relief, SIGHT_GRID, margin=0.0)
-    sight = above(boxes, met, LIFT * relief)
-    blocked = occluded(boxes, sight, index, reach=SIGHT * boxes.size[:, 1])
+    met = footprint(boxes, index, context.normals, relief, options.sight_grid, margin=0.0)
+    sight = above(boxes, met, options.lift * relief)
+    blocked = occluded(boxes, sight, index, reach=options.sight * boxes.size[:, 1])
     left["open"] = int((~blocked).sum())
     if parameters.mode is Mode.DEBOSS:
-        blocked |= thin_walled(boxes, above(boxes, met, -SKIN), index, depth=LIFT * relief)
+        blocked |= thin_walled(boxes, above(boxes, met, -SKIN), index, depth=options.lift * relief)
     left["thick"] = int((~blocked).sum())
     visible = np.zeros((len(boxes), len(context.targets.directions)), dtype=bool)
     visible[~blocked] = visibility(boxes[~blocked], sight[~blocked], index, context.targets.directions)
@@ -284,7 +279,7 @@ def _valued(
         roll=roll(boxes),
         curvature_deviation=bent,
         rough=rough - 1,
-        edge_proximity=edge_proximity(boxes, context.carrier.index, context.normals, relief),
+        edge_proximity=edge_proximity(boxes, context.carrier.index, context.normals, relief, context.options.filters),
         articulation=np.zeros(len(boxes)) if context.facts.skin is None else context.facts.skin.under(boxes),
         detail=details,
         busy=busy,

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from core.parameters import Preset
 from core.placement.candidates import CANDIDATES, PAPER_CANDIDATES, CandidateOptions
+from core.placement.filters import FILTERS, FilterOptions
 from core.placement.finetune import ADAM, LEVENBERG_MARQUARDT, AdamOptions, LevenbergMarquardtOptions
 from core.placement.objective import OBJECTIVE, Objective
 
@@ -15,6 +16,7 @@ class PlacementOptions:
     candidates: CandidateOptions = CANDIDATES
     adam: AdamOptions = ADAM
     levenberg_marquardt: LevenbergMarquardtOptions = LEVENBERG_MARQUARDT
+    filters: FilterOptions = FILTERS
     objective: Objective = OBJECTIVE
 
 

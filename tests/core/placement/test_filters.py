@@ -8,6 +8,7 @@ from core.geometry.boxes import Boxes
 from core.geometry.sampling import sample
 from core.geometry.surface import Surface
 from core.placement.filters import (
+    FilterOptions,
     above,
     edge_proximity,
     footprint,
@@ -287,3 +288,13 @@ def test_a_box_close_to_an_edge_is_exposed_on_that_side_only() -> None:
     middle, edge, corner = edge_proximity(places, index_of(shape), shape.normals, 0.2)
     assert middle == 0
     assert 0 < edge < corner < 1
+
+
+def test_edges_are_looked_for_as_far_around_a_box_as_the_options_say() -> None:
+    shape = plane(30, 30)
+    near = box((11.5, 0, 0), (5.5, 1, 0.5))  # ends 0.75 from the border
+    shares = [
+        edge_proximity(near, index_of(shape), shape.normals, 0.05, FilterOptions(edge_margin=margin))[0]
+        for margin in (0.5, 0.8)
+    ]
+    assert shares[0] == 0 < shares[1]
