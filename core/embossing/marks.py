@@ -103,7 +103,7 @@ def emboss_marks(
         doubtful = {box for known in obstacles for box in _over(placement.boxes, *known)} - marks.keys()
         doubting, doubts_left = False, DOUBTS * count
         while cuts_left > 0:
-            chosen = select(placement, count, fixed=list(marks), rejected=rejected | doubtful, start=chosen)
+            chosen = select(placement, count, list(marks), rejected | doubtful, chosen, context.options.selection)
             fresh = np.array([box for box in chosen if box not in marks], dtype=np.int64)
             if not len(fresh):
                 if not doubtful or doubts_left <= 0 or placement.value(list(marks)) >= hoped - worthwhile:

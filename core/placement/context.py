@@ -16,8 +16,7 @@ from core.placement.objective import Targets, targets
 from core.placement.options import PlacementOptions, of_preset
 from core.placement.rims import Rims, rims
 
-# Share of the surface that has to look in a direction for text to be placed there; estimated from so many samples.
-LOOKING, FEW = 0.001, 5000
+FEW = 5000  # samples of the surface that estimate how it looks in a direction
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +34,7 @@ class PlacementContext:
         surfels: a proxy for ``ground``.
         rims: the edges that no letter can be cut across; None where there are none.
         targets: of the objective.
-        facing: (D,) cosine of the angle at which surface looks at each direction; all but :data:`LOOKING` of it is
+        facing: (D,) cosine of the angle at which surface looks at each direction; all but a little of it is
             turned further away. Nothing on a cube, for one, looks along its diagonals.
     """
 
@@ -94,7 +93,7 @@ def build_context(
     options = options or of_preset(parameters.preset)
     goal, surfels = targets(surface, options.objective), Surfels(ground, rng)
     some = surfels.normals[:: len(surfels.normals) // FEW]
-    ranked = round((1 - LOOKING) * len(some))
+    ranked = round((1 - options.search.looking) * len(some))
     return PlacementContext(
         carrier=carrier,
         facts=facts,
@@ -104,7 +103,7 @@ def build_context(
         ground=ground,
         normals=normals,
         surfels=surfels,
-        rims=rims(surface, carrier.component >= 0, artwork),
+        rims=rims(surface, carrier.component >= 0, artwork, options.rims),
         targets=goal,
         facing=np.partition(product(goal.directions, some.T), ranked, axis=1)[:, ranked],
     )

@@ -46,7 +46,6 @@ from core.placement.selection import visibility
 
 # Random points thinned to a radius r leave about this times area / r^2.
 PACKING = 0.5
-GROWTH, GROWTH_STEPS = 1.1, 5  # from each width to nearly the next wider one
 SKIN = 0.01  # how far from the surface rays start that must not meet it
 
 
@@ -101,9 +100,9 @@ def fit(
 
 def widen(context: PlacementContext, boxes: Boxes, most: Float) -> Placement:
     """Wider text at the places of ``boxes``, each in several widths below its ``most`` (B,), where there is room."""
-    start, solver = Boxes.empty(), context.options.levenberg_marquardt
-    for step in range(1, GROWTH_STEPS + 1):
-        size = np.maximum(boxes.size * GROWTH**step, (0.0, 0.0, context.options.candidates.thinnest))
+    start, search, solver = Boxes.empty(), context.options.search, context.options.levenberg_marquardt
+    for step in range(1, search.growth_steps + 1):
+        size = np.maximum(boxes.size * search.growth**step, (0.0, 0.0, context.options.candidates.thinnest))
         room = np.flatnonzero(size[:, 0] < most)
         start = Boxes.concat(start, Boxes(boxes.center[room], boxes.axes[room], size[room]))
     grown, loss = correct(

@@ -1,4 +1,4 @@
-"""All tuned values of placement: one record for each algorithm, in the file of the algorithm."""
+"""All tuned values of placement: one record for each algorithm, but for the search in the file of it."""
 
 from dataclasses import dataclass
 
@@ -7,16 +7,51 @@ from core.placement.candidates import CANDIDATES, PAPER_CANDIDATES, CandidateOpt
 from core.placement.filters import FILTERS, FilterOptions
 from core.placement.finetune import ADAM, LEVENBERG_MARQUARDT, AdamOptions, LevenbergMarquardtOptions
 from core.placement.objective import OBJECTIVE, Objective
+from core.placement.rims import RIMS, RimOptions
+from core.placement.selection import SELECTION, SelectionOptions
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """Values of the search over widths of :func:`core.placement.place.place`: all ours; the paper has one width.
+
+    Attributes:
+        heights: of the text, as multiples of the legible height.
+        small: such a multiple, used only for directions that nothing higher covers.
+        last_resort: such a multiple, used only where nothing else fits at all.
+        narrower: ratio of widths below those, which long text needs on small assets.
+        looking: share of the surface that has to look in a direction for text to be placed there.
+        covered: share of the best possible coverage by text of a width, from which on a direction is covered well.
+        enough: share of the directions covered well, from which on text of that width is not tried.
+        growth: ratio of widths when chosen text is widened.
+        growth_steps: of it, from each width to nearly the next wider one.
+    """
+
+    heights: tuple[float, ...] = (3.1, 2.4, 1.85, 1.4, 1.0)
+    small: float = 0.6
+    last_resort: float = 0.4
+    narrower: float = 1.5
+    looking: float = 0.001
+    covered: float = 0.85
+    enough: float = 0.98
+    growth: float = 1.1
+    growth_steps: int = 5
+
+
+SEARCH = SearchOptions()
 
 
 @dataclass(frozen=True)
 class PlacementOptions:
     """Values of :func:`core.placement.place.place`: those of the algorithms that it runs."""
 
+    search: SearchOptions = SEARCH
     candidates: CandidateOptions = CANDIDATES
     adam: AdamOptions = ADAM
     levenberg_marquardt: LevenbergMarquardtOptions = LEVENBERG_MARQUARDT
     filters: FilterOptions = FILTERS
+    rims: RimOptions = RIMS
+    selection: SelectionOptions = SELECTION
     objective: Objective = OBJECTIVE
 
 

@@ -14,23 +14,17 @@ from core.placement.context import PlacementContext
 from core.placement.fit import fit, widen
 from core.placement.legibility import USUAL_ASPECT, legible_height, text_width
 from core.placement.objective import FACING_VIEW, Placement, best_possible_coverage
+from core.placement.options import SEARCH, SearchOptions
 from core.placement.selection import select
 
-# Heights of the text as multiples of the legible height. SMALL is used only for directions that nothing higher covers,
-# LAST_RESORT only where nothing else fits at all.
-HEIGHTS, SMALL, LAST_RESORT = (3.1, 2.4, 1.85, 1.4, 1.0), 0.6, 0.4
-NARROWER = 1.5  # ratio of widths below those, which long text needs on small assets
-# A direction is covered well from this share of the best possible coverage by text of a width. With so large a share of
-# the directions covered well, text of that width is not tried.
-BETTER, ENOUGH = 0.85, 0.98
 
-
-def ladder(aspect: float) -> list[float]:
+def ladder(aspect: float, options: SearchOptions = SEARCH) -> list[float]:
     """Text widths to try, from the widest on, for text of this height over its width; size-30 units."""
-    widths = [text_width(height, aspect) for height in (*HEIGHTS, SMALL, LAST_RESORT)]
-    narrowest = LAST_RESORT * legible_height() / float(np.sqrt(aspect * USUAL_ASPECT))  # as much area as a word's
-    while widths[-1] > NARROWER * narrowest:
-        widths.append(widths[-1] / NARROWER)
+    widths = [text_width(height, aspect) for height in (*options.heights, options.small, options.last_resort)]
+    # Of as much area as a word of the lowest height.
+    narrowest = options.last_resort * legible_height() / float(np.sqrt(aspect * USUAL_ASPECT))
+    while widths[-1] > options.narrower * narrowest:
+        widths.append(widths[-1] / options.narrower)
     return sorted(set(widths), reverse=True)
 
 
@@ -41,7 +35,7 @@ def _widths(context: PlacementContext) -> list[float]:
         MeshmarkError: ``no_placement`` where there is less surface than any text covers.
     """
     asked = context.parameters.size
-    widths = [asked] if asked is not None else ladder(context.artwork.aspect)
+    widths = [asked] if asked is not None else ladder(context.artwork.aspect, context.options.search)
     # Letters need as much surface as they cover. An asset with less consists of needles, on which searches for the
     # closest point take forever.
     area = float(context.ground.areas.sum())
@@ -105,23 +99,23 @@ def _search(
 ) -> tuple[Placement | None, list[dict[str, int]]]:
     """Search one width after the other until enough is covered; the boxes, and the number left by stage for each
     width."""
-    parameters, coverable = context.parameters, context.facing >= FACING_VIEW
+    parameters, options, coverable = context.parameters, context.options, context.facing >= FACING_VIEW
     assert parameters.count is not None
     worth = context.targets.weight[: len(coverable)]
     left: list[dict[str, int]] = []
     for step, width in enumerate(widths):
         wanted = None
         if found is not None:
-            chosen = select(found, parameters.count, fixed=placed, rejected=rejected, start=found.start)
+            chosen = select(found, parameters.count, placed, rejected, found.start, options.selection)
             if step and len(chosen) == parameters.count and set(chosen) == set(found.start):
                 break  # there are as many marks as were asked for, and narrower text would replace none of them
             found = replace(found, start=tuple(chosen))
             if len(chosen) and not found.last_resort[chosen].any():
                 poorly = coverable & _poorly_covered(context, found, chosen, width)
-                if worth[poorly].sum() <= (1 - ENOUGH) * worth[coverable].sum():
+                if worth[poorly].sum() <= (1 - options.search.enough) * worth[coverable].sum():
                     break
                 wanted = context.targets.directions[poorly]
-            if len(found.boxes) and width < text_width(SMALL, context.artwork.aspect):
+            if len(found.boxes) and width < text_width(options.search.small, context.artwork.aspect):
                 break
 
         def share(done: float, step: int = step) -> None:
@@ -133,9 +127,9 @@ def _search(
         share(1.0)
     if found is None:
         return None, left
-    best = select(found, parameters.count, fixed=placed, rejected=rejected, start=found.start)
+    best = select(found, parameters.count, placed, rejected, found.start, options.selection)
     found = _widened(context, widths, found, [one for one in best if one not in placed])
-    best = select(found, parameters.count, fixed=placed, rejected=rejected, start=best)
+    best = select(found, parameters.count, placed, rejected, best, options.selection)
     return replace(found, start=tuple(best)), left
 
 
@@ -150,7 +144,7 @@ def _widened(context: PlacementContext, widths: list[float], found: Placement, w
 def _poorly_covered(context: PlacementContext, found: Placement, chosen: list[int], width: float) -> Bool:
     """(D,) directions that the ``chosen`` boxes do not cover, or clearly worse than text of this ``width`` could."""
     covered, _ = found.coverage(chosen)
-    enough = BETTER * best_possible_coverage(
+    enough = context.options.search.covered * best_possible_coverage(
         width * context.artwork.aspect, context.facing, context.parameters.color, context.options.objective
     )
     # In the views rolled text counts less, and other text would be rolled as well.

@@ -15,11 +15,26 @@ from core.geometry.surface import Surface
 from core.geometry.triangles import ring_area
 from core.placement.filters import FACING
 
-SPACING = 0.05  # size-30 units between points of an edge, about a stroke of legible text; wider where edges are many
-MOST_POINTS = 1_000_000
-TEXELS = 1024  # across the text's width
-CREASE = 0.5  # cosine between the normals of two faces; below it one may face away from a box on the other
+MOST_POINTS = 1_000_000  # on all edges
 UPPERMOST = 1e-3  # size-30 units below the first hit of a ray, within which points are visible
+
+
+@dataclass(frozen=True)
+class RimOptions:
+    """Values of :func:`rims`: all ours; the paper knows no such edges.
+
+    Attributes:
+        spacing: size-30 units between points of an edge, about a stroke of legible text; wider where edges are many.
+        texels: of the letters, across the text's width.
+        crease: cosine between the normals of two faces; below it one may face away from a box on the other.
+    """
+
+    spacing: float = 0.05
+    texels: int = 1024
+    crease: float = 0.5
+
+
+RIMS = RimOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,39 +69,39 @@ class Rims:
         return np.bincount(owner[uppermost], minlength=len(boxes)) > 0
 
 
-def rims(surface: Surface, distinct: Bool, artwork: Artwork) -> Rims | None:
+def rims(surface: Surface, distinct: Bool, artwork: Artwork, options: RimOptions = RIMS) -> Rims | None:
     """The :class:`Rims` of the ``distinct`` (F,) faces of a ``surface`` for a text; None where it has none, as a
     smooth closed manifold."""
-    ends, normals = _sharp_edges(surface.edges.among(distinct), surface.normals)
+    ends, normals = _sharp_edges(surface.edges.among(distinct), surface.normals, options.crease)
     if not len(ends):
         return None
     place = np.zeros((int(surface.weld.max()) + 1, 3))
     place[surface.weld] = surface.positions
     first, along = place[ends[:, 0]], place[ends[:, 1]] - place[ends[:, 0]]
     length = np.linalg.norm(along, axis=1)
-    pieces = np.ceil(length / max(SPACING, float(length.sum()) / MOST_POINTS)).astype(np.int64)
+    pieces = np.ceil(length / max(options.spacing, float(length.sum()) / MOST_POINTS)).astype(np.int64)
     edge = np.repeat(np.arange(len(ends)), pieces)
     number = np.arange(len(edge)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     share = (number + 0.5) / pieces[edge]
-    return Rims(cKDTree(first[edge] + share[:, None] * along[edge]), normals[edge], _ink(artwork))
+    return Rims(cKDTree(first[edge] + share[:, None] * along[edge]), normals[edge], _ink(artwork, options.texels))
 
 
-def _sharp_edges(edges: EdgeTable, normals: Float) -> tuple[Int, Float]:
+def _sharp_edges(edges: EdgeTable, normals: Float, crease: float) -> tuple[Int, Float]:
     """Both vertices (E, 2) of each edge that is sharp or does not join exactly two faces, wound alike; and the normals
-    there, of the unit ``normals`` (F, 3), see :class:`Rims`."""
+    there, of the unit ``normals`` (F, 3), see :class:`Rims`; ``crease`` as in :class:`RimOptions`."""
     pair = np.column_stack([edges.first, np.minimum(edges.first + 1, len(edges.sides) - 1)])
     joined = (edges.uses == 2) & (edges.upward[pair[:, 0]] != edges.upward[pair[:, 1]])
     both = np.where(joined[:, None, None], normals[edges.sides[pair] // 3], 0.0)
-    sharp = np.einsum("ei,ei->e", both[:, 0], both[:, 1]) < CREASE
+    sharp = np.einsum("ei,ei->e", both[:, 0], both[:, 1]) < crease
     return edges.ends[sharp], both[sharp]
 
 
-def _ink(artwork: Artwork) -> Bool:
-    """(H, W) the letters as texels. Rings are disjoint, so an island within a hole is drawn after the hole."""
-    size = TEXELS, max(round(TEXELS * artwork.aspect), 1)
+def _ink(artwork: Artwork, texels: int) -> Bool:
+    """(H, W) the letters, W ``texels`` across. Rings are disjoint, so an island in a hole is drawn after the hole."""
+    size = texels, max(round(texels * artwork.aspect), 1)
     picture = Image.new("1", size)
     draw = ImageDraw.Draw(picture)
     for ring in sorted(artwork.rings, key=lambda ring: -abs(ring_area(ring))):
-        texels = (ring + np.array([0.5, artwork.aspect / 2])) * TEXELS - 0.5
-        draw.polygon([tuple(texel) for texel in texels.tolist()], fill=int(ring_area(ring) > 0))
+        corners = (ring + np.array([0.5, artwork.aspect / 2])) * texels - 0.5
+        draw.polygon([tuple(corner) for corner in corners.tolist()], fill=int(ring_area(ring) > 0))
     return np.asarray(picture)

@@ -1,6 +1,7 @@
 """Selection of boxes that together maximise the objective (:mod:`core.placement.objective`)."""
 
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -13,9 +14,23 @@ from core.placement.objective import Placement, facing
 
 Free = Callable[[list[int]], Bool]  # (B,) boxes that overlap none of the given; (B, K) none of them but the K-th
 
-SPACING = 0.3  # size-30 units between boxes
-EXCHANGES = 64  # at most
 NEGLIGIBLE = 1e-6  # gain of the objective up to which nothing is exchanged
+
+
+@dataclass(frozen=True)
+class SelectionOptions:
+    """Values of :func:`select`: both ours; the paper's boxes may touch, and are never exchanged.
+
+    Attributes:
+        spacing: size-30 units between boxes, at least.
+        exchanges: at most.
+    """
+
+    spacing: float = 0.3
+    exchanges: int = 64
+
+
+SELECTION = SelectionOptions()
 
 
 def visibility(boxes: Boxes, points: Float, index: SpatialIndex, directions: Float) -> Bool:
@@ -35,6 +50,7 @@ def select(
     fixed: Sequence[int] = (),
     rejected: Collection[int] = (),
     start: Sequence[int] = (),
+    options: SelectionOptions = SELECTION,
 ) -> list[int]:
     """Indices of at most ``count`` boxes that do not overlap, in the order in which to emboss them.
 
@@ -48,12 +64,13 @@ def select(
         fixed: boxes that stay, because they are embossed already; they come first, in this order.
         rejected: boxes that must not be used.
         start: a choice to improve on, as this function returned it; rejected boxes in it are left out.
+        options: tuned values.
     """
     usable = np.ones(len(placement.boxes), dtype=bool)
     usable[list(rejected)] = False
     if fixed or (usable & ~placement.last_resort).any():
         usable &= ~placement.last_resort
-    overlap = cache(lambda one: overlapping(placement.boxes, one, SPACING))
+    overlap = cache(lambda one: overlapping(placement.boxes, one, options.spacing))
 
     def overlaps(chosen: list[int]) -> Bool:
         return np.stack([~usable, *(overlap(one) for one in chosen)], axis=1)
@@ -72,7 +89,7 @@ def select(
     tried = [list(fixed)] + ([begun] if len(begun) > len(fixed) else [])
     for chosen in tried:
         _add(placement, chosen, free, count)
-        for _ in range(EXCHANGES):
+        for _ in range(options.exchanges):
             if not _exchange(placement, chosen, free_without, len(fixed)):
                 break
             _add(placement, chosen, free, count)

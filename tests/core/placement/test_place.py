@@ -16,14 +16,15 @@ from core.placement.context import PlacementContext, build_context
 from core.placement.filters import overlapping
 from core.placement.legibility import legible_height
 from core.placement.objective import Placement
-from core.placement.place import HEIGHTS, ladder, place, search_again
+from core.placement.options import SEARCH, SearchOptions
+from core.placement.place import ladder, place, search_again
 from core.placement.selection import select
 from tests.core.formats.meshes import MESHES
 from tests.core.placement.shapes import carrier, cuboid, inside_out, join, moved, plane, sphere, surface, text
 
 ASPECT = 0.125
 WIDTHS = ladder(ASPECT)
-LEGIBLE_WIDTH = WIDTHS[len(HEIGHTS) - 1]
+LEGIBLE_WIDTH = WIDTHS[len(SEARCH.heights) - 1]
 
 
 def opened(shape: Surface, rng: np.random.Generator, aspect: float = ASPECT, **asked: object) -> PlacementContext:
@@ -124,6 +125,10 @@ def test_the_widths_of_any_proportions_go_down_to_those_of_a_word_in_area() -> N
         assert widths == sorted(set(widths), reverse=True)
         assert widths[0] <= 30
         assert widths[-1] ** 2 * aspect <= 2.25 * WIDTHS[-1] ** 2 * ASPECT * 4
+
+
+def test_the_heights_of_the_options_are_the_first_widths() -> None:
+    assert ladder(ASPECT, SearchOptions(heights=(2.0,)))[0] == pytest.approx(2.0 * legible_height() / ASPECT)
 
 
 def test_the_paper_preset_uses_its_samples_and_its_size() -> None:

@@ -3,7 +3,7 @@ import numpy as np
 from core.artwork.outline import text_artwork
 from core.geometry.boxes import Boxes
 from core.geometry.surface import Surface
-from core.placement.rims import rims
+from core.placement.rims import RimOptions, rims
 from tests.core.placement.shapes import box, cuboid, index_of, join, moved, plane, rotation, sphere, surface
 
 TEXT = text_artwork("watermark")
@@ -76,3 +76,9 @@ def test_no_boxes_are_asked_about() -> None:
     found = rims(plane(20, 20), np.ones(2, dtype=bool), TEXT)
     assert found is not None
     assert found.crossed(Boxes.empty(), index_of(plane(20, 20))).shape == (0,)
+
+
+def test_a_crease_counts_from_the_angle_that_the_options_say() -> None:
+    cube, every = cuboid(10, 10, 10), np.ones(12, dtype=bool)
+    assert rims(cube, every, TEXT) is not None
+    assert rims(cube, every, TEXT, RimOptions(crease=-0.5)) is None

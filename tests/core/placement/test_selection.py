@@ -10,7 +10,7 @@ from core.geometry.directions import fibonacci_directions
 from core.placement.candidates import upright
 from core.placement.filters import overlapping
 from core.placement.objective import Placement, facing, likelihood, targets
-from core.placement.selection import select, visibility
+from core.placement.selection import SelectionOptions, select, visibility
 from tests.core.placement.shapes import box, boxes, index_of, inside_out, join, moved, plane, rotation, sphere
 
 SERVED = targets(sphere(12))
@@ -175,3 +175,12 @@ def test_a_mark_on_the_inside_of_a_hollow_is_visible_from_nowhere() -> None:
     inner = box((0, 0, -8))
     points = np.array([[[0.0, 0, -7.8]]])
     assert not visibility(inner, points, index_of(shape), fibonacci_directions(50)).any()
+
+
+def test_marks_keep_as_far_apart_as_the_options_say() -> None:
+    placement = on_a_ball(200)
+    for spacing in (0.3, 5.0):
+        chosen = select(placement, 16, options=SelectionOptions(spacing=spacing))
+        assert len(chosen) > 2
+        for position, one in enumerate(chosen):
+            assert not overlapping(placement.boxes, one, spacing)[chosen[position + 1 :]].any()
