@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from core import __version__
+from core import __version__, process
 from core.errors import ErrorCode, MeshmarkError
 from core.lab.benchmark.datasets import LAYOUTS
 from core.lab.benchmark.options import OBJECTIVE_METHODS, PAPER_ATTACKS, AttackRequest, BenchmarkOptions
@@ -19,6 +19,7 @@ ACCEPTED = "GLB, glTF, OBJ, STL, PLY, OFF, 3MF or DAE; with its other files as a
 
 def main(arguments: list[str] | None = None) -> int:
     """Runs one command; returns the exit status: 0 done, 1 failed, 2 wrong usage."""
+    process.before_command()
     options = parser().parse_args(arguments)
     try:
         options.run(options)

@@ -10,7 +10,7 @@ LATER = (
     *("core.analysis.texture", "core.placement.place"),
     *("core.embossing.copies", "core.embossing.drawn", "core.embossing.marks", "core.embossing.islands"),
     *("core.embossing.unmarked", "core.reporting", "core.metrics.measure"),
-    *("trimesh.remesh", "DracoPy", "meshopt", "manifold3d", "trimesh.exchange.dae", "rapidocr"),
+    *("opengl_basisu", "DracoPy", "meshopt", "manifold3d", "trimesh.exchange.dae", "rapidocr"),
     *("PIL.BmpImagePlugin", "PIL.GifImagePlugin", "PIL.JpegImagePlugin", "PIL.PngImagePlugin", "PIL.PpmImagePlugin"),
     "PIL.WebPImagePlugin",
 )

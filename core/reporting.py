@@ -13,7 +13,7 @@ from core.formats.sniff import Format
 from core.geometry.boxes import Boxes
 from core.geometry.directions import view_directions
 from core.geometry.surface import MODEL_SIZE, Surface
-from core.metrics.measure import HIGHER_IS_BETTER, UNITS, Measurement
+from core.metrics.measurement import HIGHER_IS_BETTER, UNITS, Measurement
 from core.metrics.topology import topology
 from core.metrics.wps_area import wps_area
 from core.notices import Notice, NoticeCode

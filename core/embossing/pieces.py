@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from core.arrays import Float, Int
 from core.embossing.patch import Patch
@@ -43,23 +44,27 @@ def mend_t_vertices(triangles: Int, faces: Int, points: Float, opposite: Int) ->
     # Boundary edges whose opposite is neither among these triangles nor in ``opposite``.
     size = len(points)
     backward = np.concatenate([edges[:, 1] * size + edges[:, 0], opposite[:, 1] * size + opposite[:, 0]])
-    loose = np.flatnonzero(~among(edges[:, 0] * size + edges[:, 1], backward)).tolist()
-    if not loose or not len(candidates):
+    loose = np.flatnonzero(~among(edges[:, 0] * size + edges[:, 1], backward))
+    if not len(loose) or not len(candidates):
         return triangles, faces
+    first, last = points[edges[loose, 0]], points[edges[loose, 1]]
+    reach = np.linalg.norm(last - first, axis=1) / 2 + 2 * ON_SEGMENT
+    close = cKDTree(points[candidates]).query_ball_point((first + last) / 2, reach, return_sorted=True)
     breaks: dict[int, list[list[int]]] = {}
-    for k in loose:
+    for k, beside in zip(loose.tolist(), close, strict=True):
         a, b = edges[k]
         along = points[b] - points[a]
         squared = float((along * along).sum())
         if squared == 0:
             continue
-        relative = points[candidates] - points[a]
+        near = candidates[beside]
+        relative = points[near] - points[a]
         position = product(relative, along[:, None])[:, 0] / squared
         away = np.linalg.norm(relative - position[:, None] * along, axis=1)
         margin = ON_SEGMENT / np.sqrt(squared)
         hits = np.flatnonzero((away < ON_SEGMENT) & (position > margin) & (position < 1 - margin))
         if len(hits):
-            chain = [int(c) for c in candidates[hits[np.argsort(position[hits])]]]
+            chain = [int(c) for c in near[hits[np.argsort(position[hits])]]]
             breaks.setdefault(k // 3, [[], [], []])[k % 3] = chain
     if not breaks:
         return triangles, faces

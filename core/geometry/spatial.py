@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from core.arrays import Float, Int
 from core.geometry.products import cross
+from core.geometry.triangles import bisected
 
 LONG = 1 / 15  # edge length over the mesh's extent, from which on a triangle is long
 PIECES = 50_000  # triangles that long ones are subdivided into, unless there are more faces
@@ -65,16 +66,11 @@ class _Hierarchies:
         whole, long = np.flatnonzero(edges <= most), np.flatnonzero(edges > most)
         if not len(long):
             return self.positions, self.faces, whole
-        # Imported here because it takes a third of a second, which meshes without long triangles shall not cost.
-        from trimesh.remesh import subdivide_to_size
-
-        rounds = int(np.ceil(np.log2(edges.max() / most))) + 2  # the last makes sure that nothing is left to do
-        points, faces, source = subdivide_to_size(  # type: ignore[no-untyped-call]
-            self.positions, self.faces[long], most, rounds, return_index=True
-        )
+        pieces, source = bisected(self.positions[self.faces[long]], most)
+        new = np.arange(3 * len(pieces)).reshape(-1, 3) + len(self.positions)
         return (
-            np.concatenate([self.positions, points]),
-            np.concatenate([self.faces[whole], np.asarray(faces, dtype=np.int64) + len(self.positions)]),
+            np.concatenate([self.positions, pieces.reshape(-1, 3)]),
+            np.concatenate([self.faces[whole], new]),
             np.concatenate([whole, long[source]]),
         )
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from core.arrays import Float
+from core.arrays import Float, Int
 from core.geometry.products import cross
 
 
@@ -30,6 +30,25 @@ def barycentric(points: Float, triangles: Float) -> Float:
     result = np.clip(np.stack([1 - v - w, v, w], axis=-1), 0.0, 1.0)
     result[result < 1e-9] = 0.0
     return np.asarray(result / result.sum(axis=-1, keepdims=True))
+
+
+def bisected(corners: Float, longest: float) -> tuple[Float, Int]:
+    """Triangles (N, 3, 3) cut in two across their longest edges until no edge is longer than ``longest``: the pieces
+    (M, 3, 3) and the number (M,) of the triangle that each is of."""
+    source = np.arange(len(corners))
+    done = [(corners[:0], source[:0])]
+    while len(corners):
+        length = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)  # of ab, bc, ca
+        long = length.max(axis=1) > longest
+        done.append((corners[~long], source[~long]))
+        corners, source, edge = corners[long], source[long], length[long].argmax(axis=1)
+        rows = np.arange(len(corners))
+        a, b, c = (corners[rows, (edge + corner) % 3] for corner in range(3))
+        middle = (a + b) / 2
+        corners = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+        source = np.tile(source, 2)
+    pieces, sources = zip(*done, strict=True)
+    return np.concatenate(pieces), np.concatenate(sources)
 
 
 def doubled_area(a: Float, b: Float, c: Float) -> Float:

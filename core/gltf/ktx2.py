@@ -3,7 +3,6 @@
 import struct
 
 import numpy as np
-import opengl_basisu
 from numpy.typing import NDArray
 
 MAGIC = b"\xabKTX 20\xbb\r\n\x1a\n"
@@ -32,6 +31,8 @@ def decode_ktx2(data: bytes, limit: int, max_pixels: int) -> NDArray[np.uint8] |
     level = max([number for number, size in enumerate(sizes) if max(size) >= limit], default=0)
     if sizes[level][0] * sizes[level][1] > max_pixels or not _is_consistent(data, sizes):
         return None
+    import opengl_basisu  # here since it takes a twentieth of a second, which few assets are in need of
+
     try:
         image = opengl_basisu.open(data)
         return np.asarray(image.transcode(opengl_basisu.Target.RGBA8, level).data, dtype=np.uint8)

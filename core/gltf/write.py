@@ -173,13 +173,17 @@ class _Vertices:
         """The index accessor of some triangles, each from its lowest row on, in spatial order; where the material is
         blended, which viewers do triangle by triangle, in the order of the triangles they were cut from."""
         if not _is_blended(self._editor.document, source):
-            triangles = triangles[morton_order(self._local[triangles].mean(axis=1))]
+            a, b, c = (self._local[triangles[:, corner]] for corner in range(3))
+            triangles = triangles[morton_order((a + b + c) / 3)]
         return self._editor.add_indices(_from_lowest(self._number[triangles]), np.dtype("<u2"))
 
 
 def _from_lowest(rows: Int) -> Int:
     """Triangles (T, 3) that begin with their lowest row; the winding stays."""
-    return np.take_along_axis(rows, (rows.argmin(axis=1)[:, None] + np.arange(3)) % 3, axis=1)
+    a, b, c = rows.T
+    result, second, third = rows.copy(), (b < a) & (b <= c), (c < a) & (c < b)
+    result[second], result[third] = rows[second][:, [1, 2, 0]], rows[third][:, [2, 0, 1]]
+    return result
 
 
 def _is_blended(document: Document, primitive: dict[str, Any]) -> bool:

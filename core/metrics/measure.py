@@ -3,7 +3,7 @@
 import logging
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
@@ -21,6 +21,7 @@ from core.metrics.crop_survival import crop_survival
 from core.metrics.features import Extractor, LayoutDescriptor, extractor
 from core.metrics.ipe import ipe
 from core.metrics.lce import lce
+from core.metrics.measurement import Measurement, Values
 from core.metrics.ocr import ocr
 from core.metrics.ray import ray
 from core.metrics.ray_origins import above_letters, top_face
@@ -36,31 +37,6 @@ from core.parameters import Evaluate
 log = logging.getLogger(__name__)
 
 Pictures = NDArray[np.uint8]
-Values = dict[str, float | int | None]
-
-HIGHER_IS_BETTER = {
-    "watermark_quality": {
-        "wps": True,
-        "wps_area": True,
-        "ray": True,
-        "ray_box": True,
-        "coverage": True,
-        "crop_survival": True,
-        "ocr": True,
-        "ocr_ge_0.8": True,
-        "ocr_exact": True,
-    },
-    "asset_utility": {
-        "smse": False,
-        "smse_squared": False,
-        "ipe": False,
-        "lce": False,
-        "se": False,
-        "ss": True,
-    },
-}
-# Of the size-30 frame; all other metrics are shares, similarities or counts.
-UNITS = {"smse": "length", "smse_squared": "length^2", "lce": "length^2", "ipe": "parts"}
 
 
 @dataclass(eq=False)
@@ -122,27 +98,6 @@ class Pair:
                 "Where the watermarks stand was not given.",
                 "Give the watermarks as JSON, or the report of the job that made them.",
             )
-
-
-@dataclass
-class Measurement:
-    """All metrics by name; where one is None, ``missing`` says why.
-
-    Attributes:
-        values: by metric.
-        missing: why there is no value, by metric.
-        seconds: by group of metrics.
-        semantics: what extracted the features of ``ss``; empty where it was not measured.
-        warnings: what was measured otherwise than it could have been.
-        box_saliency: (B,) mean saliency under each mark; None where it was not measured.
-    """
-
-    values: Values = field(default_factory=lambda: {name: None for kind in HIGHER_IS_BETTER.values() for name in kind})
-    missing: dict[str, Notice] = field(default_factory=dict)
-    seconds: dict[str, float] = field(default_factory=dict)
-    semantics: str = ""
-    warnings: list[Notice] = field(default_factory=list)
-    box_saliency: Float | None = None
 
 
 def measure(pair: Pair, level: Evaluate, progress: Callable[[float], None] = lambda _: None) -> Measurement:

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 from pydantic import BaseModel, ValidationError
 
-from core.metrics.measure import HIGHER_IS_BETTER
+from core.metrics.measurement import HIGHER_IS_BETTER
 from core.report import EvaluationReport, FileFacts, Metrics, Report, Section
 
 FILE = {"sha256": "00", "bytes": 1, "format": "glb"}

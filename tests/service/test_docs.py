@@ -19,7 +19,7 @@ from core.embossing.refusal import EXPLAINED
 from core.errors import ErrorCode
 from core.lab.attacks.attack import ATTACKS
 from core.lab.benchmark.options import METHODS
-from core.metrics.measure import HIGHER_IS_BETTER, UNITS
+from core.metrics.measurement import HIGHER_IS_BETTER, UNITS
 from core.notices import NoticeCode
 from core.parameters import PRESETS, Parameters, parse_parameters
 from core.pipeline import STAGES

@@ -4,7 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from core.geometry.triangles import barycentric, doubled_area, flat_normals, ring_area, unit
+from core.arrays import Float
+from core.geometry.triangles import barycentric, bisected, doubled_area, flat_normals, ring_area, unit
 
 POINTS = arrays(np.float64, (3, 2), elements=st.floats(-10, 10, width=32))
 
@@ -35,3 +36,23 @@ def test_a_ring_far_from_the_origin_keeps_its_area() -> None:
 
 def test_a_vector_of_no_length_has_no_direction() -> None:
     assert unit(np.array([[0.0, 0, 0], [0, 3, 4]])).tolist() == [[0, 0, 0], [0, 0.6, 0.8]]
+
+
+@given(
+    corners=arrays(np.float64, st.tuples(st.integers(0, 5), st.just(3), st.just(3)), elements=st.floats(-10, 10)),
+    longest=st.floats(1, 20),
+)
+def test_bisected_triangles_have_short_edges_and_cover_what_they_are_cut_from(corners: Float, longest: float) -> None:
+    pieces, source = bisected(corners, longest)
+    assert np.all(np.linalg.norm(pieces - np.roll(pieces, -1, axis=1), axis=2) <= longest)
+    assert np.all(np.bincount(source, minlength=len(corners)) >= 1) or not len(corners)
+    areas = np.linalg.norm(np.cross(pieces[:, 1] - pieces[:, 0], pieces[:, 2] - pieces[:, 0]), axis=1)
+    whole = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    assert np.allclose(np.bincount(source, weights=areas, minlength=len(corners)), whole, atol=1e-9)
+
+
+def test_a_piece_winds_as_the_triangle_it_is_cut_from() -> None:
+    corners = np.array([[[0, 0, 0], [4, 0, 0], [0, 3, 0]]], dtype=float)
+    pieces, source = bisected(corners, 1.0)
+    assert len(pieces) == len(source) > 16
+    assert np.all(np.cross(pieces[:, 1] - pieces[:, 0], pieces[:, 2] - pieces[:, 0])[:, 2] > 0)

@@ -9,7 +9,8 @@ import pytest
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.boxes import Boxes
 from core.geometry.surface import Surface
-from core.metrics.measure import HIGHER_IS_BETTER, UNITS, Measurement, Pair, Subject, measure
+from core.metrics.measure import Pair, Subject, measure
+from core.metrics.measurement import HIGHER_IS_BETTER, UNITS, Measurement
 from core.parameters import Evaluate
 from core.reporting import metrics_of
 from tests.core.metrics.test_ray import on_all_sides
