@@ -1,8 +1,6 @@
 """The colour that is seen at points of a surface, read without a renderer."""
 
 from dataclasses import dataclass
-from functools import lru_cache, partial
-from typing import Any
 
 import numpy as np
 
@@ -12,12 +10,9 @@ from core.geometry.triangles import barycentric
 from core.gltf.attributes import Points
 from core.gltf.base_color import base_color as base_color_of
 from core.gltf.base_color import emitted
-from core.gltf.materials import read_material
+from core.gltf.materials import Material
 from core.gltf.scene import Scene
-from core.gltf.textures import read_texture
-
-TEXTURE_LIMIT = 1024  # pixels a side: a pixel of one that spans the asset is 0.03 size-30 units, a tenth of a letter
-TEXTURES_KEPT = 8  # decoded at a time, 4 MiB each
+from core.gltf.textures import texture_reader
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,22 +68,22 @@ def appearance(scene: Scene, surface: Surface, points: Float, face: Int) -> Appe
     inside = Points(corners - first[owner, None], barycentric(points[:, None], surface.positions[corners])[:, 0])
 
     # Primitives that share attributes and material, such as instances, are read once.
-    kinds: dict[tuple[Any, ...], int] = {}
+    kinds: dict[tuple[Material, tuple[tuple[str, int], ...]], int] = {}
     kind_of = np.zeros(len(scene.primitives), dtype=np.int64)
     for number in np.unique(owner).tolist():
-        drawn = scene.primitives[number]
-        primitive = scene.document.entry("meshes", drawn.mesh)["primitives"][drawn.primitive]
-        key = primitive.get("material"), tuple(sorted(primitive["attributes"].items()))
+        primitive = scene.primitives[number].primitive
+        key = primitive.material, tuple(sorted(primitive.attributes.items()))
         kind_of[number] = kinds.setdefault(key, len(kinds))
 
-    texture = lru_cache(TEXTURES_KEPT)(partial(read_texture, scene.document, limit=TEXTURE_LIMIT))
+    read = texture_reader(scene.document)
     lit, glow, unlit = np.zeros((len(points), 3)), np.zeros((len(points), 3)), np.zeros(len(points), dtype=bool)
     for (material, attributes), kind in kinds.items():
         mine = np.flatnonzero(kind_of[owner] == kind)
-        seen = read_material(scene.document, material, texture)
-        color = base_color_of(scene.document, seen, dict(attributes), inside[mine])[:, :3]
-        (glow if seen.unlit else lit)[mine] = color
-        if seen.emission is not None:
-            glow[mine] = emitted(scene.document, seen.emission, dict(attributes), inside[mine])
-        unlit[mine] = seen.unlit
+        texture = None if material.texture is None else read(material.texture)
+        color = base_color_of(scene.document, material, texture, dict(attributes), inside[mine])[:, :3]
+        (glow if material.unlit else lit)[mine] = color
+        if (emission := material.emission) is not None:
+            texture = None if emission.texture is None else read(emission.texture)
+            glow[mine] = emitted(scene.document, emission, texture, dict(attributes), inside[mine])
+        unlit[mine] = material.unlit
     return Appearance(lit, glow, unlit)

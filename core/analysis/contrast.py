@@ -14,9 +14,7 @@ from core.geometry.products import product
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
 from core.gltf.colors import hex_linear, hex_srgb
-from core.gltf.document import Document, typed
 from core.gltf.edit import Style
-from core.gltf.materials import UNLIT
 from core.gltf.scene import Scene
 
 GRID = (48, 16)  # points under each box, along the text and across it
@@ -47,7 +45,7 @@ def letter_styles(
     Raises:
         MeshmarkError: as :func:`core.analysis.color.appearance`.
     """
-    if not len(boxes) or not _outshines(scene.document):
+    if not len(boxes) or not _outshines(scene):
         return [Style(requested)] * len(boxes)
     across = [(np.arange(count) + 0.5) / count - 0.5 for count in GRID]
     plane = np.stack(np.meshgrid(*across, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -57,13 +55,10 @@ def letter_styles(
     return [_letter_style(seen[rows], requested) for rows in np.split(np.arange(len(point)), len(boxes))]
 
 
-def _outshines(document: Document) -> bool:
-    """True where any material of a document is unlit or emits light: nothing else hides shading."""
-    materials = typed(document.json, "materials", list)
-    return any(
-        UNLIT in typed(material, "extensions", dict) or any(typed(material, "emissiveFactor", list))
-        for material in materials
-    )
+def _outshines(scene: Scene) -> bool:
+    """True where any material of a scene is unlit or emits light: nothing else hides shading."""
+    materials = {drawn.primitive.material for drawn in scene.primitives}
+    return any(material.unlit or material.emission is not None for material in materials)
 
 
 def _letter_style(seen: Appearance, requested: str | None) -> Style:

@@ -36,7 +36,7 @@ def opacity(scene: Scene, surface: Surface, usable: Bool) -> Opacity | None:
             mine, drawn = tested[owner == number], scene.primitives[number]
             corners = surface.faces[face[mine]]
             inside = barycentric(points[mine, None], surface.positions[corners])[:, 0]
-            found[mine] = look.opaque_at(drawn, Points(corners - drawn.first_vertex, inside))
+            found[mine] = look.opaque_at(drawn.primitive, Points(corners - drawn.first_vertex, inside))
         return found
 
     return opaque

@@ -4,7 +4,6 @@ import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import Any
 
 import numpy as np
 
@@ -13,9 +12,9 @@ from core.errors import ErrorCode, MeshmarkError
 from core.geometry.boxes import Boxes
 from core.geometry.overlap import boxes_meet, triangles_meet
 from core.geometry.surface import Surface
-from core.gltf.document import Document, typed
-from core.gltf.hierarchy import scene_nodes
-from core.gltf.scene import DrawnPrimitive, Scene
+from core.gltf.document import Document
+from core.gltf.primitives import DrawnPrimitive
+from core.gltf.scene import Scene
 from core.gltf.skin import read_influences
 from core.parameters import MAX_NAME_LENGTH, Box, BoxRegion, MaterialRegion, NodeRegion, Parameters
 
@@ -113,76 +112,53 @@ def regions(scene: Scene, surface: Surface, parameters: Parameters) -> Regions:
 def _node_faces(scene: Scene, name: str) -> Bool:
     """(F,) faces that nodes of this name draw, or nodes below them; of a skin, those that such nodes move."""
     inside: set[int] = set()
-    for node in scene_nodes(scene.document):  # parents come before their children
-        if _node_name(scene.document, node) == name:
-            inside.add(node)
-        if node in inside:
-            inside.update(typed(scene.document.entry("nodes", node), "children", list))
-    drawn: Bool = np.array([primitive.node in inside for primitive in scene.primitives])
+    for node in scene.nodes:  # parents come before their children
+        if node.label == name:
+            inside.add(node.index)
+        if node.index in inside:
+            inside.update(node.children)
+    members = np.array(sorted(inside), dtype=np.int64)
+    drawn: Bool = np.array([one.node.index in inside for one in scene.primitives])
     mask: Bool = drawn[scene.surface.face_primitive]
-    for number, primitive in enumerate(scene.primitives):
-        joints = [place for place, joint in enumerate(_joints(scene.document, primitive)) if joint in inside]
-        if joints and not drawn[number]:
-            mask[scene.surface.face_primitive == number] = _followers(scene.document, primitive, joints)
+    for number, one in enumerate(scene.primitives):
+        if one.skin is None or drawn[number]:
+            continue
+        joints = np.flatnonzero(np.isin(one.skin.joints, members))
+        if len(joints):
+            mask[scene.surface.face_primitive == number] = _followers(scene.document, one, joints)
     return mask
 
 
-def _followers(document: Document, primitive: DrawnPrimitive, joints: list[int]) -> Bool:
+def _followers(document: Document, one: DrawnPrimitive, joints: Int) -> Bool:
     """(T,) triangles with a corner that follows these ``joints`` of the skin by at least half its weight."""
-    followed, weights = read_influences(document, _entry(document, primitive)["attributes"])
+    followed, weights = read_influences(document, one.primitive.attributes)
     share = (weights * np.isin(followed, joints)).sum(axis=1)
-    return np.asarray((share[primitive.triangles] >= FOLLOWS).any(axis=1))
+    return np.asarray((share[one.triangles] >= FOLLOWS).any(axis=1))
 
 
-def _leaders(document: Document, primitive: DrawnPrimitive) -> Iterable[int]:
+def _leaders(document: Document, one: DrawnPrimitive) -> list[int]:
     """The nodes that some corner of a skinned primitive follows by at least half its weight."""
-    joints = _joints(document, primitive)
-    if not joints:
-        return ()
-    followed, weights = read_influences(document, _entry(document, primitive)["attributes"])
-    used = np.unique(primitive.triangles)
-    return (joints[joint] for joint in np.unique(followed[used][weights[used] >= FOLLOWS]))
-
-
-def _joints(document: Document, primitive: DrawnPrimitive) -> list[int]:
-    """The nodes whose moves a primitive follows; none where no skin moves it."""
-    if primitive.joint_matrices is None:
+    if one.skin is None:
         return []
-    return typed(document.entry("skins", document.entry("nodes", primitive.node)["skin"]), "joints", list)
+    followed, weights = read_influences(document, one.primitive.attributes)
+    used = np.unique(one.triangles)
+    nodes: list[int] = one.skin.joints[np.unique(followed[used][weights[used] >= FOLLOWS])].tolist()
+    return nodes
 
 
-def _node_name(document: Document, node: int) -> str | None:
-    entry = document.entry("nodes", node)
-    name = entry.get("name") or ("mesh" in entry and document.entry("meshes", entry["mesh"]).get("name"))
-    return name if isinstance(name, str) else None
-
-
-def _drawing_names(scene: Scene) -> Iterable[str | None]:
+def _drawing_names(scene: Scene) -> Iterable[str]:
     """Names of all nodes that draw or move a triangle, or have one below them that does."""
-    document = scene.document
-    drawing = {primitive.node for primitive in scene.primitives}
-    for primitive in scene.primitives:
-        drawing.update(_leaders(document, primitive))
-    nodes = scene_nodes(document)
-    for node in reversed(nodes):
-        if not drawing.isdisjoint(typed(document.entry("nodes", node), "children", list)):
-            drawing.add(node)
-    return (_node_name(document, node) for node in nodes if node in drawing)
+    drawing = {one.node.index for one in scene.primitives}
+    for one in scene.primitives:
+        drawing.update(_leaders(scene.document, one))
+    for node in reversed(scene.nodes):
+        if not drawing.isdisjoint(node.children):
+            drawing.add(node.index)
+    return (node.label for node in scene.nodes if node.index in drawing)
 
 
-def _entry(document: Document, primitive: DrawnPrimitive) -> dict[str, Any]:
-    entry: dict[str, Any] = document.entry("meshes", primitive.mesh)["primitives"][primitive.primitive]
-    return entry
-
-
-def _material_of(document: Document, primitive: DrawnPrimitive) -> str | None:
-    entry = _entry(document, primitive)
-    name = document.entry("materials", entry["material"]).get("name") if "material" in entry else None
-    return name if isinstance(name, str) else None
-
-
-def _material_names(scene: Scene) -> Iterable[str | None]:
-    return (_material_of(scene.document, primitive) for primitive in scene.primitives)
+def _material_names(scene: Scene) -> Iterable[str]:
+    return (one.primitive.material.name for one in scene.primitives)
 
 
 def _material_faces(scene: Scene, name: str) -> Bool:
@@ -190,7 +166,7 @@ def _material_faces(scene: Scene, name: str) -> Bool:
     return np.array([found == name for found in _material_names(scene)])[scene.surface.face_primitive]
 
 
-def _unknown(where: str, kind: str, name: str, names: Iterable[str | None]) -> MeshmarkError:
+def _unknown(where: str, kind: str, name: str, names: Iterable[str]) -> MeshmarkError:
     # First those that the name may be a misspelling of, then all in file order.
     usable = list(dict.fromkeys(known for known in names if known and len(known) <= MAX_NAME_LENGTH))
     listed = list(dict.fromkeys(get_close_matches(name, usable, LISTED) + usable))[:LISTED]

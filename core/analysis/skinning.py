@@ -9,8 +9,9 @@ from core.arrays import Float, Int
 from core.geometry.boxes import Boxes
 from core.geometry.surface import Surface
 from core.geometry.triangles import barycentric
-from core.gltf.scene import DrawnPrimitive, Scene
-from core.gltf.skin import influence_sets, read_influences
+from core.gltf.primitives import DrawnPrimitive
+from core.gltf.scene import Scene
+from core.gltf.skin import read_influences
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +59,7 @@ def skin_deformation(scene: Scene, surface: Surface, points: Float, face: Int) -
         drawn, found = scene.primitives[number], skinned[number]
         mine = np.flatnonzero(owner == number)
         if found is None:
-            moved[mine, 0], weights[mine, 0] = drawn.node, 1.0
+            moved[mine, 0], weights[mine, 0] = drawn.node.index, 1.0
             continue
         nodes, strength = found
         rows = corners[mine] - drawn.first_vertex
@@ -70,9 +71,7 @@ def skin_deformation(scene: Scene, surface: Surface, points: Float, face: Int) -
 
 def _influences(scene: Scene, drawn: DrawnPrimitive) -> tuple[Int, Float] | None:
     """The nodes (V, K) that move each vertex of a primitive, and by how much (V, K); None where it has no skin."""
-    attributes = scene.document.entry("meshes", drawn.mesh)["primitives"][drawn.primitive]["attributes"]
-    if drawn.joint_matrices is None or not influence_sets(attributes):
+    if drawn.skin is None:
         return None
-    numbers, strength = read_influences(scene.document, attributes)
-    skin = scene.document.entry("skins", scene.document.entry("nodes", drawn.node)["skin"])
-    return np.array(skin["joints"], dtype=np.int64)[numbers], strength
+    numbers, strength = read_influences(scene.document, drawn.primitive.attributes)
+    return drawn.skin.joints[numbers], strength

@@ -64,20 +64,18 @@ def unmarked_parts(
 
 def _names(scene: Scene) -> list[str]:
     """The name in the file of each drawn primitive's part."""
-    document = scene.document
-    if len({drawn.node for drawn in scene.primitives}) > 1:
-        return [_name(document.entry("nodes", drawn.node), f"nodes[{drawn.node}]") for drawn in scene.primitives]
-    found = []
-    for drawn in scene.primitives:
-        primitive = document.entry("meshes", drawn.mesh)["primitives"][drawn.primitive]
-        number = primitive.get("material")
-        found.append("" if number is None else _name(document.entry("materials", number), f"materials[{number}]"))
-    return found
+    nodes = [drawn.node for drawn in scene.primitives]
+    if len({node.index for node in nodes}) > 1:
+        return [_shortened(node.name) or f"nodes[{node.index}]" for node in nodes]
+    materials = [drawn.primitive.material for drawn in scene.primitives]
+    return [
+        "" if material.index is None else _shortened(material.name) or f"materials[{material.index}]"
+        for material in materials
+    ]
 
 
-def _name(entry: dict[str, object], number: str) -> str:
-    name = entry.get("name")
-    return repr(name[:60]) if isinstance(name, str) and name else number
+def _shortened(name: str) -> str:
+    return repr(name[:60]) if name else ""
 
 
 def _seen(scene: Scene, surface: Surface, samples: Saliency, index: SpatialIndex) -> Float:

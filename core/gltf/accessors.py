@@ -42,6 +42,15 @@ def read_accessor(document: Document, index: int) -> NDArray[Any]:
     return values[:, 0] if kind == "SCALAR" else values
 
 
+def read_values(document: Document, index: int) -> Float:
+    """The values of an accessor as numbers: :func:`read_accessor`, dequantized.
+
+    Raises:
+        MeshmarkError: as :func:`read_accessor`.
+    """
+    return dequantize(read_accessor(document, index), document.entry("accessors", index))
+
+
 def dequantize(array: NDArray[Any], accessor: dict[str, Any]) -> Float:
     """Accessor values as float64, integers of a ``normalized`` accessor as fractions (specification 3.6.2.2)."""
     values = array.astype(np.float64)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from core.arrays import Bool, Float, Int
 from core.geometry.products import cross
 from core.geometry.triangles import unit
-from core.gltf.accessors import dequantize, read_accessor
+from core.gltf.accessors import dequantize, read_accessor, read_values
 from core.gltf.document import Document
 from core.gltf.skin import influence_sets, merge, quantize_weights, read_influences
 
@@ -44,11 +44,8 @@ class Points:
 
 def read_rows(document: Document, name: str, accessor: int) -> NDArray[Any]:
     """(V, n) accessor rows in the component type that they are written in: see ``GEOMETRIC``."""
-    rows = read_accessor(document, accessor)
-    rows = rows.reshape(len(rows), -1)
-    if name in GEOMETRIC:
-        return dequantize(rows, document.entry("accessors", accessor)).astype("<f4")
-    return rows
+    rows = read_values(document, accessor).astype("<f4") if name in GEOMETRIC else read_accessor(document, accessor)
+    return rows.reshape(len(rows), -1)
 
 
 def interpolate_attribute(document: Document, name: str, accessor: int, points: Points) -> Float:

@@ -16,8 +16,10 @@ LINEAR = np.where(_ENCODED <= 0.04045, _ENCODED / 12.92, ((_ENCODED + 0.055) / 1
 
 
 @np.errstate(over="ignore", invalid="ignore")  # factors and transforms of any size
-def base_color(document: Document, material: Material, attributes: dict[str, int], points: Points) -> Float:
-    """(C, 4) linear RGBA, 0 to 1, at points of primitives with one material and the same attributes.
+def base_color(
+    document: Document, material: Material, texture: Texture | None, attributes: dict[str, int], points: Points
+) -> Float:
+    """(C, 4) linear RGBA, 0 to 1, at points of primitives with one material, its texture, and the same attributes.
 
     Factor x texture (KHR_texture_transform, wrap modes, its own UV set) x COLOR_0; a texture that cannot be shown, or
     whose UV set is missing, counts as white. Alpha is the file's, before ``alphaMode`` applies.
@@ -27,9 +29,9 @@ def base_color(document: Document, material: Material, attributes: dict[str, int
     """
     color = np.repeat(material.color[None], len(points.rows), axis=0)
     uv = _attribute(document, f"TEXCOORD_{material.uv_set}", attributes, points, columns=2)
-    if material.texture is not None and uv is not None:
+    if texture is not None and uv is not None:
         moved = product(uv, material.uv_transform[:, :2].T) + material.uv_transform[:, 2]
-        color *= _texels(material.texture, np.nan_to_num(moved))
+        color *= _texels(texture, np.nan_to_num(moved))
     tint = _attribute(document, "COLOR_0", attributes, points, columns=3)
     if tint is not None:
         color[:, : tint.shape[1]] *= tint
@@ -37,8 +39,10 @@ def base_color(document: Document, material: Material, attributes: dict[str, int
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def emitted(document: Document, emission: Emission, attributes: dict[str, int], points: Points) -> Float:
-    """(C, 3) linear RGB emission at points of such primitives; 0 where the UV set of its texture is missing.
+def emitted(
+    document: Document, emission: Emission, texture: Texture | None, attributes: dict[str, int], points: Points
+) -> Float:
+    """(C, 3) linear RGB emission at points of such primitives; 0 where its texture cannot be shown or lacks its UV set.
 
     Raises:
         MeshmarkError: as :func:`base_color`.
@@ -46,11 +50,13 @@ def emitted(document: Document, emission: Emission, attributes: dict[str, int], 
     color = np.repeat(emission.color[None], len(points.rows), axis=0)
     if emission.texture is None:
         return color
+    if texture is None:
+        return np.zeros_like(color)
     uv = _attribute(document, f"TEXCOORD_{emission.uv_set}", attributes, points, columns=2)
     if uv is None:
         return np.zeros_like(color)
     moved = product(uv, emission.uv_transform[:, :2].T) + emission.uv_transform[:, 2]
-    return np.asarray(color * _texels(emission.texture, np.nan_to_num(moved))[:, :3])
+    return np.asarray(color * _texels(texture, np.nan_to_num(moved))[:, :3])
 
 
 def _attribute(document: Document, name: str, attributes: dict[str, int], points: Points, columns: int) -> Float | None:

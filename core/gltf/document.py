@@ -224,6 +224,12 @@ def typed(parent: dict[str, Any], key: str, kind: type[T]) -> T:
     return value
 
 
+def named(entry: dict[str, Any]) -> str:
+    """The name of an object of the file; empty where it has none."""
+    name = entry.get("name")
+    return name if isinstance(name, str) else ""
+
+
 def parse_json(payload: bytes) -> dict[str, Any]:
     """The JSON of a glTF.
 

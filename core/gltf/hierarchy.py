@@ -1,14 +1,66 @@
 """The node hierarchy of a glTF document (glTF 2.0 specification, section 3.5)."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from core.arrays import Float
 from core.geometry.products import product
-from core.gltf.document import Document, malformed, typed
+from core.gltf.document import Document, malformed, named, typed
 
 VISIBILITY = "KHR_node_visibility"
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """A node of a scene.
+
+    Attributes:
+        index: glTF index.
+        name: empty where the file gives none.
+        children: glTF indices.
+        mesh, mesh_name: of the mesh that it draws; ``None`` and empty where it draws none.
+        skin: glTF index; ``None`` where it has none.
+        hidden: KHR_node_visibility hides it, or one above it.
+    """
+
+    index: int
+    name: str
+    children: tuple[int, ...]
+    mesh: int | None
+    mesh_name: str
+    skin: int | None
+    hidden: bool
+
+    @property
+    def label(self) -> str:
+        """The name that viewers show: a node without one goes by that of its mesh."""
+        return self.name or self.mesh_name
+
+
+def read_nodes(document: Document) -> tuple[Node, ...]:
+    """The nodes of the default scene, parents before their children: see :func:`scene_nodes`.
+
+    Raises:
+        MeshmarkError: ``malformed_file`` for nodes that are not well formed or refer to what does not exist.
+    """
+    hidden = hidden_nodes(document)
+    return tuple(_node(document, index, index in hidden) for index in scene_nodes(document))
+
+
+def _node(document: Document, index: int, hidden: bool) -> Node:
+    entry = document.entry("nodes", index)
+    mesh = entry.get("mesh")
+    return Node(
+        index=index,
+        name=named(entry),
+        children=tuple(_children(document, index)),
+        mesh=mesh,
+        mesh_name="" if mesh is None else named(document.entry("meshes", mesh)),
+        skin=entry.get("skin"),
+        hidden=hidden,
+    )
 
 
 def world_matrices(document: Document) -> Float:

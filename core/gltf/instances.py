@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from core.arrays import Float
-from core.gltf.accessors import dequantize, read_accessor
+from core.gltf.accessors import read_accessor, read_values
 from core.gltf.builder import Builder
 from core.gltf.document import Document, malformed, typed
 from core.gltf.hierarchy import transforms
@@ -78,9 +78,7 @@ def _properties(document: Document, node: int, attributes: dict[str, int]) -> di
     }
     for name, width in _PROPERTIES.items():
         if name in attributes:
-            values = dequantize(
-                read_accessor(document, attributes[name]), document.entry("accessors", attributes[name])
-            )
+            values = read_values(document, attributes[name])
             if values.shape != (count, width) or not np.isfinite(values).all():
                 raise malformed(f"The {name} of the instances that nodes[{node}] draws is not {width} finite numbers.")
             found[name] = values

@@ -1,14 +1,12 @@
 """glTF materials, reduced to the properties that a preview shows."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from core.arrays import Float
-from core.gltf.document import Document, malformed, typed
-from core.gltf.textures import Texture
+from core.gltf.document import Document, malformed, named, typed
 
 SPECULAR_GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"
 UNLIT = "KHR_materials_unlit"
@@ -24,13 +22,14 @@ class Emission:
 
     Attributes:
         color: (3,) linear RGB factor, its strength included (KHR_materials_emissive_strength): may exceed 1.
-        texture: multiplies ``color``.
+        texture: number of the one that multiplies ``color``; where it cannot be shown, the emission counts as none:
+            most of such textures are dark.
         uv_set: number n of the texture's TEXCOORD_n.
         uv_transform: (2, 3), applied to (u, v, 1) (KHR_texture_transform).
     """
 
     color: Float
-    texture: Texture | None
+    texture: int | None
     uv_set: int
     uv_transform: Float
 
@@ -39,9 +38,13 @@ class Emission:
 class Material:
     """Base colour, transparency and emission; no metal, gloss, transmission or normal map.
 
+    Textures are named only: :func:`core.gltf.textures.texture_reader` decodes them.
+
     Attributes:
+        index: glTF index; None for the default material.
+        name: empty where the file gives none.
         color: (4,) linear RGBA factor.
-        texture: multiplies ``color``.
+        texture: number of the one that multiplies ``color``.
         uv_set: number n of the texture's TEXCOORD_n.
         uv_transform: (2, 3), applied to (u, v, 1) (KHR_texture_transform).
         alpha_mode: "OPAQUE", "MASK" or "BLEND".
@@ -51,8 +54,10 @@ class Material:
         emission: added to the lit colour; ``None`` where there is none.
     """
 
+    index: int | None
+    name: str
     color: Float
-    texture: Texture | None
+    texture: int | None
     uv_set: int
     uv_transform: Float
     alpha_mode: str
@@ -62,7 +67,7 @@ class Material:
     emission: Emission | None
 
 
-def read_material(document: Document, index: int | None, read_texture: Callable[[int], Texture | None]) -> Material:
+def read_material(document: Document, index: int | None) -> Material:
     """``materials[index]``, or the default material for ``None``.
 
     Where KHR_materials_pbrSpecularGlossiness is given, its diffuse colour is the base colour. The emission of an unlit
@@ -73,15 +78,17 @@ def read_material(document: Document, index: int | None, read_texture: Callable[
     """
     material = {} if index is None else document.entry("materials", index)
     extensions = typed(material, "extensions", dict)
-    name, base = "baseColor", typed(material, "pbrMetallicRoughness", dict)
+    prefix, base = "baseColor", typed(material, "pbrMetallicRoughness", dict)
     if SPECULAR_GLOSSINESS in extensions:
-        name, base = "diffuse", typed(extensions, SPECULAR_GLOSSINESS, dict)
+        prefix, base = "diffuse", typed(extensions, SPECULAR_GLOSSINESS, dict)
     mode = material.get("alphaMode", "OPAQUE")
     unlit = UNLIT in extensions
     try:
-        texture, uv_set, uv_transform = _sampled(typed(base, f"{name}Texture", dict), read_texture)
+        texture, uv_set, uv_transform = _sampled(typed(base, f"{prefix}Texture", dict))
         return Material(
-            color=np.array(base.get(f"{name}Factor", (1, 1, 1, 1)), dtype=np.float64).reshape(4),
+            index=index,
+            name=named(material),
+            color=np.array(base.get(f"{prefix}Factor", (1, 1, 1, 1)), dtype=np.float64).reshape(4),
             texture=texture,
             uv_set=uv_set,
             uv_transform=uv_transform,
@@ -89,32 +96,30 @@ def read_material(document: Document, index: int | None, read_texture: Callable[
             alpha_cutoff={"MASK": float(material.get("alphaCutoff", 0.5)), "BLEND": _INVISIBLE}.get(mode, 0.0),
             double_sided=bool(material.get("doubleSided", False)),
             unlit=unlit,
-            emission=None if unlit else _emission(material, extensions, read_texture),
+            emission=None if unlit else _emission(material, extensions),
         )
     except (TypeError, ValueError, OverflowError):
         raise malformed(f"materials[{index}] has a value of the wrong type.") from None
 
 
-def _emission(
-    material: dict[str, Any], extensions: dict[str, Any], read_texture: Callable[[int], Texture | None]
-) -> Emission | None:
-    """The emission of a material. One whose texture cannot be shown counts as none: most of such textures are dark."""
+def _emission(material: dict[str, Any], extensions: dict[str, Any]) -> Emission | None:
+    """The emission of a material."""
     strength = float(typed(extensions, EMISSIVE_STRENGTH, dict).get("emissiveStrength", 1.0))
     color = np.array(material.get("emissiveFactor", (0, 0, 0)), dtype=np.float64).reshape(3) * strength
     color = np.clip(np.nan_to_num(color), 0, _BRIGHTEST)
     reference = typed(material, "emissiveTexture", dict)
     if not color.any():
         return None
-    texture, uv_set, uv_transform = _sampled(reference, read_texture)
+    texture, uv_set, uv_transform = _sampled(reference)
     return None if reference and texture is None else Emission(color, texture, uv_set, uv_transform)
 
 
-def _sampled(
-    reference: dict[str, Any], read_texture: Callable[[int], Texture | None]
-) -> tuple[Texture | None, int, Float]:
+def _sampled(reference: dict[str, Any]) -> tuple[int | None, int, Float]:
     """The texture that a glTF textureInfo refers to, the UV set it uses and the (2, 3) transform of these."""
     transform = typed(typed(reference, "extensions", dict), "KHR_texture_transform", dict)
-    texture = read_texture(reference["index"]) if "index" in reference else None
+    texture = reference.get("index")
+    if texture is not None and type(texture) is not int:
+        raise TypeError("the index of a texture is not an integer")
     return texture, int(transform.get("texCoord", reference.get("texCoord", 0))), _uv_transform(transform)
 
 

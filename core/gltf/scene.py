@@ -13,54 +13,38 @@ from core.errors import ErrorCode, MeshmarkError
 from core.geometry.grouping import float_words, group_rows
 from core.geometry.products import cross, product
 from core.geometry.surface import MODEL_SIZE, Surface
-from core.gltf.accessors import dequantize, read_accessor
+from core.gltf.accessors import read_values
 from core.gltf.document import Document, malformed, typed
-from core.gltf.hierarchy import scene_nodes, world_matrices
+from core.gltf.hierarchy import Node, read_nodes, world_matrices
 from core.gltf.instances import instance_matrices
-from core.gltf.skin import blend, influence_sets, joint_matrices, read_influences
+from core.gltf.primitives import (
+    TRIANGLE_FAN,
+    TRIANGLE_STRIP,
+    TRIANGLES,
+    DrawnPrimitive,
+    Primitive,
+    PrimitiveReader,
+)
+from core.gltf.skin import Skin, blend, influence_sets, read_influences, read_skin
 from core.gltf.viewer import Look, Viewed, has_area, viewed
 
-TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN = 4, 5, 6
 SINGULAR = 1e-6  # |det| over the product of the column lengths; matrices of less count as singular
 BEYOND = 1e6  # size-30 units; coordinates of undrawn vertices are clamped to this, so that nothing overflows
 
 
 @dataclass(frozen=True, eq=False)
-class DrawnPrimitive:
-    """One mesh primitive as one node of the scene draws it.
+class Scene:
+    """A document as it is drawn.
 
     Attributes:
-        node, mesh, primitive: glTF indices.
-        instance: number of the node's instance (EXT_mesh_gpu_instancing); ``None`` where it has none.
-        triangles: (T, 3) int64 accessor rows in the file's winding; strips and fans as triangle lists.
-        first_vertex: row of ``Surface.positions`` where accessor row 0 lies. Primitives of one mesh that share all
-            their vertex attributes share these rows.
-        matrices: (V, 3, 4) for a skinned primitive, else (1, 3, 4): local -> world at the default pose.
-        joint_matrices: (J, 3, 4) bind pose -> world, for a skinned primitive.
-        morph_weights: (K,) the default weights of its morph targets.
-        mirrored: the transform of its node has a negative determinant, so its faces in the surface are flipped. Of a
-            skin no other transform counts either (3.7.4): where only its joints mirror, viewers show its inside.
-        invertible: every vertex in use can be transformed back from world to local.
+        document: the file; stages that ask for pixels or vertex attributes read them there.
+        nodes: of the default scene, parents before their children.
+        surface: all triangles.
+        primitives: that ``Surface.face_primitive`` counts.
     """
 
-    node: int
-    mesh: int
-    primitive: int
-    instance: int | None
-    triangles: Int
-    first_vertex: int
-    matrices: Float
-    joint_matrices: Float | None
-    morph_weights: Float
-    mirrored: bool
-    invertible: bool
-
-
-@dataclass(frozen=True, eq=False)
-class Scene:
-    """A document, its surface, and the drawn primitives that ``Surface.face_primitive`` counts."""
-
     document: Document
+    nodes: tuple[Node, ...]
     surface: Surface
     primitives: tuple[DrawnPrimitive, ...]
 
@@ -74,13 +58,13 @@ class Scene:
 class _Shape:
     """The vertices that primitives of one mesh with the same attributes share, before they are placed.
 
-    ``matrices`` and ``joint_matrices`` are ``None`` where no skin moves them.
+    ``matrices`` and ``skin`` are ``None`` where no skin moves them.
     """
 
     local: NDArray[np.float32]
     morphed: Float
     matrices: Float | None
-    joint_matrices: Float | None
+    skin: Skin | None
     morph_weights: Float
     deformed: bool
 
@@ -90,7 +74,7 @@ class _Vertices:
     """A shape as one node, or one instance of it, draws it; ``owner`` numbers these."""
 
     owner: int
-    node: int
+    node: Node
     instance: int | None
     first: int
     shape: _Shape
@@ -118,40 +102,40 @@ def flatten(document: Document) -> Scene:
         MeshmarkError: ``no_faces``, ``non_finite_positions``, ``index_out_of_range``, ``malformed_file``,
             ``external_reference``.
     """
-    worlds = world_matrices(document)
+    worlds, nodes = world_matrices(document), read_nodes(document)
+    reader = PrimitiveReader(document)
     blocks: list[_Vertices] = []
     primitives: list[DrawnPrimitive] = []
     rows = owner = 0
-    for node in scene_nodes(document):
-        entry = document.entry("nodes", node)
-        if "mesh" not in entry:
+    for node in nodes:
+        if node.mesh is None:
             continue
         placements = _placements(document, node, worlds)
-        shapes, drawn = _read_mesh(document, node, worlds) if placements else ({}, [])
+        shapes, drawn = _read_mesh(document, node, node.mesh, worlds, reader) if placements else ({}, [])
         for instance, world in placements:
             placed: dict[str, _Vertices] = {}
-            for index, key, triangles in drawn:
+            for key, primitive in drawn:
                 if key not in placed:
                     placed[key] = _place(shapes[key], owner, node, instance, world, rows)
                     rows += len(shapes[key].local)
-                if len(triangles):
-                    primitives.append(_draw(placed[key], entry["mesh"], index, triangles, world))
+                if len(primitive.triangles):
+                    primitives.append(_draw(placed[key], primitive, world))
             blocks += placed.values()
             owner += 1
     if not primitives:
         raise _no_faces("The asset has no triangles in its default scene.")
-    return Scene(document, _surface(document, blocks, primitives), tuple(primitives))
+    return Scene(document, nodes, _surface(document, blocks, primitives), tuple(primitives))
 
 
-def _placements(document: Document, node: int, worlds: Float) -> list[tuple[int | None, Float]]:
+def _placements(document: Document, node: Node, worlds: Float) -> list[tuple[int | None, Float]]:
     """(instance, mesh -> world matrix) of each time that a node draws its mesh."""
-    instances = instance_matrices(document, node)
+    instances = instance_matrices(document, node.index)
     if instances is None:
-        return [(None, worlds[node])]
-    if "skin" in document.entry("nodes", node) or _has_animated_weights(document, node):
+        return [(None, worlds[node.index])]
+    if node.skin is not None or _has_animated_weights(document, node.index):
         return []
     with np.errstate(over="ignore", invalid="ignore"):  # refused where vertices are placed
-        return list(enumerate(product(worlds[node], instances)))
+        return list(enumerate(product(worlds[node.index], instances)))
 
 
 def _has_animated_weights(document: Document, node: int) -> bool:
@@ -166,16 +150,17 @@ def _has_animated_weights(document: Document, node: int) -> bool:
     )
 
 
-def _read_mesh(document: Document, node: int, worlds: Float) -> tuple[dict[str, _Shape], list[tuple[int, str, Int]]]:
-    """The shapes of a node's mesh by a key, and the (index, key, triangles) of each of its primitives."""
-    entry = document.entry("nodes", node)
-    mesh = document.entry("meshes", entry["mesh"])
+def _read_mesh(
+    document: Document, node: Node, number: int, worlds: Float, reader: PrimitiveReader
+) -> tuple[dict[str, _Shape], list[tuple[str, Primitive]]]:
+    """The shapes of the mesh ``number``, which a node draws, by a key, and its primitives of triangles with theirs."""
+    entry, mesh = document.entry("nodes", node.index), document.entry("meshes", number)
     weights = typed(entry if "weights" in entry else mesh, "weights", list)
     shapes: dict[str, _Shape] = {}
     drawn = []
     for index, primitive in enumerate(typed(mesh, "primitives", list)):
         if not isinstance(primitive, dict):
-            raise malformed(f"meshes[{entry['mesh']}].primitives[{index}] is not a JSON object.")
+            raise malformed(f"meshes[{number}].primitives[{index}] is not a JSON object.")
         if primitive.get("mode", TRIANGLES) not in (TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN):
             continue
         if "POSITION" not in typed(primitive, "attributes", dict):
@@ -183,34 +168,33 @@ def _read_mesh(document: Document, node: int, worlds: Float) -> tuple[dict[str, 
         key = json.dumps([primitive["attributes"], primitive.get("targets")], sort_keys=True)
         if key not in shapes:
             shapes[key] = _read_shape(document, node, primitive, weights, worlds)
-        drawn.append((index, key, _triangles(document, primitive, len(shapes[key].local))))
+        drawn.append((key, reader.read(number, index, primitive, len(shapes[key].local))))
     return shapes, drawn
 
 
 @np.errstate(over="ignore", invalid="ignore")  # overflowing vertices are refused once they are placed
-def _read_shape(document: Document, node: int, primitive: dict[str, Any], weights: list[Any], worlds: Float) -> _Shape:
+def _read_shape(document: Document, node: Node, primitive: dict[str, Any], weights: list[Any], worlds: Float) -> _Shape:
     attributes, targets = primitive["attributes"], typed(primitive, "targets", list)
     if not all(isinstance(target, dict) for target in targets) or not all(_is_number(weight) for weight in weights):
-        raise malformed(f"The morph targets that nodes[{node}] draws, or their weights, are not well-formed.")
+        raise malformed(f"The morph targets that nodes[{node.index}] draws, or their weights, are not well-formed.")
     _check_attributes(document, [attributes, *targets])
-    local = _read_positions(document, attributes["POSITION"])
+    local = read_values(document, attributes["POSITION"])
     morph_weights = np.zeros(len(targets))
     morph_weights[: len(weights)] = weights[: len(targets)]
     morphed = local
     for target, weight in zip(targets, morph_weights, strict=True):
         if weight and "POSITION" in target:
-            morphed = morphed + weight * _read_positions(document, target["POSITION"])
-    joints = matrices = None
-    skin = document.entry("nodes", node).get("skin")
-    if skin is not None and influence_sets(attributes):
-        joints = joint_matrices(document, skin, worlds)  # the transform of a skinned node itself is ignored
-        matrices = blend(*read_influences(document, attributes), joints)
-    deformed = joints is not None or morphed is not local
-    return _Shape(local.astype(np.float32), morphed, matrices, joints, morph_weights, deformed)
+            morphed = morphed + weight * read_values(document, target["POSITION"])
+    skin = matrices = None
+    if node.skin is not None and influence_sets(attributes):
+        skin = read_skin(document, node.skin, worlds)  # the transform of a skinned node itself is ignored
+        matrices = blend(*read_influences(document, attributes), skin.matrices)
+    deformed = skin is not None or morphed is not local
+    return _Shape(local.astype(np.float32), morphed, matrices, skin, morph_weights, deformed)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # overflowing vertices are refused at the end
-def _place(shape: _Shape, owner: int, node: int, instance: int | None, world: Float, first: int) -> _Vertices:
+def _place(shape: _Shape, owner: int, node: Node, instance: int | None, world: Float, first: int) -> _Vertices:
     """Transform the vertices of a shape to the world."""
     matrices = world[None, :3] if shape.matrices is None else shape.matrices
     # Not a matrix product: it must round the same for equal rows.
@@ -218,7 +202,7 @@ def _place(shape: _Shape, owner: int, node: int, instance: int | None, world: Fl
     if not np.isfinite(placed).all():
         raise MeshmarkError(
             ErrorCode.NON_FINITE_POSITIONS,
-            f"The mesh that nodes[{node}] draws has positions that are not finite numbers.",
+            f"The mesh that nodes[{node.index}] draws has positions that are not finite numbers.",
             "Remove the broken vertices, or export the asset again.",
         )
     return _Vertices(owner, node, instance, first, shape, matrices, placed)
@@ -242,36 +226,6 @@ def _check_attributes(document: Document, maps: list[dict[str, Any]]) -> None:
                 raise malformed(f"accessors[{index}] ({name}) is not of type {kind}.")
 
 
-def _read_positions(document: Document, accessor: int) -> Float:
-    return dequantize(read_accessor(document, accessor), document.entry("accessors", accessor))
-
-
-def _triangles(document: Document, primitive: dict[str, Any], vertex_count: int) -> Int:
-    """(T, 3) accessor rows of a primitive's triangles; strips and fans as in specification 3.7.2.1."""
-    if "indices" in primitive:
-        accessor = primitive["indices"]
-        indices = read_accessor(document, accessor)
-        if indices.ndim != 1 or indices.dtype.kind != "u":
-            raise malformed(f"accessors[{accessor}] should hold indices, one unsigned integer each.")
-        if indices.max() >= vertex_count:
-            raise MeshmarkError(
-                ErrorCode.INDEX_OUT_OF_RANGE,
-                f"A triangle refers to vertex {indices.max()}, but its primitive has {vertex_count} vertices.",
-                "Export the asset again; its index data is damaged.",
-            )
-        indices = indices.astype(np.int64)
-    else:
-        indices = np.arange(vertex_count)
-    mode = primitive.get("mode", TRIANGLES)
-    if mode == TRIANGLES:
-        return indices[: len(indices) // 3 * 3].reshape(-1, 3)
-    first = np.arange(max(len(indices) - 2, 0))
-    if mode == TRIANGLE_STRIP:
-        odd = first % 2
-        return indices[np.stack([first, first + 1 + odd, first + 2 - odd], axis=1)]
-    return indices[np.stack([first + 1, first + 2, np.zeros_like(first)], axis=1)]
-
-
 def determinants(matrices: Float) -> Float:
     """(M,) of the linear parts of matrices (M, 3, 4)."""
     x, y, z = (matrices[:, :, axis] for axis in range(3))
@@ -279,20 +233,18 @@ def determinants(matrices: Float) -> Float:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a matrix this large is not invertible in any useful sense
-def _draw(vertices: _Vertices, mesh: int, index: int, triangles: Int, world: Float) -> DrawnPrimitive:
-    matrices = vertices.matrices if len(vertices.matrices) == 1 else vertices.matrices[np.unique(triangles)]
+def _draw(vertices: _Vertices, primitive: Primitive, world: Float) -> DrawnPrimitive:
+    matrices = vertices.matrices if len(vertices.matrices) == 1 else vertices.matrices[np.unique(primitive.triangles)]
     columns = [matrices[:, :, axis] for axis in range(3)]
     determinant = determinants(matrices)
     volume = np.prod([np.linalg.norm(column, axis=1) for column in columns], axis=0)
     return DrawnPrimitive(
         node=vertices.node,
-        mesh=mesh,
-        primitive=index,
+        primitive=primitive,
         instance=vertices.instance,
-        triangles=triangles,
         first_vertex=vertices.first,
         matrices=vertices.matrices,
-        joint_matrices=vertices.shape.joint_matrices,
+        skin=vertices.shape.skin,
         morph_weights=vertices.shape.morph_weights,
         mirrored=bool(determinants(world[None, :3])[0] < 0),
         invertible=bool((np.abs(determinant) > SINGULAR * volume).all()),

@@ -1,5 +1,6 @@
 """Linear blend skinning at the default pose (glTF 2.0 specification, section 3.7.3)."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -40,19 +41,37 @@ def read_influences(document: Document, attributes: dict[str, Any]) -> tuple[Int
     return joints, weights / total
 
 
-def joint_matrices(document: Document, skin_index: int, worlds: Float) -> Float:
-    """(J, 3, 4) bind pose -> world matrices of a skin's joints; ``worlds`` is (N, 4, 4), one matrix per node."""
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """A skin at the default pose.
+
+    Attributes:
+        joints: (J,) int64, the nodes that move it.
+        matrices: (J, 3, 4) bind pose -> world.
+    """
+
+    joints: Int
+    matrices: Float
+
+
+def read_skin(document: Document, skin_index: int, worlds: Float) -> Skin:
+    """A skin; ``worlds`` is (N, 4, 4), one matrix per node.
+
+    Raises:
+        MeshmarkError: ``malformed_file`` for joints that do not exist, and for broken matrices.
+    """
     skin = document.entry("skins", skin_index)
     joints = typed(skin, "joints", list)
     if not joints or any(type(joint) is not int or not 0 <= joint < len(worlds) for joint in joints):
         raise malformed(f"skins[{skin_index}] does not list existing joints.")
-    world = worlds[np.array(joints)]
+    nodes = np.array(joints, dtype=np.int64)
+    world = worlds[nodes]
     if "inverseBindMatrices" in skin:
         columns = read_accessor(document, skin["inverseBindMatrices"]).astype(np.float64)
         if columns.shape[1:] != (16,) or len(columns) < len(joints) or not np.isfinite(columns).all():
             raise malformed(f"skins[{skin_index}] has too few or broken inverse bind matrices.")
         world = product(world, columns[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1))
-    return np.ascontiguousarray(world[:, :3])
+    return Skin(nodes, np.ascontiguousarray(world[:, :3]))
 
 
 def blend(joints: Int, weights: Float, matrices: Float) -> Float:

@@ -1,8 +1,9 @@
 """Images of a GLB, decoded for drawing."""
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import lru_cache, partial
 from io import BytesIO
 from typing import Any
 
@@ -18,6 +19,9 @@ from core.notices import Notice
 
 MAX_PIXELS = 2**26  # pixels; larger images are not decoded
 
+# Pixels a side of textures whose colours are analysed: a pixel of one that spans the asset is 0.03 size-30 units, a
+# tenth of a letter; and the number of these that are kept decoded, 4 MiB each.
+ANALYSED, KEPT = 1024, 8
 LISTED = 5  # textures that a warning names
 WEBP, BASISU = "EXT_texture_webp", "KHR_texture_basisu"
 
@@ -39,6 +43,9 @@ class Texture:
     pixels: NDArray[np.uint8]
     wrap: tuple[int, int]
     nearest: bool
+
+
+ReadTexture = Callable[[int], Texture | None]
 
 
 def read_texture(document: Document, index: int, limit: int) -> Texture | None:
@@ -65,6 +72,11 @@ def read_texture(document: Document, index: int, limit: int) -> Texture | None:
         wrap=(sampler.get("wrapS", _REPEAT), sampler.get("wrapT", _REPEAT)),
         nearest=sampler.get("magFilter") == _NEAREST,
     )
+
+
+def texture_reader(document: Document, limit: int = ANALYSED, kept: int | None = KEPT) -> ReadTexture:
+    """:func:`read_texture` of a document, which keeps the last ``kept`` textures, or all of them."""
+    return lru_cache(kept)(partial(read_texture, document, limit=limit))
 
 
 def undecoded_textures(document: Document) -> list[Notice]:

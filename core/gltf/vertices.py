@@ -21,7 +21,8 @@ from core.gltf.attributes import (
 )
 from core.gltf.document import Document
 from core.gltf.edit import Kind, SurfaceEdit
-from core.gltf.scene import SINGULAR, DrawnPrimitive, Scene, determinants
+from core.gltf.primitives import DrawnPrimitive
+from core.gltf.scene import SINGULAR, Scene, determinants
 from core.gltf.skin import blend, influence_sets
 
 # Fractions of an attribute's largest value to which the attributes of corners of one point agree that share a row; and
@@ -75,8 +76,7 @@ def cut_patches(scene: Scene, edit: SurfaceEdit) -> list[Patch]:
     for first_vertex, drawn in together.items():
         triangles = np.flatnonzero(np.isin(owner, drawn))
         original = edit.original[triangles].reshape(-1)
-        source = primitive_json(scene.document, scene.primitives[drawn[0]])
-        maps = [source["attributes"], *source.get("targets", [])]
+        maps = scene.primitives[drawn[0]].primitive.maps
         patch = Patch(
             drawn=drawn,
             maps=maps,
@@ -98,12 +98,6 @@ def cut_patches(scene: Scene, edit: SurfaceEdit) -> list[Patch]:
     for patch in patches:
         _interpolate(scene.document, patch)
     return patches
-
-
-def primitive_json(document: Document, drawn: DrawnPrimitive) -> dict[str, Any]:
-    """The JSON object of a drawn primitive."""
-    primitive: dict[str, Any] = document.entry("meshes", drawn.mesh)["primitives"][drawn.primitive]
-    return primitive
 
 
 def row_labels(patch: Patch, corners: Int) -> Int:
@@ -141,8 +135,8 @@ def _place(scene: Scene, world: Float, patch: Patch) -> None:
     points, matrices = patch.points[first], drawn.matrices
     if influence_sets(patch.maps[0]):
         joints, weights = interpolate_influences(document, patch.maps[0], points)
-        if drawn.joint_matrices is not None:
-            matrices = blend(joints, weights, drawn.joint_matrices)
+        if drawn.skin is not None:
+            matrices = blend(joints, weights, drawn.skin.matrices)
         for number in range(joints.shape[1] // 4):
             columns = slice(4 * number, 4 * number + 4)
             patch.values[0][f"JOINTS_{number}"] = joints[:, columns].astype(np.float64)
@@ -178,7 +172,7 @@ def _share_points(scene: Scene, patches: list[Patch]) -> None:
     alike: dict[tuple[tuple[int, int | None], str], list[Patch]] = {}
     for patch in patches:
         drawn = scene.primitives[patch.drawn[0]]
-        node = drawn.node, drawn.instance
+        node = drawn.node.index, drawn.instance
         types = [
             [(name, scene.document.entry("accessors", accessors[name])["componentType"]) for name in values]
             for accessors, values in zip(patch.maps, patch.values, strict=True)
@@ -221,7 +215,8 @@ def _require_invertible(drawn: DrawnPrimitive, matrices: Float) -> None:
     if not (np.abs(determinants(matrices)) > SINGULAR * volume).all():
         raise MeshmarkError(
             ErrorCode.UNSUPPORTED_FEATURE,
-            f"nodes[{drawn.node}] flattens its mesh, so that no letter can be put back into the mesh's own frame.",
+            f"nodes[{drawn.node.index}] flattens its mesh, so that no letter can be put back into the mesh's own "
+            "frame.",
             "Apply the transforms of that node to its mesh and send it again.",
         )
 

@@ -15,8 +15,7 @@ Shading is outside this module: see :mod:`core.gltf.materials`.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,20 +24,18 @@ from core.geometry.products import cross
 from core.gltf.attributes import Points
 from core.gltf.base_color import base_color
 from core.gltf.document import Document
-from core.gltf.hierarchy import hidden_nodes
-from core.gltf.materials import Material, read_material
-from core.gltf.textures import read_texture
+from core.gltf.materials import Material
+from core.gltf.primitives import DrawnPrimitive, Primitive
+from core.gltf.textures import texture_reader
 
 if TYPE_CHECKING:
     from core.geometry.surface import Surface
-    from core.gltf.scene import DrawnPrimitive
 
 
 # Alpha from which on a blended surface occludes, and from which on it is visible.
 OPAQUE, CLEAR = 0.9, 0.02
 # Samples of a primitive's alpha: in all, at least and at most on each triangle, and at a time.
 SAMPLES, FEWEST, MOST, AT_A_TIME = 100_000, 3, 200, 200_000
-TEXTURE_LIMIT, TEXTURES_KEPT = 1024, 8  # pixels a side; decoded at a time, 4 MiB each
 NEEDLE = 1e-7  # height over length; a triangle of less is a line, whose area is rounding errors
 
 
@@ -57,11 +54,11 @@ class Viewed:
     opacity: Float
 
 
-def viewed(document: Document, surface: "Surface", primitives: "Sequence[DrawnPrimitive]") -> Viewed:
+def viewed(document: Document, surface: "Surface", primitives: Sequence[DrawnPrimitive]) -> Viewed:
     """Visibility of the faces of a scene's ``surface``, those of one of ``primitives`` after the other.
 
     Raises:
-        MeshmarkError: ``malformed_file`` for materials that are not well formed or refer to what does not exist.
+        MeshmarkError: ``malformed_file`` for textures that do not exist.
     """
     look = Look(document)
     parts = [(look.drawn(one, one.triangles), one) for one in primitives]
@@ -74,7 +71,7 @@ def viewed(document: Document, surface: "Surface", primitives: "Sequence[DrawnPr
         drawn &= (np.abs(surface.positions[surface.faces]) <= surface.reach).all(axis=(1, 2))
     if not drawn.any():
         drawn[:] = True
-    one_sided = np.array([not look.material(one).double_sided for one in primitives])
+    one_sided = np.array([not one.primitive.material.double_sided for one in primitives])
     return Viewed(drawn, one_sided[surface.face_primitive], np.concatenate([opacity for (_, opacity), _ in parts]))
 
 
@@ -95,42 +92,30 @@ def has_area(corners: Float) -> Bool:
 
 
 class Look:
-    """Materials and alpha of a document's primitives; materials and textures are read once, at their first use."""
+    """Alpha of a document's primitives; that of a whole one, and textures, are read once, at their first use."""
 
     def __init__(self, document: Document) -> None:
         self._document = document
-        self._hidden = hidden_nodes(document)
-        texture = lru_cache(TEXTURES_KEPT)(partial(read_texture, document, limit=TEXTURE_LIMIT))
-        self._plain = lru_cache(None)(partial(read_material, document, read_texture=lambda _: None))
-        self._textured = lru_cache(TEXTURES_KEPT)(partial(read_material, document, read_texture=texture))
-        self._whole: dict[tuple[int, int], tuple[Bool, Float]] = {}  # by mesh and primitive: nodes may share them
+        self._texture = texture_reader(document)
+        self._whole: dict[Primitive, tuple[Bool, Float]] = {}  # nodes may share them
 
-    def material(self, one: "DrawnPrimitive") -> Material:
-        """The material of a primitive, without its texture."""
-        return self._plain(self._entry(one).get("material"))
-
-    def drawn(self, one: "DrawnPrimitive", triangles: Int) -> tuple[Bool, Float]:
+    def drawn(self, one: DrawnPrimitive, triangles: Int) -> tuple[Bool, Float]:
         """Those (T,) of some ``triangles`` (T, 3: accessor rows) of a primitive that are drawn, and the opacity of each
         (T,): see :class:`Viewed`. Collapsed ones count as drawn."""
-        if one.node in self._hidden:
+        if one.node.hidden:
             return np.zeros(len(triangles), dtype=bool), np.ones(len(triangles))
         if len(triangles) < len(one.triangles):
-            return self._by_alpha(one, triangles)
-        key = one.mesh, one.primitive
-        if key not in self._whole:
-            self._whole[key] = self._by_alpha(one, triangles)
-        return self._whole[key]
+            return self._by_alpha(one.primitive, triangles)
+        if one.primitive not in self._whole:
+            self._whole[one.primitive] = self._by_alpha(one.primitive, triangles)
+        return self._whole[one.primitive]
 
-    def opaque_at(self, one: "DrawnPrimitive", points: Points) -> Bool:
+    def opaque_at(self, one: Primitive, points: Points) -> Bool:
         """(C,) those of ``points`` at which a primitive occludes."""
-        return self._opaque(self.material(one), self._alpha(one, points))
+        return self._opaque(one.material, self._alpha(one, points))
 
-    def may_be_seen_through(self, one: "DrawnPrimitive") -> bool:
-        """True where the material of a primitive has an alpha mode other than OPAQUE."""
-        return self.material(one).alpha_mode != "OPAQUE"
-
-    def _by_alpha(self, one: "DrawnPrimitive", triangles: Int) -> tuple[Bool, Float]:
-        material = self.material(one)
+    def _by_alpha(self, one: Primitive, triangles: Int) -> tuple[Bool, Float]:
+        material = one.material
         if material.alpha_mode == "OPAQUE":
             return np.ones(len(triangles), dtype=bool), np.ones(len(triangles))
         count = int(np.clip(SAMPLES // max(len(triangles), 1), FEWEST, MOST))
@@ -144,24 +129,19 @@ class Look:
             opacity[part] = self._opaque(material, alpha).mean(axis=1)
         return drawn, opacity
 
-    def _alpha(self, one: "DrawnPrimitive", points: Points) -> Float:
-        primitive = self._entry(one)
-        material = self._textured(primitive.get("material"))
-        if material.texture is not None and (material.texture.pixels[..., 3] == 255).all():
-            material = self.material(one)
-        if material.texture is None and "COLOR_0" not in primitive["attributes"]:
-            return np.full(len(points.rows), material.color[3])
-        return base_color(self._document, material, primitive["attributes"], points)[:, 3]
+    def _alpha(self, one: Primitive, points: Points) -> Float:
+        texture = None if one.material.texture is None else self._texture(one.material.texture)
+        if texture is not None and (texture.pixels[..., 3] == 255).all():
+            texture = None
+        if texture is None and "COLOR_0" not in one.attributes:
+            return np.full(len(points.rows), one.material.color[3])
+        return base_color(self._document, one.material, texture, one.attributes, points)[:, 3]
 
     @staticmethod
     def _opaque(material: Material, alpha: Float) -> Bool:
         if material.alpha_mode == "OPAQUE":
             return np.ones(alpha.shape, dtype=bool)
         return alpha >= (OPAQUE if material.alpha_mode == "BLEND" else material.alpha_cutoff)
-
-    def _entry(self, one: "DrawnPrimitive") -> dict[str, Any]:
-        primitive: dict[str, Any] = self._document.entry("meshes", one.mesh)["primitives"][one.primitive]
-        return primitive
 
 
 def _spread(count: int) -> Float:

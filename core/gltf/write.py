@@ -19,10 +19,11 @@ from core.gltf.document import Document
 from core.gltf.edit import Kind, Style, SurfaceEdit
 from core.gltf.hierarchy import hidden_nodes, scene_nodes
 from core.gltf.instances import instance_attributes, split_off
-from core.gltf.materials import UNLIT
+from core.gltf.materials import UNLIT, Material
+from core.gltf.primitives import TRIANGLES, Primitive
 from core.gltf.references import OUTLINE
-from core.gltf.scene import TRIANGLES, Scene
-from core.gltf.vertices import Patch, cut_patches, has_normals, primitive_json, row_labels
+from core.gltf.scene import Scene
+from core.gltf.vertices import Patch, cut_patches, has_normals, row_labels
 
 Owner = tuple[int, int | None]  # a node, and the number of its instance
 Replacement = tuple[dict[str, Any] | None, list[dict[str, Any]]]  # the surface and the coloured letters of a primitive
@@ -71,15 +72,15 @@ def write(scene: Scene, edit: SurfaceEdit, styles: Sequence[Style]) -> bytes:
             is_letter = edit.kind[patch.triangles][mine] != Kind.SURFACE
             look = np.where(is_letter, look_of_mark[edit.mark[patch.triangles][mine]], 0)
             base[index] = np.concatenate([kept, added[look == 0]])
-            if _is_blended(scene.document, primitive_json(scene.document, drawn)):
+            if drawn.primitive.is_blended:
                 came = scene.surface.face_triangle[edit.source_face[patch.triangles][mine][look == 0]]
                 stay = np.flatnonzero(edit.keep[first : first + len(drawn.triangles)])
                 base[index] = base[index][np.argsort(np.concatenate([stay, came]), kind="stable")]
             letters[index] = [(number, added[look == number]) for number in np.unique(look[look > 0]).tolist()]
         shared = _Vertices(editor, patch, table, [triangles for triangles in base.values() if len(triangles)])
         for index in patch.drawn:
-            drawn, source = scene.primitives[index], primitive_json(scene.document, scene.primitives[index])
-            changes.setdefault((drawn.node, drawn.instance), {})[drawn.primitive] = (
+            drawn, source = scene.primitives[index], scene.primitives[index].primitive
+            changes.setdefault((drawn.node.index, drawn.instance), {})[source.number] = (
                 shared.primitive(source, base[index]) if len(base[index]) else None,
                 [
                     paint.primitive(source, patch, table, triangles, palette[number - 1])
@@ -155,27 +156,31 @@ class _Vertices:
             if len(used)
         ]
 
-    def primitive(self, source: dict[str, Any], triangles: Int) -> dict[str, Any]:
+    def primitive(self, source: Primitive, triangles: Int) -> dict[str, Any]:
         """``source`` with other, plain accessors, as a list of ``triangles`` (T, 3) rows of the table; everything
-        else about it stays."""
-        primitive = source | {"attributes": self.maps[0], "indices": self._indices(source, triangles)}
-        if "mode" in source:
+        else about it stays.
+
+        Triangles of a blended material, which viewers draw one by one, stay in their order.
+        """
+        primitive = source.json | self.bare(source, triangles, in_order=source.is_blended)
+        if "mode" in primitive:
             primitive["mode"] = TRIANGLES
-        if "targets" in source:
-            primitive["targets"] = self.maps[1:]
-        extensions = {name: value for name, value in source.get("extensions", {}).items() if name != DRACO}
+        extensions = {name: value for name, value in source.json.get("extensions", {}).items() if name != DRACO}
         if OUTLINE in extensions:
             extensions = kept_outline(self._editor, extensions, self._number)
         primitive.pop("extensions", None)
         return primitive | ({"extensions": extensions} if extensions else {})
 
-    def _indices(self, source: dict[str, Any], triangles: Int) -> int:
-        """The index accessor of some triangles, each from its lowest row on, in spatial order; where the material is
-        blended, which viewers do triangle by triangle, in the order of the triangles they were cut from."""
-        if not _is_blended(self._editor.document, source):
+    def bare(self, source: Primitive, triangles: Int, in_order: bool = False) -> dict[str, Any]:
+        """The properties of a primitive without material that say its geometry: ``triangles`` (T, 3), each from its
+        lowest row on, in spatial order, or ``in_order`` as they are."""
+        if not in_order:
             a, b, c = (self._local[triangles[:, corner]] for corner in range(3))
             triangles = triangles[morton_order((a + b + c) / 3)]
-        return self._editor.add_indices(_from_lowest(self._number[triangles]), np.dtype("<u2"))
+        indices = self._editor.add_indices(_from_lowest(self._number[triangles]), np.dtype("<u2"))
+        geometry: dict[str, Any] = {"attributes": self.maps[0], "indices": indices, "targets": self.maps[1:]}
+        first = [key for key in source.json if key in ("indices", "targets")]
+        return {key: geometry[key] for key in (*first, "attributes", "indices")}
 
 
 def _from_lowest(rows: Int) -> Int:
@@ -186,13 +191,6 @@ def _from_lowest(rows: Int) -> Int:
     return result
 
 
-def _is_blended(document: Document, primitive: dict[str, Any]) -> bool:
-    """True where the material of a primitive is blended: its picture depends on the order of its triangles."""
-    if "material" not in primitive:
-        return False
-    return bool(document.entry("materials", primitive["material"]).get("alphaMode") == "BLEND")
-
-
 class _Paint:
     """Plain materials of some colours, made at their first use, and primitives with them."""
 
@@ -200,22 +198,18 @@ class _Paint:
         self._editor = editor
         self._materials: dict[tuple[bool, bool, bool, str], int] = {}
 
-    def primitive(
-        self, source: dict[str, Any], patch: Patch, table: _Rows, triangles: Int, style: Style
-    ) -> dict[str, Any]:
+    def primitive(self, source: Primitive, patch: Patch, table: _Rows, triangles: Int, style: Style) -> dict[str, Any]:
         """A primitive of ``triangles`` (T, 3), rows of ``table``, without the attributes that only textures need."""
         kept = {name for name in patch.maps[0] if not name.startswith(TEXTURING)}
         for target in patch.maps[1:]:
             if kept.isdisjoint(target):
                 kept |= target.keys()  # a morph target must not become empty
-        bare = {key: value for key, value in source.items() if key in ("indices", "targets")}
         vertices = _Vertices(self._editor, patch, table, [triangles], kept)
-        return vertices.primitive(bare, triangles) | {"material": self._material(source, style)}
+        return vertices.bare(source, triangles) | {"material": self._material(source.material, style)}
 
-    def _material(self, source: dict[str, Any], style: Style) -> int:
-        original = self._editor.json["materials"][source["material"]] if "material" in source else {}
-        double_sided, unlit = bool(original.get("doubleSided", False)), UNLIT in original.get("extensions", {})
-        key = double_sided, unlit, style.glows and not unlit, str(style.color)
+    def _material(self, ground: Material, style: Style) -> int:
+        unlit = ground.unlit
+        key = ground.double_sided, unlit, style.glows and not unlit, str(style.color)
         if key not in self._materials:
             self._materials[key] = self._editor.append("materials", letter_material(*key))
             used = self._editor.json.get("extensionsUsed", [])

@@ -1,19 +1,17 @@
 """A GLB as input of a renderer: triangles, normals, colours and materials."""
 
 from dataclasses import dataclass
-from functools import cache, partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Float, Int
-from core.gltf.accessors import dequantize, read_accessor
+from core.gltf.accessors import read_values
 from core.gltf.document import Document, malformed
-from core.gltf.hierarchy import hidden_nodes
-from core.gltf.materials import Emission, Material, read_material
-from core.gltf.scene import DrawnPrimitive, Scene, determinants
-from core.gltf.textures import read_texture
+from core.gltf.materials import Emission, Material
+from core.gltf.primitives import DrawnPrimitive
+from core.gltf.scene import Scene, determinants
+from core.gltf.textures import ReadTexture, Texture, texture_reader
 
 Float32 = NDArray[np.float32]
 
@@ -29,8 +27,9 @@ class Drawable:
         uv: (N, 2) float32 as in glTF (v points down), its transform applied, or ``None``.
         emission_uv: the same for the texture of its emission.
         colors: (N, 4) float32 linear RGBA, or ``None``.
-        material: its texture is drawn only where there is ``uv``, its emission, where that has a texture, only where
-            there is ``emission_uv``.
+        material: its emission, where that has a texture, is drawn only where there is ``emission_uv``.
+        texture: of the material; ``None`` where it has none, it cannot be shown, or there is no ``uv``.
+        emission_texture: the same of its emission and ``emission_uv``.
     """
 
     positions: Float32
@@ -40,6 +39,8 @@ class Drawable:
     emission_uv: Float32 | None
     colors: Float32 | None
     material: Material
+    texture: Texture | None
+    emission_texture: Texture | None
 
 
 def drawables(scene: Scene, texture_limit: int) -> list[Drawable]:
@@ -53,11 +54,8 @@ def drawables(scene: Scene, texture_limit: int) -> list[Drawable]:
     Raises:
         MeshmarkError: ``malformed_file`` for attributes and materials that contradict themselves.
     """
-    document = scene.document
-    texture = cache(partial(read_texture, document, limit=texture_limit))
-    material = cache(partial(read_material, document, read_texture=texture))
-    surface, hidden = scene.surface, hidden_nodes(document)
-    shown = np.array([drawn.node not in hidden for drawn in scene.primitives])[surface.face_primitive]
+    read, surface = texture_reader(scene.document, texture_limit, kept=None), scene.surface
+    shown = np.array([not drawn.node.hidden for drawn in scene.primitives])[surface.face_primitive]
     framed = np.abs(surface.positions).max(axis=1) <= surface.reach
     shown &= (surface.areas > 0) & framed[surface.faces].all(axis=1)
     shown |= not shown.any()
@@ -66,48 +64,49 @@ def drawables(scene: Scene, texture_limit: int) -> list[Drawable]:
     for drawn, triangles in zip(scene.primitives, np.split(np.arange(len(shown)), ends[:-1]), strict=True):
         faces = surface.faces[triangles[shown[triangles]]]
         if len(faces):
-            seen = material(_entry(document, drawn).get("material"))
-            found.append(_drawable(document, drawn, faces, surface.positions, seen))
+            found.append(_drawable(scene.document, drawn, faces, surface.positions, read))
     return sorted(found, key=lambda drawable: drawable.material.alpha_mode == "BLEND")
 
 
-def _entry(document: Document, drawn: DrawnPrimitive) -> dict[str, Any]:
-    entry: dict[str, Any] = document.json["meshes"][drawn.mesh]["primitives"][drawn.primitive]
-    return entry
-
-
-def _drawable(document: Document, drawn: DrawnPrimitive, faces: Int, positions: Float, material: Material) -> Drawable:
+def _drawable(document: Document, drawn: DrawnPrimitive, faces: Int, positions: Float, read: ReadTexture) -> Drawable:
     used, corners = np.unique(faces, return_inverse=True)
     rows = used - drawn.first_vertex
-    attributes = _entry(document, drawn)["attributes"]
+    attributes, material = drawn.primitive.attributes, drawn.primitive.material
     normals = _attribute(document, attributes, "NORMAL", rows)
-    emission = material.emission
+    texture, uv = _sampled(document, attributes, rows, material, read)
+    emission_texture, emission_uv = _sampled(document, attributes, rows, material.emission, read)
     colors = _attribute(document, attributes, "COLOR_0", rows)
     return Drawable(
         positions=positions[used].astype(np.float32),
         faces=corners.reshape(-1, 3),
         normals=None if normals is None else _to_world(normals, drawn, rows).astype(np.float32),
-        uv=_uv(document, attributes, rows, material) if material.texture else None,
-        emission_uv=_uv(document, attributes, rows, emission) if emission and emission.texture else None,
+        uv=uv,
+        emission_uv=emission_uv,
         colors=None if colors is None else np.column_stack([colors, np.ones(len(colors))])[:, :4].astype(np.float32),
         material=material,
+        texture=texture,
+        emission_texture=emission_texture,
     )
 
 
-def _uv(document: Document, attributes: dict[str, Any], rows: Int, layer: Material | Emission) -> Float32 | None:
-    """(N, 2) coordinates at which a texture is sampled; ``None`` where the vertices do not have its set."""
+def _sampled(
+    document: Document, attributes: dict[str, int], rows: Int, layer: Material | Emission | None, read: ReadTexture
+) -> tuple[Texture, Float32] | tuple[None, None]:
+    """A texture, and the (N, 2) coordinates at which it is sampled; ``None`` where it cannot be shown, or the vertices
+    do not have its set."""
+    if layer is None or layer.texture is None or (texture := read(layer.texture)) is None:
+        return None, None
     uv = _attribute(document, attributes, f"TEXCOORD_{layer.uv_set}", rows)
     if uv is None:
-        return None
-    return (uv[:, :2] @ layer.uv_transform[:, :2].T + layer.uv_transform[:, 2]).astype(np.float32)
+        return None, None
+    return texture, (uv[:, :2] @ layer.uv_transform[:, :2].T + layer.uv_transform[:, 2]).astype(np.float32)
 
 
-def _attribute(document: Document, attributes: dict[str, Any], name: str, rows: Int) -> Float | None:
+def _attribute(document: Document, attributes: dict[str, int], name: str, rows: Int) -> Float | None:
     """The accessor rows of a vertex attribute, numbers that are not finite as 0; ``None`` where there is none."""
     if name not in attributes:
         return None
-    accessor = document.entry("accessors", attributes[name])
-    values = dequantize(read_accessor(document, attributes[name]), accessor)
+    values = read_values(document, attributes[name])
     if values.ndim != 2 or not 2 <= values.shape[1] <= 4 or rows.max() >= len(values):
         raise malformed(f"accessors[{attributes[name]}] does not fit the vertices it is the {name} of.")
     return np.nan_to_num(values[rows], nan=0.0, posinf=0.0, neginf=0.0)

@@ -176,11 +176,11 @@ class Renderer:
 
     def _primitive(self, drawable: Drawable, textures: dict[Texture, Any]) -> Any:
         material = drawable.material
-        texture, uv = self._sampled(material.texture, drawable.uv, textures)
+        texture, uv = self._sampled(drawable.texture, drawable.uv, textures)
         glow, glow_texture, glow_uv = np.zeros(3), None, None
         if material.emission is not None and (material.emission.texture is None or drawable.emission_uv is not None):
             glow = material.emission.color
-            glow_texture, glow_uv = self._sampled(material.emission.texture, drawable.emission_uv, textures)
+            glow_texture, glow_uv = self._sampled(drawable.emission_texture, drawable.emission_uv, textures)
         return self._gl.Primitive(
             positions=drawable.positions,
             normals=drawable.normals,

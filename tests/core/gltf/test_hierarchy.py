@@ -5,7 +5,7 @@ import pytest
 
 from core.errors import ErrorCode, MeshmarkError
 from core.gltf.document import Document
-from core.gltf.hierarchy import scene_nodes, world_matrices
+from core.gltf.hierarchy import read_nodes, scene_nodes, world_matrices
 
 QUARTER_TURN_Z = [0, 0, np.sqrt(0.5), np.sqrt(0.5)]
 
@@ -75,3 +75,21 @@ def test_a_chain_of_ten_thousand_nodes_does_not_exhaust_the_stack() -> None:
     document = _document(*nodes, scenes=[{"nodes": [0]}])
     assert world_matrices(document)[-1][0, 3] == count - 1
     assert len(scene_nodes(document)) == count
+
+
+def test_nodes_know_their_names_children_mesh_and_visibility() -> None:
+    hidden = {"extensions": {"KHR_node_visibility": {"visible": False}}}
+    nodes = read_nodes(
+        _document(
+            {"name": "stand", "children": [2]},
+            {"mesh": 0},
+            {"mesh": 0, "name": "lamp", "children": [3], **hidden},
+            {},
+            meshes=[{"name": "bulb", "primitives": []}],
+        )
+    )
+    assert [node.index for node in nodes] == [0, 2, 3, 1]
+    assert [node.label for node in nodes] == ["stand", "lamp", "", "bulb"]
+    assert [node.children for node in nodes] == [(2,), (3,), (), ()]
+    assert [node.mesh for node in nodes] == [None, 0, None, 0]
+    assert [node.hidden for node in nodes] == [False, True, True, False]

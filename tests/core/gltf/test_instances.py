@@ -154,7 +154,7 @@ def test_instances_that_a_skin_or_animated_weights_move_are_left_alone() -> None
         else:
             channel = {"sampler": 0, "target": {"node": 0, "path": "weights"}}
             document.json["animations"] = [{"channels": [channel], "samplers": [{"input": 0, "output": 0}]}]
-        assert [drawn.node for drawn in flatten(document).primitives] == [1]
+        assert [drawn.node.index for drawn in flatten(document).primitives] == [1]
 
 
 @pytest.mark.parametrize(

@@ -212,7 +212,7 @@ def test_a_real_compressed_asset_is_as_valid_as_before_and_keeps_what_was_not_to
     assert not error_counts(glb) - error_counts(data)
     result = Document.from_glb(glb)
     assert unreferenced_bytes(result) == 0
-    touched = {scene.primitives[0].mesh}
+    touched = {scene.primitives[0].primitive.mesh}
     for number, mesh in enumerate(document.json["meshes"]):
         after = result.json["meshes"][number]["primitives"]
         for which, primitive in enumerate(mesh["primitives"]):

@@ -50,7 +50,7 @@ def test_every_face_leads_back_to_its_primitive_and_triangle() -> None:
     scene = flatten(
         builder.document(meshes=meshes, nodes=[{"mesh": 1, "children": [1]}, {"mesh": 0}], scenes=[{"nodes": [0]}])
     )
-    assert [(drawn.node, drawn.mesh, drawn.primitive) for drawn in scene.primitives] == [
+    assert [(drawn.node.index, drawn.primitive.mesh, drawn.primitive.number) for drawn in scene.primitives] == [
         (0, 1, 0),
         (1, 0, 0),
         (1, 0, 1),
