@@ -56,6 +56,7 @@ def obstructed(base: Float, tops: Float, relief: float, index: SpatialIndex) -> 
         # The first hit of a ray back from above must be the letter's own base.
         distance, _ = index.first_hit(base + reach * direction, -direction, Eye.ORIGIN)
         return bool(np.any(distance < 0.95 * reach))
-    start = 0.05 * abs(relief)
-    distance, _ = index.first_hit(base + start * direction, direction)
-    return bool(np.any(distance < reach - start))
+    # Likewise from below, where another side of a wall, however thin it is, is met from its front.
+    distance, face = index.first_hit(base + reach * direction, -direction)
+    other_side = (face >= 0) & (np.einsum("ni,ni->n", index.normals(face), direction) > 0)
+    return bool(np.any(distance[other_side] < 1.05 * reach) or np.any(distance < 0.95 * reach))

@@ -223,24 +223,24 @@ def occluded(boxes: Boxes, points: Float, index: SpatialIndex, reach: float | Fl
     Rays leave along the normal from ``points`` (B, N, 3), see :func:`above` (paper, supplement "Non-Occluding
     Boxes"), and pass faces that hide nothing from the outside.
     """
-    return _meets(points, boxes.axes[:, 2], index, reach, Eye.FAR)
-
-
-def thin_walled(boxes: Boxes, points: Float, index: SpatialIndex, depth: float | Float) -> Bool:
-    """(B,) boxes with another side of the asset within ``depth`` (one for all, or (B,)) behind their surface, size-30
-    units.
-
-    Sunken letters would break through there. Rays go against the normal from ``points`` (B, N, 3) just below
-    the surface, see :func:`above`.
-    """
-    return _meets(points, -boxes.axes[:, 2], index, depth, None)
-
-
-def _meets(points: Float, along: Float, index: SpatialIndex, reach: float | Float, eye: Eye | None) -> Bool:
-    """(B,) whether a ray from any of ``points`` (B, N, 3) ``along`` (B, 3) hits something within ``reach``."""
-    directions = np.broadcast_to(along[:, None], points.shape)
-    distance, _ = index.first_hit(points.reshape(-1, 3), directions.reshape(-1, 3), eye)
+    normal = np.broadcast_to(boxes.axes[:, None, 2], points.shape)
+    distance, _ = index.first_hit(points.reshape(-1, 3), normal.reshape(-1, 3), Eye.FAR)
     return np.asarray((distance.reshape(points.shape[:2]) <= np.reshape(reach, (-1, 1))).any(axis=1))
+
+
+def thin_walled(boxes: Boxes, met: Footprint, index: SpatialIndex, depth: Float) -> Bool:
+    """(B,) boxes with another side of the asset within ``depth`` (B,) behind their surface, size-30 units.
+
+    Sunken letters would break through there. Rays come back from that depth along the normal: they meet the surface
+    under the box, at the points that were ``met``, from behind, or another side before it or from its front.
+    """
+    points = above(boxes, met, -depth)
+    normal = np.broadcast_to(boxes.axes[:, None, 2], points.shape).reshape(-1, 3)
+    distance, face = index.first_hit(points.reshape(-1, 3), normal)
+    share = distance / np.repeat(depth, points.shape[1])
+    from_front = (face >= 0) & (np.einsum("ni,ni->n", index.normals(face), normal) < 0)
+    other_side = (share < 0.95) | (from_front & (share < 1.05))
+    return np.asarray(other_side.reshape(points.shape[:2]).any(axis=1))
 
 
 def above(boxes: Boxes, met: Footprint, clearance: float | Float) -> Float:

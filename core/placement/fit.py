@@ -192,7 +192,7 @@ def _survivors(
     blocked = occluded(boxes, sight, index, reach=options.sight * boxes.size[:, 1])
     left["open"] = int((~blocked).sum())
     if parameters.mode is Mode.DEBOSS:
-        blocked |= thin_walled(boxes, above(boxes, met, -SKIN), index, depth=options.lift * relief)
+        blocked |= thin_walled(boxes, met, index, options.lift * relief)
     left["thick"] = int((~blocked).sum())
     visible = np.zeros((len(boxes), len(context.targets.directions)), dtype=bool)
     visible[~blocked] = visibility(boxes[~blocked], sight[~blocked], index, context.targets.directions)

@@ -204,11 +204,12 @@ def test_of_two_layers_in_the_box_the_upper_one_gets_the_text() -> None:
     assert np.all(edit.source_face >= len(bench.surface.faces) // 2)
 
 
-def test_sunken_letters_do_not_come_through_a_thin_plate() -> None:
-    plate = Bench(box(10.0, 4.0, 0.2))
-    top = box_at(center=(0.0, 0.0, 0.1), thickness=0.1)
+@pytest.mark.parametrize("thickness", [0.2, 0.05, 0.01, 0.001])
+def test_sunken_letters_do_not_come_through_a_plate_however_thin(thickness: float) -> None:
+    plate = Bench(box(10.0, 4.0, thickness))
+    top = box_at(center=(0.0, 0.0, thickness / 2), thickness=0.0005)
     assert plate.emboss(top, relief=-0.25) is Refusal.THIN_WALL
-    assert isinstance(plate.emboss(top, relief=-0.1), Mark)
+    assert isinstance(plate.emboss(top, relief=-thickness / 2), Mark)
 
 
 def test_two_watermarks_on_one_face_both_stand() -> None:

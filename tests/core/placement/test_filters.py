@@ -214,12 +214,20 @@ def test_the_curvature_under_a_box_does_not_occlude_it() -> None:
     assert not occluded(where, surface_points(shape, where, 0.1), index_of(shape), reach=30)[0]
 
 
-def test_sunken_letters_need_a_wall_thicker_than_they_are_deep() -> None:
-    shape = cuboid(20, 20, 0.4)
-    where = box((0, 0, 0.2))
-    below = surface_points(shape, where, -0.01)
-    assert thin_walled(where, below, index_of(shape), depth=0.5)[0]
-    assert not thin_walled(where, below, index_of(shape), depth=0.3)[0]
+@pytest.mark.parametrize("thickness", [0.4, 0.05, 0.01, 0.001])
+def test_sunken_letters_need_a_wall_thicker_than_they_are_deep(thickness: float) -> None:
+    shape = cuboid(20, 20, thickness)
+    where = box((0, 0, thickness / 2))
+    met = footprint(where, index_of(shape), shape.normals, CLEARANCE)
+    for depth in (thickness * 1.02, 0.5):
+        assert thin_walled(where, met, index_of(shape), np.array([depth]))[0]
+    assert not thin_walled(where, met, index_of(shape), np.array([thickness * 0.75]))[0]
+
+
+def test_an_open_sheet_has_no_other_side_to_break_through() -> None:
+    shape = plane(20, 20)
+    met = footprint(box(), index_of(shape), shape.normals, CLEARANCE)
+    assert not thin_walled(box(), met, index_of(shape), np.array([0.5]))[0]
 
 
 coordinate = st.floats(-4, 4)
