@@ -275,7 +275,7 @@ def _apply(options: argparse.Namespace) -> None:
         preview=options.preview is not None,
         progress=_show if sys.stderr.isatty() else None,
     )
-    _write(options.output, result.model)
+    _write(options.output, result.file.data)
     if options.report:
         _write(options.report, (json.dumps(result.report, indent=2) + "\n").encode())
     if options.preview:

@@ -17,6 +17,8 @@ from core.artwork.outline import text_artwork
 from core.embossing.mesh import WorkingMesh
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
+from core.formats.format import Format
+from core.formats.registry import WRITERS
 from core.geometry.boxes import Boxes
 from core.gltf.prune import unreferenced_bytes
 from core.gltf.scene import flatten, scene_of
@@ -192,7 +194,7 @@ def write_model(asset: Asset, candidates: Candidates, embossed: Embossed, run: R
     marked = analysis.surface.face_primitive[edit.source_face[np.unique(edit.mark, return_index=True)[1]]]
     left = unmarked_parts(asset.scene, analysis.surface, context.facts.saliency, context.carrier.index, marked)
     run.notices += [left] if left else []
-    run.publish("model", output.model)
+    run.publish("model", output.file.data)
     return output
 
 
@@ -237,4 +239,6 @@ def _written(asset: Asset, context: "PlacementContext", embossed: Embossed) -> O
     model = write(asset.scene, asset.analysis.with_file_winding(embossed.mesh.edit()), styles)
     marks = AssetMarks(surface, boxes, embossed.letters, styles, parameters)
     model, copies = mark_copies(model, marks)
-    return Output(embossed, styles, model, copies, scene_of(model))
+    scene = scene_of(model)
+    del model  # its bytes are in the scene, and the file takes as many
+    return Output(embossed, styles, copies, scene, WRITERS[Format.GLB](scene))

@@ -10,6 +10,7 @@ from typing import Any
 
 from core import marking, measuring
 from core.budgets import DEFAULT_BUDGETS, Budgets
+from core.formats.format import OutputFile
 from core.parameters import Parameters
 from core.preload import preload as preload
 from core.stages import Publish, Request, Run
@@ -34,15 +35,20 @@ class Result:
     """The results of a run.
 
     Attributes:
-        model: the watermarked GLB.
+        file: the watermarked model.
         report: ``meshmark.report/1``; ``service/docs/report.md`` has its fields.
         preview: a PNG contact sheet; None where none was asked for, or where none could be rendered (then the
             report's ``warnings`` say why).
     """
 
-    model: bytes
+    file: OutputFile
     report: dict[str, Any]
     preview: bytes | None
+
+    @property
+    def model(self) -> bytes:
+        """The bytes of ``file``."""
+        return self.file.data
 
 
 def watermark(
@@ -119,7 +125,7 @@ def run_stages(
         seen = measuring.render(asset, output, run)
     with stage("evaluating"):
         report = measuring.evaluate(asset, candidates, output, seen, report, run)
-    return Result(output.model, measuring.as_json(report, run), seen.preview)
+    return Result(output.file, measuring.as_json(report, run), seen.preview)
 
 
 def _peak_memory() -> int:

@@ -9,7 +9,7 @@ from core import __version__
 from core.device import device
 from core.embossing.emboss import Mark
 from core.embossing.refusal import Refusal
-from core.formats.sniff import Format
+from core.formats.format import Format
 from core.geometry.boxes import Boxes
 from core.geometry.directions import view_directions
 from core.geometry.surface import MODEL_SIZE, Surface
@@ -44,7 +44,7 @@ def build_report(asset: Asset, output: Output, parameters: Parameters) -> Report
     """
     surface, embossed = asset.scene.surface, output.embossed
     measured = parameters.evaluate is not Evaluate.NONE
-    model = file_facts(output.model, Format.GLB)
+    model = file_facts(output.file.data, output.file.format)
     refused = {Refusal(reason): count for reason, count in sorted(embossed.refusals.items())}
     verified = len(embossed.marks)
     return Report(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from core.budgets import DEFAULT_BUDGETS, Budgets
 from core.embossing.mesh import WorkingMesh
 from core.errors import MeshmarkError
-from core.formats.sniff import Format
+from core.formats.format import Format, OutputFile
 from core.gltf.edit import Style
 from core.gltf.scene import Scene
 from core.notices import Notice
@@ -124,21 +124,21 @@ class Embossed:
 
 @dataclass(frozen=True, eq=False)
 class Output:
-    """The watermarked GLB.
+    """The watermarked model.
 
     Attributes:
         embossed: the marks that it shows.
         styles: of the letters of each mark.
-        model: the GLB.
         copies: the other scenes, levels of detail and unused meshes of the file.
-        scene: read back from ``model``.
+        scene: the marked asset, read back from the bytes of its GLB.
+        file: ``scene`` as it is published.
     """
 
     embossed: Embossed
     styles: list[Style]
-    model: bytes
     copies: "list[MarkedCopy]"
     scene: Scene
+    file: OutputFile
 
 
 @dataclass(frozen=True, eq=False)

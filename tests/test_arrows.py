@@ -35,13 +35,13 @@ BELOW = {
     "stages": "embossing placement analysis formats gltf budgets parameters",
     "marking": "stages embossing placement analysis artwork formats gltf geometry",
     "measuring": "stages report reporting metrics rendering analysis parameters",
-    "pipeline": "marking measuring stages budgets parameters preload",
+    "pipeline": "marking measuring stages formats budgets parameters preload",
     "evaluate": "report reporting metrics rendering analysis formats gltf geometry budgets parameters",
     "lab": (
         "pipeline stages report metrics rendering placement analysis artwork formats gltf geometry budgets parameters "
         "processors"
     ),
-    "cli": "lab pipeline evaluate models parameters",
+    "cli": "lab pipeline evaluate models parameters process",
     "__init__": "process",
 }
 EVERYWHERE = {"arrays", "errors", "notices", "__version__"}

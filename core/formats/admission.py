@@ -8,15 +8,13 @@ from core.errors import ErrorCode, MeshmarkError
 from core.formats.archive import Archive
 from core.formats.assemble import assemble
 from core.formats.assembly import dropped
+from core.formats.format import Format
 from core.formats.registry import FORMATS
-from core.formats.sniff import Format, model_in, models_beside, sniff
+from core.formats.sniff import model_in, models_beside, sniff
 from core.formats.source import Source
 from core.gltf.document import Document
 from core.notices import Notice
 from core.refusals import malformed
-
-# In an archive these are taken by their name, since texts start in many ways.
-_NAMED = (Format.OBJ_ZIP, Format.DAE_ZIP, Format.GLTF_ZIP)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +90,7 @@ def _unpacked(archive: Archive, file_format: Format, budgets: Budgets) -> Source
     """The one model of an archive."""
     name = model_in(archive, file_format)
     content = archive.read(name)
-    if file_format not in _NAMED:
+    if not FORMATS[file_format.inner].named:
         within(len(content), budgets.bytes, "bytes of the model in the archive")
         if not content or (found := sniff(content, budgets)) is not file_format.inner:
             what = f"a file of the kind {found}" if content else "empty"

@@ -11,6 +11,7 @@ from core.budgets import Budgets, within
 from core.formats.assembly import Assembly, dropped, single
 from core.formats.names import decode, texts
 from core.formats.polygons import Attribute, Material, PolygonMesh, check_sizes, color_fractions
+from core.formats.signs import HEAD, Certainty, Sign, head, is_printable
 from core.formats.source import Source
 from core.formats.text import (
     Lines,
@@ -23,6 +24,16 @@ from core.formats.text import (
 )
 from core.notices import Notice
 from core.refusals import malformed, no_faces
+
+_LINE = re.compile(rb"(?:^|[\r\n])[ \t]*(?:v[ \t]+[-+.\d]|f[ \t]+-?\d)")
+_SEARCHED = 2**20  # bytes of a text within which its first vertex or face is searched
+
+
+def _has_line(data: bytes) -> bool:
+    return _LINE.search(data, 0, _SEARCHED if is_printable(head(data)) else HEAD) is not None
+
+
+OBJ_SIGNS = (Sign(Certainty.LINES, _has_line),)
 
 
 def check_obj(source: Source, budgets: Budgets) -> None:

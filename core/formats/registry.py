@@ -1,4 +1,4 @@
-"""The formats that are read, a row for each."""
+"""The formats, a row for each: how it is recognised, checked, read and written."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,41 +7,67 @@ from typing import Any, Generic, TypeVar
 from core.budgets import Budgets
 from core.formats.assembly import Assembly
 from core.formats.dae import check_dae, read_dae
-from core.formats.obj import check_obj
+from core.formats.format import Format, OutputFile
+from core.formats.obj import OBJ_SIGNS, check_obj
 from core.formats.obj_zip import read_obj
 from core.formats.off import check_off, read_off
 from core.formats.pack import check_gltf
 from core.formats.ply import check_ply, read_ply
-from core.formats.sniff import Format
+from core.formats.signs import Sign, begins
 from core.formats.source import Source
-from core.formats.stl import check_stl, read_stl
+from core.formats.stl import STL_SIGNS, check_stl, read_stl
 from core.formats.threemf import check_3mf, read_3mf
 from core.gltf.document import Document
+from core.gltf.scene import Scene
 from core.gltf.validate import check_glb
 
 Parsed = TypeVar("Parsed")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FormatSpec(Generic[Parsed]):
     """A format.
 
     Attributes:
+        sniff: signs in the content of a file, each of which tells it.
+        part: ending of the part by which a ZIP is this format itself, before any model in it counts; empty for formats
+            that are no ZIP.
+        named: in an archive a file of this format is taken by its name alone, since its text may start in many ways.
         check: refuses a file by its headers, before anything is allocated for it, and returns the parsed headers.
         read: the content, given these; None where they are the document already.
+        write: a marked scene as a file; None where this is not written.
     """
 
+    sniff: tuple[Sign, ...] = ()
+    part: str = ""
+    named: bool = False
     check: Callable[[Source, Budgets], Parsed]
     read: Callable[[Source, Parsed, Budgets], Assembly] | None
+    write: Callable[[Scene], OutputFile] | None = None
 
 
+# In their order they are looked for in archives: those that bring textures along before those that do not.
 FORMATS: dict[Format, FormatSpec[Any]] = {
-    Format.GLB: FormatSpec[Document](lambda source, budgets: check_glb(source.data, budgets), None),
-    Format.GLTF: FormatSpec(check_gltf, None),
-    Format.OBJ: FormatSpec(check_obj, read_obj),
-    Format.STL: FormatSpec(check_stl, read_stl),
-    Format.PLY: FormatSpec(check_ply, read_ply),
-    Format.OFF: FormatSpec(check_off, read_off),
-    Format.THREEMF: FormatSpec(check_3mf, read_3mf),
-    Format.DAE: FormatSpec(check_dae, read_dae),
+    Format.GLTF: FormatSpec(
+        sniff=(begins(rb'\s*\{.{0,3900}?"(?:asset|scenes|nodes|meshes|accessors|buffers|bufferViews)"\s*:'),),
+        named=True,
+        check=check_gltf,
+        read=None,
+    ),
+    Format.OBJ: FormatSpec(sniff=OBJ_SIGNS, named=True, check=check_obj, read=read_obj),
+    Format.DAE: FormatSpec(
+        sniff=(begins(rb"\s*(?:<\?xml.{0,2000}?)?<(?:\w+:)?COLLADA\b"),), named=True, check=check_dae, read=read_dae
+    ),
+    Format.GLB: FormatSpec[Document](
+        sniff=(begins(rb"glTF"),),
+        check=lambda source, budgets: check_glb(source.data, budgets),
+        read=None,
+        write=lambda scene: OutputFile(Format.GLB, scene.document.to_glb()),
+    ),
+    Format.PLY: FormatSpec(sniff=(begins(rb"ply[ \t]*[\r\n]"),), check=check_ply, read=read_ply),
+    Format.THREEMF: FormatSpec(part=".model", check=check_3mf, read=read_3mf),
+    Format.OFF: FormatSpec(sniff=(begins(rb"(?:\s|#[^\n]*\n)*(?:ST)?C?N?4?n?OFF\b"),), check=check_off, read=read_off),
+    Format.STL: FormatSpec(sniff=STL_SIGNS, check=check_stl, read=read_stl),
 }
+
+WRITERS = {each: spec.write for each, spec in FORMATS.items() if spec.write is not None}

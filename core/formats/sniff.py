@@ -1,46 +1,13 @@
-"""Formats of files, recognised by content alone, never by name."""
+"""Recognition of a file's format by its content, never by its name: the signs are in the rows of the formats."""
 
 import re
-from enum import StrEnum
 
 from core.budgets import DEFAULT_BUDGETS, Budgets
 from core.errors import ErrorCode, MeshmarkError
-from core.formats import stl
 from core.formats.archive import MAGIC, Archive
-
-
-class Format(StrEnum):
-    """The formats that are read."""
-
-    GLB = "glb"
-    GLTF = "gltf"
-    OBJ = "obj"
-    STL = "stl"
-    PLY = "ply"
-    OFF = "off"
-    THREEMF = "3mf"
-    DAE = "dae"
-    GLTF_ZIP = "gltf+zip"
-    OBJ_ZIP = "obj+zip"
-    DAE_ZIP = "dae+zip"
-    GLB_ZIP = "glb+zip"
-    PLY_ZIP = "ply+zip"
-    THREEMF_ZIP = "3mf+zip"
-    OFF_ZIP = "off+zip"
-    STL_ZIP = "stl+zip"
-
-    @property
-    def inner(self) -> "Format":
-        """The format of the model itself, out of its archive."""
-        return Format(self.removesuffix("+zip"))
-
-
-# The first kind of which an archive holds a model is read: those that bring textures along before those that do not.
-_IN_ARCHIVE = tuple(each for each in Format if each.inner is not each)
-
-
-_HEAD = 4096
-_SEARCHED = 2**20  # bytes within which the first vertex or face of an OBJ is searched
+from core.formats.format import Format
+from core.formats.registry import FORMATS
+from core.formats.signs import Certainty, head, is_printable
 
 # (pattern at the start, name of the format); 3D formats that are recognised but not read
 _OTHER_MODELS = (
@@ -86,9 +53,6 @@ _OTHER_CONTENT = (
     (rb"\s*<\?xml", "an XML document"),
     (rb"\s*[{\[]", "JSON"),
 )
-_DAE = re.compile(rb"(?s)\s*(?:<\?xml.{0,2000}?)?<(?:\w+:)?COLLADA\b")
-_GLTF = re.compile(rb'(?s)\s*\{.{0,3900}?"(?:asset|scenes|nodes|meshes|accessors|buffers|bufferViews)"\s*:')
-_OBJ_LINE = re.compile(rb"(?:^|[\r\n])[ \t]*(?:v[ \t]+[-+.\d]|f[ \t]+-?\d)")
 
 
 def sniff(data: bytes, budgets: Budgets = DEFAULT_BUDGETS) -> Format:
@@ -98,46 +62,26 @@ def sniff(data: bytes, budgets: Budgets = DEFAULT_BUDGETS) -> Format:
         MeshmarkError: ``unsupported_format`` for other 3D formats, ``unknown_format`` for anything else; both name the
             apparent format. For an archive also as :class:`core.formats.archive.Archive`.
     """
-    head = data[:_HEAD].removeprefix(b"\xef\xbb\xbf")
-    if head.startswith(b"glTF"):
-        return Format.GLB
-    if re.match(rb"ply[ \t]*[\r\n]", head):
-        return Format.PLY
-    if re.match(rb"(?:\s|#[^\n]*\n)*(?:ST)?C?N?4?n?OFF\b", head):
-        return Format.OFF
-    if head.startswith(MAGIC):
+    start = head(data)
+    if start.startswith(MAGIC):
         return _archive_format(Archive(data, budgets))
-    if _DAE.match(head):
-        return Format.DAE
-    if _GLTF.match(head):
-        return Format.GLTF
+    for certainty in Certainty:
+        for file_format, spec in FORMATS.items():
+            if any(sign.certainty is certainty and sign.shows(data) for sign in spec.sniff):
+                return file_format
+        if certainty is Certainty.SIGNATURE:
+            _refuse_other(start)
+    raise _unknown("it looks like plain text" if is_printable(start) else "it is binary data of no known kind")
+
+
+def _refuse_other(start: bytes) -> None:
+    """Refuse a file that begins as one of another known kind."""
     for pattern, kind in _OTHER_MODELS:
-        if re.match(pattern, head):
+        if re.match(pattern, start):
             raise _unsupported(kind)
     for pattern, kind in _OTHER_CONTENT:
-        if re.match(pattern, head, re.DOTALL):
+        if re.match(pattern, start, re.DOTALL):
             raise _unknown(f"it looks like {kind}")
-    is_text = _is_printable(head)
-    if stl.is_ascii(data) and re.search(rb"(?i)facet|endsolid", head):
-        return Format.STL
-    if _OBJ_LINE.search(data, 0, _SEARCHED if is_text else _HEAD):
-        return Format.OBJ
-    if _is_binary_stl(data):
-        return Format.STL
-    raise _unknown("it looks like plain text" if is_text else "it is binary data of no known kind")
-
-
-def _is_binary_stl(data: bytes) -> bool:
-    """Binary STL has no signature: either the size fits the count exactly, or 80 bytes of padded text precede it."""
-    if len(data) < stl.HEADER_BYTES:
-        return False
-    if len(data) == stl.HEADER_BYTES + stl.TRIANGLE_BYTES * stl.claimed_count(data):
-        return True
-    return _is_printable(data[:80].replace(b"\0", b" ")) and not _is_printable(data[:_HEAD])
-
-
-def _is_printable(data: bytes) -> bool:
-    return re.search(rb"[\x00-\x08\x0e-\x1f\x7f]", data) is None
 
 
 def model_in(archive: Archive, file_format: Format) -> str:
@@ -146,23 +90,24 @@ def model_in(archive: Archive, file_format: Format) -> str:
     Raises:
         MeshmarkError: ``unsupported_feature`` where there are several.
     """
-    return archive.only(f".{file_format.inner}")
+    return archive.only(file_format.ending)
 
 
 def models_beside(archive: Archive, file_format: Format) -> list[str]:
     """The names of the models of other formats in an archive, which are not read."""
-    endings = tuple(f".{each.inner}" for each in _IN_ARCHIVE if each is not file_format)
+    endings = tuple(each.ending for each in FORMATS if each is not file_format.inner)
     return [name for name in archive.names if name.lower().endswith(endings)]
 
 
 def _archive_format(archive: Archive) -> Format:
     """Format of the model in a ZIP, by the names in its directory; nothing is unpacked."""
     names = [name.lower() for name in archive.names]
-    if any(name.endswith(".model") for name in names):
-        return Format.THREEMF
-    for file_format in _IN_ARCHIVE:
-        if any(name.endswith(f".{file_format.inner}") for name in names):
+    for file_format, spec in FORMATS.items():
+        if spec.part and any(name.endswith(spec.part) for name in names):
             return file_format
+    for file_format in FORMATS:
+        if any(name.endswith(file_format.ending) for name in names):
+            return file_format.archived
     if any(name.endswith((".usdc", ".usda", ".usd")) for name in names):
         raise _unsupported("a USDZ package")
     for ending, kind in _OTHER_ENDINGS.items():

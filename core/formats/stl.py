@@ -10,6 +10,7 @@ from core.budgets import Budgets, within
 from core.errors import ErrorCode
 from core.formats.assembly import Assembly, dropped, single
 from core.formats.polygons import Attribute, PolygonMesh
+from core.formats.signs import HEAD, Certainty, Sign, head, is_printable
 from core.formats.source import Source
 from core.formats.text import Lines, parse_numbers, tokens_per_line
 from core.geometry.grouping import weld
@@ -21,6 +22,22 @@ TRIANGLE_BYTES = 50
 
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _VALID = 0x8000  # bit of an attribute word that marks it as a colour, or as none: see :func:`_colors`
+
+
+def _is_text(data: bytes) -> bool:
+    return is_ascii(data) and re.search(rb"(?i)facet|endsolid", head(data)) is not None
+
+
+def _is_binary(data: bytes) -> bool:
+    """Binary STL has no signature: either the size fits the count exactly, or 80 bytes of padded text precede it."""
+    if len(data) < HEADER_BYTES:
+        return False
+    if len(data) == HEADER_BYTES + TRIANGLE_BYTES * claimed_count(data):
+        return True
+    return is_printable(data[:80].replace(b"\0", b" ")) and not is_printable(data[:HEAD])
+
+
+STL_SIGNS = (Sign(Certainty.KEYWORDS, _is_text), Sign(Certainty.PROPORTIONS, _is_binary))
 
 
 def claimed_count(data: bytes) -> int:

@@ -11,6 +11,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from core.errors import ErrorCode, MeshmarkError
+from core.formats.format import Format
 from core.gltf.document import Document
 from core.gltf.prune import unreferenced_bytes
 from core.gltf.scene import scene_of
@@ -35,6 +36,8 @@ def spot() -> Result:
 
 def test_the_result_is_a_valid_glb_with_watermarks_in_it(spot: Result) -> None:
     assert not error_counts(spot.model)
+    assert spot.file.format is Format.GLB
+    assert spot.report["model"]["format"] == "glb"
     assert len(spot.report["watermarks"]) == 3
     assert spot.report["model"]["faces"] > spot.report["asset"]["faces"]
 

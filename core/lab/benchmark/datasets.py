@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from core.errors import ErrorCode, MeshmarkError
+from core.formats.format import Format
 
-FORMATS = (".glb", ".gltf", ".obj", ".stl", ".ply", ".off", ".3mf", ".dae", ".zip")
+ENDINGS = {*(each.ending for each in Format), ".zip"}  # of files that are read
 # Formats of a Meshy asset, in the order of preference where it was downloaded in several.
 MESHY_FORMATS = (".glb", ".zip", ".obj", ".stl")
 SYSTEM = ("__MACOSX", "Thumbs.db", "desktop.ini")
@@ -125,8 +126,8 @@ def _ignored(paths: list[Path], why: str) -> list[str]:
 def _folder(root: Path, _split: str) -> Dataset:
     """Any accepted file, at any depth; the first folder below the root is the class."""
     files = _visible(root.rglob("*"), root)
-    known = [path for path in files if path.suffix.lower() in FORMATS]
-    other = [path for path in files if path.suffix.lower() not in FORMATS]
+    known = [path for path in files if path.suffix.lower() in ENDINGS]
+    other = [path for path in files if path.suffix.lower() not in ENDINGS]
 
     def kind(path: Path) -> str:
         parts = path.relative_to(root).parts

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from core.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
-from core.formats.sniff import Format
+from core.formats.format import Format
 from core.gltf.scene import flatten
 from tests.core.formats.meshes import MESHES
 from tests.core.formats.samples import (

@@ -9,7 +9,7 @@ from core.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit
 from core.formats.assembly import Assembly
-from core.formats.sniff import Format
+from core.formats.format import Format
 from core.formats.source import Source
 from core.formats.stl import is_ascii, read_stl
 from tests.core.formats.samples import STL_ASCII, STL_BINARY

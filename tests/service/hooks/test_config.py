@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from core.formats.format import Format
 from service.config import Settings
 from service.hooks.config import load_hooks
 from tests.worker.waiting import PATIENCE
@@ -33,6 +34,11 @@ def test_the_example_can_be_used_as_it_is() -> None:
     assert hooks["shop"].parameters.color == "#d02020"
     assert ".3mf" in hooks["aws"].suffixes
     assert hooks["shop"].output_key("incoming/a/chair.glb", ".report.json") == "watermarked/a/chair.glb.report.json"
+
+
+def test_files_of_every_format_are_fetched_where_none_are_named(tmp_path: Path) -> None:
+    (hook,) = load_hooks(written(tmp_path, SHOP)).values()
+    assert set(hook.suffixes) == {*(each.ending for each in Format), ".zip"}
 
 
 def test_settings_have_the_hooks_of_their_file(tmp_path: Path) -> None:
