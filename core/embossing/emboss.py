@@ -28,12 +28,25 @@ from core.gltf.edit import Kind
 
 Cut = Callable[[Patch, CrossSection], Pieces | None]
 CUTS: tuple[tuple[Literal["split", "arrangement"], Cut], ...] = (("split", split), ("arrangement", arrange))
-# Text heights, in the plane of the box; imperceptible shifts that break coincidences of outline and mesh.
-SHIFTS = ((0.0, 0.0), (0.0104, 0.0072), (-0.0088, 0.0136))
-
-EASE_ROUNDS = 6  # rounds in which the draft of caps that would be inverted is halved
 SLACK = 0.05  # reliefs between the letters and the faces of their bounds, so that the surface under them is inside
 FINEST = 4  # spacings of the file's coordinates; least length of a new edge
+
+
+@dataclass(frozen=True)
+class EmbossOptions:
+    """Values of :func:`emboss`: both ours.
+
+    Attributes:
+        shifts: text heights along the text and across it, tried in turn; imperceptible, they break coincidences of
+            outline and mesh.
+        ease_rounds: in which the draft of caps that would be inverted is halved, at most.
+    """
+
+    shifts: tuple[tuple[float, float], ...] = ((0.0, 0.0), (0.0104, 0.0072), (-0.0088, 0.0136))
+    ease_rounds: int = 6
+
+
+EMBOSS = EmbossOptions()
 
 
 @dataclass(frozen=True)
@@ -53,7 +66,14 @@ class Mark:
     bounds: Boxes
 
 
-def emboss(mesh: WorkingMesh, box: Boxes, letters: LetterIslands, relief: float, index: SpatialIndex) -> Mark | Refusal:
+def emboss(
+    mesh: WorkingMesh,
+    box: Boxes,
+    letters: LetterIslands,
+    relief: float,
+    index: SpatialIndex,
+    options: EmbossOptions = EMBOSS,
+) -> Mark | Refusal:
     """Embosses ``letters`` at the one ``box``, or leaves ``mesh`` exactly as it was and returns the reason.
 
     Args:
@@ -62,9 +82,10 @@ def emboss(mesh: WorkingMesh, box: Boxes, letters: LetterIslands, relief: float,
         letters: the islands in text widths.
         relief: size-30 units; negative sinks the letters.
         index: of the original surface.
+        options: tuned values.
     """
     refusal = Refusal.NOT_WHOLE
-    for shift in SHIFTS:
+    for shift in options.shifts:
         moved = Boxes(box.center + product(box.size[0, 1] * np.array([shift]), box.axes[0, :2]), box.axes, box.size)
         found = _single_valued_patches(mesh, moved, index)
         if isinstance(found, Refusal):
@@ -81,10 +102,10 @@ def emboss(mesh: WorkingMesh, box: Boxes, letters: LetterIslands, relief: float,
             return Refusal.SECOND_LAYER
         for name, cut in CUTS:
             cuts = _cut_patches(mesh, moved, used, cut, letters.draft)
-            outcome = cuts if isinstance(cuts, Refusal) else _lift_letters(mesh, moved, cuts, relief, index)
+            outcome = cuts if isinstance(cuts, Refusal) else _lift_letters(mesh, moved, cuts, relief, index, options)
             if outcome is Refusal.TOO_FINE and not isinstance(cuts, Refusal):  # edges of smaller tops are shorter
                 upright = [replace(each, shift=np.zeros_like(each.shift)) for each in cuts]
-                outcome = _lift_letters(mesh, moved, upright, relief, index)
+                outcome = _lift_letters(mesh, moved, upright, relief, index, options)
             if not isinstance(outcome, Refusal):
                 faces, bounds = outcome
                 return Mark(moved, name, faces, bounds)
@@ -156,7 +177,12 @@ def _cut_patches(
 
 
 def _lift_letters(
-    mesh: WorkingMesh, box: Boxes, cuts: list[_PatchCut], relief: float, index: SpatialIndex
+    mesh: WorkingMesh,
+    box: Boxes,
+    cuts: list[_PatchCut],
+    relief: float,
+    index: SpatialIndex,
+    options: EmbossOptions,
 ) -> tuple[int, Boxes] | Refusal:
     """Lifts the letters of all cuts off the surface and puts the result into the mesh; the triangles added, less those
     removed, and the bounds of the letters (:class:`Mark`)."""
@@ -174,7 +200,8 @@ def _lift_letters(
     base, normals, shift = base[order], normals[order], shift[order]
     caps = np.searchsorted(base, letters)
     base_points = _positions(mesh, new, base)
-    tops = _caps(base_points, shift, normals, normal, caps, relief, index)
+    base_letters = _Bases(base_points, shift, normals, caps)
+    tops = _caps(base_letters, normal, relief, index, options)
     if isinstance(tops, Refusal):
         return tops
 
@@ -211,37 +238,45 @@ def _bounds(box: Boxes, points: Float, relief: float) -> Boxes:
     return Boxes(center, box.axes, np.column_stack([box.size[:, :2], [high - low]]))
 
 
-def _caps(
-    base: Float, shift: Float, normals: Float, normal: Float, caps: Int, relief: float, index: SpatialIndex
-) -> Float | Refusal:
-    """(T, 3) cap vertices above the points ``base`` (T, 3), drafted by ``shift`` (T, 3): lifted along their ``normals``
-    (T, 3) or, where these diverge too much, along the box ``normal``; without draft where both fail, so that no
-    watermark is refused because of its draft."""
-    for way in (shift, np.zeros_like(shift)):
-        for along in (normals, np.broadcast_to(normal, normals.shape)):
-            drafted, tops = _draft_and_lift(base, way, along, normal, caps, relief, index)
-            if folded(tops, caps, normal):
+@dataclass(frozen=True, eq=False)
+class _Bases:
+    """The letters of a mark on the surface, with the shift of their caps."""
+
+    points: Float  # (T, 3)
+    shift: Float  # (T, 3) along the surface, of the draft
+    normals: Float  # (T, 3) smooth normals there
+    triangles: Int  # (L, 3)
+
+
+def _caps(bases: _Bases, normal: Float, relief: float, index: SpatialIndex, options: EmbossOptions) -> Float | Refusal:
+    """(T, 3) cap vertices above the ``bases``: lifted along their normals or, where these diverge too much, along the
+    box ``normal``; without draft where both fail, so that no watermark is refused because of its draft."""
+    upright = replace(bases, shift=np.zeros_like(bases.shift))
+    for drafted in (bases, upright):
+        for along in (bases.normals, np.broadcast_to(normal, bases.normals.shape)):
+            points, tops = _draft_and_lift(replace(drafted, normals=along), normal, relief, index, options)
+            if folded(tops, bases.triangles, normal):
                 continue
-            if not obstructed(drafted, tops, relief, index):
+            if not obstructed(points, tops, relief, index):
                 return tops
-            if way is not shift:
+            if drafted is upright:
                 return Refusal.SECOND_LAYER if relief > 0 else Refusal.THIN_WALL
             break
     return Refusal.FOLDED
 
 
 def _draft_and_lift(
-    base: Float, shift: Float, along: Float, normal: Float, caps: Int, relief: float, index: SpatialIndex
+    bases: _Bases, normal: Float, relief: float, index: SpatialIndex, options: EmbossOptions
 ) -> tuple[Float, Float]:
-    """(T, 3) each: the points ``base`` moved by ``shift``, by less where one of the ``caps`` (L, 3) would be inverted,
-    and the cap vertices above them."""
-    drafted = base + shift
+    """(T, 3) each: the points of the ``bases`` shifted, by less where one of their triangles would be inverted, and the
+    cap vertices above them, along their normals."""
+    drafted, along = bases.points + bases.shift, bases.normals
     tops = lift(drafted, along, relief, index)
-    for _ in range(EASE_ROUNDS if shift.any() else 0):
-        eased = np.unique(caps[inverted(tops, caps, normal)])
+    for _ in range(options.ease_rounds if bases.shift.any() else 0):
+        eased = np.unique(bases.triangles[inverted(tops, bases.triangles, normal)])
         if not len(eased):
             break
-        drafted[eased] = (base[eased] + drafted[eased]) / 2
+        drafted[eased] = (bases.points[eased] + drafted[eased]) / 2
         tops[eased] = lift(drafted[eased], along[eased], relief, index)
     return drafted, tops
 

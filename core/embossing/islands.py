@@ -7,7 +7,7 @@ from manifold3d import CrossSection, FillRule
 
 from core.arrays import Bool, Float, Int
 from core.artwork.artwork import Artwork
-from core.embossing.draft import Draft, draft
+from core.embossing.draft import DRAFT, Draft, DraftOptions, draft
 from core.embossing.patch import Patch
 from core.embossing.refusal import Refusal
 from core.geometry.boxes import Boxes
@@ -37,12 +37,12 @@ class LetterIslands:
     draft: Draft
 
 
-def letter_islands(artwork: Artwork) -> LetterIslands:
-    """The islands of ``artwork``."""
+def letter_islands(artwork: Artwork, options: DraftOptions = DRAFT) -> LetterIslands:
+    """The islands of ``artwork``; ``options`` are those of their draft."""
     islands = tuple(CrossSection(list(artwork.rings), FillRule.Positive).decompose())
     rings = [island.to_polygons() for island in islands]
     finest = min(float(np.linalg.norm(r - np.roll(r, 1, axis=0), axis=1).min()) for ring in rings for r in ring)
-    return LetterIslands(islands, tuple(np.concatenate(ring) for ring in rings), finest, draft(islands))
+    return LetterIslands(islands, tuple(np.concatenate(ring) for ring in rings), finest, draft(islands, options))
 
 
 def assign_to_patches(

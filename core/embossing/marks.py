@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.arrays import Float
-from core.embossing.emboss import Mark, emboss
+from core.embossing.emboss import EMBOSS, EmbossOptions, Mark, emboss
 from core.embossing.islands import LetterIslands
 from core.embossing.mesh import WorkingMesh
 from core.embossing.patch import patches
@@ -22,14 +22,33 @@ from core.placement.objective import Placement
 from core.placement.place import search_again
 from core.placement.selection import select
 
-FAILED_CUTS = 10  # refused cuts a requested mark, at most: cuts are the costly step, and further boxes are no better
-MAX_SEARCHES = 4
-# Shares of the target objective. Search again if refused cuts leave less than the first, and repeat as long as a search
-# recovers at least the second.
-ACCEPTED_SHARE, MIN_IMPROVEMENT = 0.9, 0.02
-DOUBTS = 4  # refused doubtful boxes a requested mark, after which the other doubtful ones are not tried
-SAME_SIDE = 0.8  # cosine between the normals of boxes, from which on the same edges obstruct both
 ALONG = np.linspace(0, 1, 9)  # parameters of the sample points on an edge
+
+
+@dataclass(frozen=True)
+class MarkOptions:
+    """Values of :func:`emboss_marks`: all ours; the paper cuts its boxes once.
+
+    Attributes:
+        failed_cuts: refused cuts a requested mark, at most: cuts are the costly step, and further boxes are no better.
+        max_searches: for more boxes.
+        accepted_share: of the target objective; a search follows where refused cuts leave less.
+        min_improvement: share of the target objective that a search has to recover for another to follow.
+        doubts: refused doubtful boxes a requested mark, after which the other doubtful ones are not tried.
+        same_side: cosine between the normals of boxes, from which on the same edges obstruct both.
+        emboss: of each cut.
+    """
+
+    failed_cuts: int = 10
+    max_searches: int = 4
+    accepted_share: float = 0.9
+    min_improvement: float = 0.02
+    doubts: int = 4
+    same_side: float = 0.8
+    emboss: EmbossOptions = EMBOSS
+
+
+MARKS = MarkOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +67,12 @@ class Marks:
 
 
 def emboss_boxes(
-    mesh: WorkingMesh, boxes: Boxes, letters: LetterIslands, parameters: Parameters, index: SpatialIndex
+    mesh: WorkingMesh,
+    boxes: Boxes,
+    letters: LetterIslands,
+    parameters: Parameters,
+    index: SpatialIndex,
+    options: EmbossOptions = EMBOSS,
 ) -> Iterator[Mark | Refusal]:
     """Embosses ``letters`` at each of the ``boxes`` in turn and yields each outcome.
 
@@ -58,10 +82,11 @@ def emboss_boxes(
         letters: the islands in text widths.
         parameters: relief and mode.
         index: of the mesh's original surface.
+        options: tuned values.
     """
     for number in range(len(boxes)):
         box = boxes[np.array([number])]
-        yield emboss(mesh, box, letters, parameters.relief_at(box.size[0, 1]), index)
+        yield emboss(mesh, box, letters, parameters.relief_at(box.size[0, 1]), index, options)
 
 
 def emboss_marks(
@@ -71,6 +96,7 @@ def emboss_marks(
     letters: LetterIslands,
     rng: np.random.Generator,
     progress: Callable[[float], None] = lambda _: None,
+    options: MarkOptions = MARKS,
 ) -> Marks:
     """Embosses the best choice of boxes.
 
@@ -85,6 +111,7 @@ def emboss_marks(
         letters: the islands in text widths.
         rng: the source of the searches' draws.
         progress: called with the share done, 0 to 1.
+        options: tuned values.
 
     Raises:
         MeshmarkError: ``no_placement`` where every cut was refused.
@@ -95,13 +122,13 @@ def emboss_marks(
     refusals: Counter[str] = Counter()
     rejected: set[int] = set()
     obstacles: list[tuple[Float, Float]] = []
-    cuts_left = FAILED_CUTS * count
+    cuts_left = options.failed_cuts * count
     hoped, last = placement.value(placement.start), -np.inf
-    enough, worthwhile = hoped - (1 - ACCEPTED_SHARE) * abs(hoped), MIN_IMPROVEMENT * abs(hoped)
-    for searches in range(MAX_SEARCHES + 1):
+    enough, worthwhile = hoped - (1 - options.accepted_share) * abs(hoped), options.min_improvement * abs(hoped)
+    for searches in range(options.max_searches + 1):
         chosen = list(placement.start)
-        doubtful = {box for known in obstacles for box in _over(placement.boxes, *known)} - marks.keys()
-        doubting, doubts_left = False, DOUBTS * count
+        doubtful = {box for each in obstacles for box in _over(placement.boxes, each, options.same_side)} - marks.keys()
+        doubting, doubts_left = False, options.doubts * count
         while cuts_left > 0:
             chosen = select(placement, count, list(marks), rejected | doubtful, chosen, context.options.selection)
             fresh = np.array([box for box in chosen if box not in marks], dtype=np.int64)
@@ -111,7 +138,8 @@ def emboss_marks(
                 doubtful.clear()
                 doubting = True
                 continue
-            outcomes = emboss_boxes(mesh, placement.boxes[fresh], letters, context.parameters, context.carrier.index)
+            boxes, index = placement.boxes[fresh], context.carrier.index
+            outcomes = emboss_boxes(mesh, boxes, letters, context.parameters, index, options.emboss)
             for box, outcome in zip(fresh.tolist(), outcomes, strict=True):
                 if isinstance(outcome, Mark):
                     marks[box] = outcome
@@ -119,12 +147,13 @@ def emboss_marks(
                     refusals[outcome.value] += 1
                     rejected.add(box)
                     obstacles.append(_obstacles(mesh, placement.boxes[np.array([box])]))
-                    doubtful |= _over(placement.boxes, *obstacles[-1]) - marks.keys()
+                    doubtful |= _over(placement.boxes, obstacles[-1], options.same_side) - marks.keys()
                     doubts_left -= doubting
                     cuts_left -= outcome not in CHEAP
                 progress(len(marks) / count)
         value = placement.value(list(marks))
-        if not rejected or cuts_left <= 0 or value >= enough or value - last <= worthwhile or searches == MAX_SEARCHES:
+        done = value >= enough or value - last <= worthwhile or searches == options.max_searches
+        if not rejected or cuts_left <= 0 or done:
             break
         last = value
         placement = search_again(context, placement, list(marks), rejected | doubtful, rng)
@@ -145,9 +174,11 @@ def _obstacles(mesh: WorkingMesh, box: Boxes) -> tuple[Float, Float]:
     return np.concatenate(found), box.axes[0, 2]
 
 
-def _over(boxes: Boxes, points: Float, normal: Float) -> set[int]:
-    """The boxes that contain any of the ``points`` (K, 3), on the side of ``normal`` (3,): letters hardly fit there."""
-    beside = np.flatnonzero(product(boxes.axes[:, 2], normal[:, None])[:, 0] > SAME_SIDE)
+def _over(boxes: Boxes, obstacles: tuple[Float, Float], same_side: float) -> set[int]:
+    """The boxes that contain any of the ``obstacles`` (see :func:`_obstacles`), on the side of their normal: letters
+    hardly fit there."""
+    points, normal = obstacles
+    beside = np.flatnonzero(product(boxes.axes[:, 2], normal[:, None])[:, 0] > same_side)
     local = np.einsum("bki,bji->bkj", points - boxes.center[beside, None], boxes.axes[beside])
     inside = (np.abs(local) <= boxes.size[beside, None] / 2).all(axis=2).any(axis=1)
     return set(beside[inside].tolist())

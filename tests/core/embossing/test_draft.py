@@ -8,7 +8,7 @@ from manifold3d import CrossSection
 from scipy.spatial import Delaunay
 
 from core.artwork.outline import text_artwork
-from core.embossing.draft import INSET, MITRE, Draft, draft
+from core.embossing.draft import DRAFT, Draft, DraftOptions, draft
 from core.embossing.islands import letter_islands
 from tests.core.embossing.bench import LETTERS
 
@@ -28,15 +28,21 @@ def _areas(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 def test_every_side_of_a_bar_moves_inwards_by_the_same_amount() -> None:
     of_bar = draft((BAR,))
     moved = of_bar.index.positions[:, :2] + of_bar.shift
-    inset = INSET * BAR_STROKE
+    inset = DRAFT.inset * BAR_STROKE
     assert np.allclose(np.abs(moved), [0.4 - inset, 0.05 - inset])
+
+
+def test_the_inset_is_that_of_the_options() -> None:
+    of_bar = draft((BAR,), DraftOptions(inset=0.4))
+    moved = of_bar.index.positions[:, :2] + of_bar.shift
+    assert np.allclose(np.abs(moved), [0.4 - 0.4 * BAR_STROKE, 0.05 - 0.4 * BAR_STROKE])
 
 
 def test_a_stroke_is_compressed_evenly_and_its_sides_stay_straight() -> None:
     of_bar = draft((BAR,))
     points = np.array([[x, y] for x in (-0.2, 0.0, 0.2) for y in (-0.05, 0.0, 0.05)])
     moved = points + of_bar.of(points, np.array([[0, 3, 1]]))
-    inset = INSET * BAR_STROKE
+    inset = DRAFT.inset * BAR_STROKE
     assert np.allclose(moved[:, 1], points[:, 1] * (1 - inset / 0.05), atol=1e-3)
     assert np.ptp(moved[::3, 1]) < 1e-12
     assert np.ptp(moved[2::3, 1]) < 1e-12
@@ -63,7 +69,7 @@ def test_no_part_of_any_letter_turns_over_and_none_grows(text: str) -> None:
     rings = [ring for island in letters.islands for ring in island.to_polygons()]
     perimeter = sum(np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1).sum() for ring in rings)
     stroke = 2 * sum(island.area() for island in letters.islands) / perimeter
-    assert np.linalg.norm(letters.draft.shift, axis=1).max() <= MITRE * INSET * stroke * (1 + 1e-9)
+    assert np.linalg.norm(letters.draft.shift, axis=1).max() <= DRAFT.mitre * DRAFT.inset * stroke * (1 + 1e-9)
 
 
 @pytest.mark.parametrize("seed", range(8))

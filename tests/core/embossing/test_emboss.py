@@ -12,7 +12,7 @@ from core.artwork.outline import text_artwork
 from core.embossing import emboss as module
 from core.embossing.cut_arrange import arrange
 from core.embossing.cut_split import split
-from core.embossing.emboss import SLACK, Mark
+from core.embossing.emboss import SLACK, EmbossOptions, Mark, emboss
 from core.embossing.islands import letter_islands
 from core.embossing.lift import folded
 from core.embossing.refusal import Refusal
@@ -47,6 +47,13 @@ def test_twelve_triangles_are_enough() -> None:
     bench = Bench(box(10.0, 10.0, 10.0))
     assert isinstance(bench.emboss(box_at(center=(0.0, 0.0, 5.0))), Mark)
     assert edge_counts(bench.faces()) == (0, 0)
+
+
+def test_letters_are_cut_where_a_shift_of_the_options_moves_them() -> None:
+    bench, start = Bench(box(10.0, 10.0, 10.0)), box_at(center=(0.0, 0.0, 5.0))
+    mark = emboss(bench.mesh, start, LETTERS, 0.2, bench.index, EmbossOptions(shifts=((0.5, -0.25),)))
+    assert isinstance(mark, Mark)
+    assert mark.box.center[0] == pytest.approx([0.5 * start.size[0, 1], -0.25 * start.size[0, 1], 5.0])
 
 
 def test_all_letters_stand_at_exactly_the_relief() -> None:

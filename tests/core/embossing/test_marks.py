@@ -7,8 +7,11 @@ import pytest
 import trimesh
 from manifold3d import Manifold, OpType
 
+from core import marking
 from core.embossing import emboss, marks
 from core.embossing.emboss import Mark
+from core.embossing.islands import letter_islands
+from core.embossing.marks import MarkOptions, emboss_marks
 from core.embossing.mesh import WorkingMesh
 from core.embossing.refusal import EXPLAINED, Refusal
 from core.errors import ErrorCode, MeshmarkError
@@ -18,7 +21,15 @@ from core.pipeline import run_stages, watermark
 from core.placement import place
 from core.placement.objective import Objective, Placement
 from core.placement.options import PLACEMENT, PlacementOptions
-from core.stages import Request
+from core.stages import Request, Run
+
+CUBE = trimesh.creation.box(extents=(2, 2, 2)).export(file_type="glb")
+
+
+def request(options: PlacementOptions = PLACEMENT) -> Request:
+    """Sixteen marks on an asset, and nothing else."""
+    asked = Parameters(text="watermark", count=16, evaluate=Evaluate.NONE).resolved()
+    return Request(asked, preview=False, options=options)
 
 
 class Cutter:
@@ -50,10 +61,7 @@ def cube_marks(
     """The sides of a cube that get marks when so many places on its front are refused, and how often places are
     searched for again."""
     cutter = Cutter(monkeypatch, refused, pooled)
-    cube = trimesh.creation.box(extents=(2, 2, 2)).export(file_type="glb")
-    asked = Parameters(text="watermark", count=16, evaluate=Evaluate.NONE).resolved()
-    request = Request(asked, preview=False, options=options)
-    found = run_stages(cube, request).report["watermarks"]
+    found = run_stages(CUBE, request(options)).report["watermarks"]
     return {tuple(np.round(mark["normal"]).astype(int).tolist()) for mark in found}, cutter.searches
 
 
@@ -85,9 +93,14 @@ def test_where_every_mark_costs_more_than_it_shows_the_search_still_ends(
 
 
 def test_however_much_each_search_regains_there_are_only_so_many(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(marks, "MIN_IMPROVEMENT", -1.0)
-    _, searches = cube_marks(monkeypatch, refused=10_000)
-    assert searches == marks.MAX_SEARCHES
+    cutter = Cutter(monkeypatch, times=10_000, pooled=False)
+    run = Run(request(), lambda _: None, lambda *_: None)
+    asset, artwork = marking.read(CUBE, run), marking.letter(run)
+    found = marking.place(asset, artwork, run)
+    mesh = WorkingMesh(asset.scene.surface, found.context.carrier.cuttable, asset.analysis.coincident)
+    insatiable = MarkOptions(max_searches=3, min_improvement=-1.0)
+    emboss_marks(mesh, found.context, found.placement, letter_islands(artwork), found.rng, options=insatiable)
+    assert cutter.searches == 3
 
 
 def lattice(cells: int) -> bytes:
@@ -138,9 +151,8 @@ def test_where_every_cut_is_refused_the_error_names_the_reason_and_what_helps_ag
     monkeypatch: pytest.MonkeyPatch, reason: Refusal, said: str, advised: str
 ) -> None:
     monkeypatch.setattr("core.embossing.marks.emboss", lambda *_: reason)
-    cube = trimesh.creation.box(extents=(2, 2, 2)).export(file_type="glb")
     with pytest.raises(MeshmarkError) as caught:
-        watermark(cube, Parameters(text="watermark", count=1, evaluate=Evaluate.NONE), preview=False)
+        watermark(CUBE, Parameters(text="watermark", count=1, evaluate=Evaluate.NONE), preview=False)
     assert caught.value.code is ErrorCode.NO_PLACEMENT
     assert said in caught.value.message
     assert advised in caught.value.remedy
