@@ -4,6 +4,8 @@ Letters without a colour of their own are visible by the shading of their sides 
 bright emission outshines it.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from core.analysis.color import Appearance, appearance
@@ -17,18 +19,41 @@ from core.gltf.colors import hex_linear, hex_srgb
 from core.gltf.edit import Style
 from core.gltf.scene import Scene
 
-GRID = (48, 16)  # points under each box, along the text and across it
 SPECULAR = 0.04  # share of the light that a dielectric reflects without its base colour (glTF 2.0, appendix B.3.3)
-DIMMED = 0.5  # light on the dark side of a letter over that on the surface around it
-SHADING = 5.0  # CIELAB lightness; least difference by ``DIMMED`` light at which letters are legible
-FLAT_SHARE = 0.25  # share of the surface under a mark; with more than that unshaded a text is not legible as a whole
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # weights of linear sRGB (ITU-R BT.709)
-CONTRAST = 60.0  # CIELAB lightness between letters and surface: about 7:1 in luminance on white
-QUANTILE = 0.1  # share of the surface under a mark whose lightness may be closer to the letters'
+
+
+@dataclass(frozen=True)
+class ContrastOptions:
+    """Values of :func:`letter_styles`: all ours; the paper gives letters no colour.
+
+    Attributes:
+        grid: points under each box, along the text and across it.
+        dimmed: light on the dark side of a letter over that on the surface around it.
+        shading: CIELAB lightness; least difference by ``dimmed`` light at which letters are legible.
+        flat_share: share of the surface under a mark; with more than that unshaded a text is not legible as a whole.
+        contrast: CIELAB lightness between letters and surface: about 7:1 in luminance on white.
+        quantile: share of the surface under a mark whose lightness may be closer to the letters'.
+    """
+
+    grid: tuple[int, int] = (48, 16)
+    dimmed: float = 0.5
+    shading: float = 5.0
+    flat_share: float = 0.25
+    contrast: float = 60.0
+    quantile: float = 0.1
+
+
+CONTRAST = ContrastOptions()
 
 
 def letter_styles(
-    scene: Scene, surface: Surface, index: SpatialIndex, boxes: Boxes, requested: str | None
+    scene: Scene,
+    surface: Surface,
+    index: SpatialIndex,
+    boxes: Boxes,
+    requested: str | None,
+    options: ContrastOptions = CONTRAST,
 ) -> list[Style]:
     """The style of the letters of each of B marks: the surface's own where shading shows them.
 
@@ -41,18 +66,19 @@ def letter_styles(
         index: over the faces that count.
         boxes: of the marks.
         requested: the request's colour for all letters, "#rrggbb"; then only their emission is decided here.
+        options: tuned values.
 
     Raises:
         MeshmarkError: as :func:`core.analysis.color.appearance`.
     """
     if not len(boxes) or not _outshines(scene):
         return [Style(requested)] * len(boxes)
-    across = [(np.arange(count) + 0.5) / count - 0.5 for count in GRID]
+    across = [(np.arange(count) + 0.5) / count - 0.5 for count in options.grid]
     plane = np.stack(np.meshgrid(*across, indexing="ij"), axis=-1).reshape(-1, 2)
     offset = np.einsum("pk,bk,bki->bpi", plane, boxes.size[:, :2], boxes.axes[:, :2])
     _, face, point = index.closest((boxes.center[:, None] + offset).reshape(-1, 3))
     seen = appearance(scene, surface, point, face)
-    return [_letter_style(seen[rows], requested) for rows in np.split(np.arange(len(point)), len(boxes))]
+    return [_letter_style(seen[rows], requested, options) for rows in np.split(np.arange(len(point)), len(boxes))]
 
 
 def _outshines(scene: Scene) -> bool:
@@ -61,23 +87,23 @@ def _outshines(scene: Scene) -> bool:
     return any(material.unlit or material.emission is not None for material in materials)
 
 
-def _letter_style(seen: Appearance, requested: str | None) -> Style:
+def _letter_style(seen: Appearance, requested: str | None, options: ContrastOptions) -> Style:
     """The style of the letters of one mark, from the appearance of the surface in its box."""
-    needed = not_shaded(seen).mean() >= FLAT_SHARE
+    needed = not_shaded(seen, options).mean() >= options.flat_share
     if requested is None and not needed:
         return Style()
     lab = cielab(seen.shown)
-    color = requested or contrasting(lab)
+    color = requested or contrasting(lab, options)
     lighter = cielab(hex_linear(color)[None])[0, 0] > np.median(lab[:, 0])
     return Style(color, bool(needed and lighter and not seen.unlit.all()))
 
 
-def not_shaded(seen: Appearance) -> Bool:
+def not_shaded(seen: Appearance, options: ContrastOptions = CONTRAST) -> Bool:
     """(N,) points at which the incident light hardly changes the lightness."""
     lit = np.where(seen.unlit, 0, product(seen.lit, LUMINANCE[:, None])[:, 0] + SPECULAR)
     glow = product(seen.glow, LUMINANCE[:, None])[:, 0]
-    full, dim = (_lightness(np.clip(glow + share * lit, 0, 1)) for share in (1, DIMMED))
-    return np.asarray(full - dim < SHADING)
+    full, dim = (_lightness(np.clip(glow + share * lit, 0, 1)) for share in (1, options.dimmed))
+    return np.asarray(full - dim < options.shading)
 
 
 def _lightness(luminance: Float) -> Float:
@@ -85,16 +111,16 @@ def _lightness(luminance: Float) -> Float:
     return np.asarray(cielab(np.repeat(luminance[:, None], 3, axis=1))[:, 0])
 
 
-def contrasting(lab: Float) -> str:
+def contrasting(lab: Float, options: ContrastOptions = CONTRAST) -> str:
     """A colour, "#rrggbb", in contrast to a surface of the CIELAB colours ``lab`` (N, 3), and of its mean hue.
 
-    Its lightness is the one farthest from that of all but a tenth of the surface, as near to it as ``CONTRAST`` allows:
+    Its lightness is the one farthest from that of all but a tenth of the surface, as near to it as ``contrast`` allows:
     darker or lighter than a surface of even lightness, black or white on a varied one, in between where half of it is
     dark and half is light.
     """
     levels = np.arange(101.0)
-    apart = np.quantile(np.abs(levels[:, None] - lab[:, 0]), QUANTILE, axis=1)
-    enough = np.flatnonzero(apart >= min(apart.max(), CONTRAST) - 1e-9)
+    apart = np.quantile(np.abs(levels[:, None] - lab[:, 0]), options.quantile, axis=1)
+    enough = np.flatnonzero(apart >= min(apart.max(), options.contrast) - 1e-9)
     lightness = levels[enough[np.abs(enough - np.median(lab[:, 0])).argmin()]]
     hue = lab[:, 1:].mean(axis=0)
     # As much of the chroma as sRGB has at this lightness; black and white have none.

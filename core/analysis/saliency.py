@@ -13,15 +13,31 @@ from core.geometry.boxes import Boxes
 from core.geometry.sampling import sample
 from core.geometry.surface import Surface
 
-SAMPLES = 20_000
-RADII = (0.4, 0.8, 1.6)  # size-30 units: an eye, a finger, an ear
 DIGITS = 6  # decimals of raw saliency, which is 0 to 1
-CELLS = 4  # cells to a radius: neighbours are summed up in cubes of this size
-# Raw saliency; least difference between the means of salient regions and the rest: that of a ball of radius 6 and a
-# plane, or a deviation of normals of 3 degrees (root mean square) in the direction of least variance. Less is the shape
-# of a vase (0.06), the facets of a ball of 320 faces (0.07) or the noise of the samples (under 0.01); the shallow bumps
-# of the Stanford bunny reach 0.11, other figures 0.16 and more (measured).
-CONTRAST = 0.1
+
+
+@dataclass(frozen=True)
+class SaliencyOptions:
+    """Values of :func:`saliency`: all ours; the paper takes its map off the shelf, and its threshold from Otsu.
+
+    Attributes:
+        samples: of the surface's area.
+        radii: size-30 units: an eye, a finger, an ear.
+        cells: to a radius; neighbours are summed up in cubes of this size.
+        contrast: raw saliency; least difference between the means of salient regions and the rest: that of a ball of
+            radius 6 and a plane, or a deviation of normals of 3 degrees (root mean square) in the direction of least
+            variance. Less is the shape of a vase (0.06), the facets of a ball of 320 faces (0.07) or the noise of the
+            samples (under 0.01); the shallow bumps of the Stanford bunny reach 0.11, other figures 0.16 and more
+            (measured).
+    """
+
+    samples: int = 20_000
+    radii: tuple[float, ...] = (0.4, 0.8, 1.6)
+    cells: int = 4
+    contrast: float = 0.1
+
+
+SALIENCY = SaliencyOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +66,7 @@ class Saliency(SurfaceSamples):
         return mean, share
 
 
-def saliency(surface: Surface, seed: int) -> Saliency:
+def saliency(surface: Surface, seed: int, options: SaliencyOptions = SALIENCY) -> Saliency:
     """The saliency map of a surface, on 20,000 area samples: hardly dependent on tessellation, not on winding.
 
     Around each sample the products n n^T of the normals n are averaged over the area samples within a radius, with
@@ -76,29 +92,31 @@ def saliency(surface: Surface, seed: int) -> Saliency:
     Args:
         surface: in the size-30 frame.
         seed: of the area samples; the same seed gives the same map.
+        options: tuned values.
 
     Raises:
         MeshmarkError: ``no_faces`` when no face has any area.
     """
-    points, face = sample(surface, SAMPLES, np.random.default_rng(seed))
+    points, face = sample(surface, options.samples, np.random.default_rng(seed))
     normals = surface.normals[face]
     # Eigenvalues come from LAPACK, whose last digits differ from one kind of processor to another.
-    raw = np.round(sum(_spread(points, normals, radius) for radius in RADII) / len(RADII), DIGITS)
+    spreads = [_spread(points, normals, radius, options.cells) for radius in options.radii]
+    raw = np.round(sum(spreads) / len(spreads), DIGITS)
     cut = otsu(raw)
     above = raw > cut
     low, high = np.percentile(raw, [1, 99])
-    stands_out = above.any() and raw[above].mean() - raw[~above].mean() >= CONTRAST
-    top = max(high, raw[above].mean()) if stands_out else max(high, low + CONTRAST)
+    stands_out = above.any() and raw[above].mean() - raw[~above].mean() >= options.contrast
+    top = max(high, raw[above].mean()) if stands_out else max(high, low + options.contrast)
     value = np.clip((raw - low) / (top - low), 0, 1)
     return Saliency(points, normals, value, float((cut - low) / (top - low)) if stands_out else 1.0, face)
 
 
-def _spread(points: Float, normals: Float, radius: float) -> Float:
+def _spread(points: Float, normals: Float, radius: float, cells: int) -> Float:
     """(N,) least variation of the normals around each sample over all directions: 0 where they lie in one plane, 1
     where they point evenly in all directions."""
     moments = [normals[:, i] * normals[:, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
     # Summed up in cubes, so that thin or crumpled shapes, with thousands of samples within a radius, cost no more.
-    cube = np.floor((points - points.min(axis=0)) * (CELLS / radius)).astype(np.int64)
+    cube = np.floor((points - points.min(axis=0)) * (cells / radius)).astype(np.int64)
     extent = cube.max(axis=0) + 1
     _, owner, count = np.unique(
         (cube[:, 0] * extent[1] + cube[:, 1]) * extent[2] + cube[:, 2], return_inverse=True, return_counts=True

@@ -14,16 +14,6 @@ from core.geometry.products import product
 from core.geometry.surface import Surface
 from core.gltf.scene import Scene
 
-RADIUS = 1.0  # size-30 units: an eye, a line of print, about the height of a watermark's letters
-NEIGHBOURS = 32  # samples at most; there are more within the radius only on assets of little area
-PARALLEL = 0.5  # cosine between the normals of neighbours, at least: the two sides of a cape are not one picture
-TILT = 0.35  # tangent between a sample's plane and its neighbours, at most: nor are a cape and the back below it
-BUSIEST = 30.0  # CIELAB units of standard deviation that count as 1: half of the surface black, half grey (L* 60)
-# Least difference, in ``BUSIEST``, and least ratio between the variance of details and of the rest: less is shading,
-# grain or the noise of the samples.
-CONTRAST, FACTOR = 0.25, 2.0
-RARE = 0.25  # share of the surface that can be salient, at most
-
 _XYZ = np.array(
     [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
 )
@@ -32,6 +22,35 @@ _XYZ = np.array(
 _RGB = np.array(
     [[3.2404542, -1.5371385, -0.4985314], [-0.9692660, 1.8760108, 0.0415560], [0.0556434, -0.2040259, 1.0572252]]
 )
+
+
+@dataclass(frozen=True)
+class TextureOptions:
+    """Values of :func:`texture_saliency`: all ours; the paper looks at no texture.
+
+    Attributes:
+        radius: size-30 units: an eye, a line of print, about the height of a watermark's letters.
+        neighbours: samples at most; there are more within the radius only on assets of little area.
+        parallel: cosine between the normals of neighbours, at least: the two sides of a cape are not one picture.
+        tilt: tangent between a sample's plane and its neighbours, at most: nor are a cape and the back below it.
+        busiest: CIELAB units of standard deviation that count as 1: half of the surface black, half grey (L* 60).
+        contrast: of ``busiest``; least difference between the variation of details and of the rest: less is shading,
+            grain or the noise of the samples.
+        factor: least ratio between these, likewise.
+        rare: share of the surface that can be salient, at most.
+    """
+
+    radius: float = 1.0
+    neighbours: int = 32
+    parallel: float = 0.5
+    tilt: float = 0.35
+    busiest: float = 30.0
+    contrast: float = 0.25
+    factor: float = 2.0
+    rare: float = 0.25
+
+
+TEXTURE = TextureOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +83,9 @@ class TextureSaliency(SurfaceSamples):
         return self.mean_in_boxes(boxes, self.color)
 
 
-def texture_saliency(scene: Scene, surface: Surface, points: Float, face: Int) -> TextureSaliency | None:
+def texture_saliency(
+    scene: Scene, surface: Surface, points: Float, face: Int, options: TextureOptions = TEXTURE
+) -> TextureSaliency | None:
     """The :class:`TextureSaliency` of an asset's base colour at ``points`` (N, 3), spread evenly over its surface.
 
     Around each sample the spread of colour, the root mean square distance from the mean in CIELAB, is taken over its
@@ -80,6 +101,7 @@ def texture_saliency(scene: Scene, surface: Surface, points: Float, face: Int) -
         surface: the scene's, in which faces may be wound the other way round.
         points: size-30 frame; the samples of :func:`core.analysis.saliency.saliency` will do.
         face: (N,) the face of ``surface`` that each point lies on.
+        options: tuned values.
 
     Returns:
         ``None`` where the asset has one colour everywhere.
@@ -91,8 +113,8 @@ def texture_saliency(scene: Scene, surface: Surface, points: Float, face: Int) -
     if np.allclose(linear, linear[0]):
         return None
     normals = surface.normals[face]
-    busy, around = _busy(points, normals, cielab(linear))
-    stands_out, threshold = _standing_out(around)
+    busy, around = _busy(points, normals, cielab(linear), options)
+    stands_out, threshold = _standing_out(around, options)
     return TextureSaliency(points, normals, stands_out, busy, np.minimum(linear, 1), threshold)
 
 
@@ -111,34 +133,37 @@ def from_cielab(lab: Float) -> Float:
     return product(xyz, _RGB.T)
 
 
-def _busy(points: Float, normals: Float, lab: Float) -> tuple[Float, Float]:
-    """(N,) the spread of colour around each sample, 0 to 1 at ``BUSIEST``, and (N,) its mean around each sample."""
+def _busy(points: Float, normals: Float, lab: Float, options: TextureOptions) -> tuple[Float, Float]:
+    """(N,) the spread of colour around each sample, 0 to 1 at ``busiest``, and (N,) its mean around each sample."""
     number = np.arange(len(points))
-    distance, near = cKDTree(points).query(points, k=min(NEIGHBOURS, len(points)), distance_upper_bound=RADIUS)
+    most = min(options.neighbours, len(points))
+    distance, near = cKDTree(points).query(points, k=most, distance_upper_bound=options.radius)
     found = near < len(points)
     near, distance = np.where(found, near, 0), np.where(found, distance, 0)
     # Single precision: these are half a million rows.
     position, normal, color = (values.astype(np.float32) for values in (points, normals, lab))
     height = np.abs(np.einsum("nki,ni->nk", position[near] - position[:, None], normal))
-    same_sheet = (np.einsum("nki,ni->nk", normal[near], normal) > PARALLEL) & (height <= TILT * distance)
+    same_side = np.einsum("nki,ni->nk", normal[near], normal) > options.parallel
+    same_sheet = same_side & (height <= options.tilt * distance)
     counts = found & (same_sheet | (near == number[:, None]))
-    weight = np.where(counts, (1 - (distance / RADIUS) ** 2) ** 2, 0).astype(np.float32)
+    weight = np.where(counts, (1 - (distance / options.radius) ** 2) ** 2, 0).astype(np.float32)
     weight /= weight.sum(axis=1, keepdims=True)
     offset = color[near] - np.einsum("nk,nki->ni", weight, color[near])[:, None]
-    busy = np.minimum(np.sqrt(np.einsum("nk,nki,nki->n", weight, offset, offset)) / BUSIEST, 1).astype(np.float64)
+    spread = np.sqrt(np.einsum("nk,nki,nki->n", weight, offset, offset))
+    busy = np.minimum(spread / options.busiest, 1).astype(np.float64)
     return busy, np.einsum("nk,nk->n", weight, busy[near])
 
 
-def _standing_out(busy: Float) -> tuple[Float, float]:
+def _standing_out(busy: Float, options: TextureOptions) -> tuple[Float, float]:
     """(N,) saliency, 0 at the mean of the usual values to 1 at that of the large ones, and the threshold between these
     on that scale."""
     cut = otsu(busy)
-    while (busy > cut).mean() > RARE:
+    while (busy > cut).mean() > options.rare:
         cut = otsu(busy[busy > cut])
     above = busy > cut
     if not above.any():
         return np.zeros(len(busy)), 1.0
     low, high = busy[~above].mean(), busy[above].mean()
-    if high < max(low + CONTRAST, low * FACTOR):
+    if high < max(low + options.contrast, low * options.factor):
         return np.zeros(len(busy)), 1.0
     return np.clip((busy - low) / (high - low), 0, 1), float((cut - low) / (high - low))

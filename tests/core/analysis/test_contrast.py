@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from core.analysis.contrast import contrasting, letter_styles
+from core.analysis.contrast import ContrastOptions, contrasting, letter_styles
 from core.analysis.texture import cielab, from_cielab
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
@@ -90,6 +90,12 @@ def test_a_surface_that_glows_outshines_its_shading() -> None:
 
 def test_emission_that_leaves_shading_to_be_seen_changes_nothing() -> None:
     assert on(square(plain((0.5, 0.5, 0.5, 1), emissiveFactor=[0.1, 0.1, 0.1])), (0, 0)) == [Style()]
+
+
+def test_letters_contrast_as_much_as_the_options_ask_for() -> None:
+    ground = cielab(np.full((10, 3), 1.0))
+    faint, strong = (lightness(contrasting(ground, ContrastOptions(contrast=asked))) for asked in (30.0, 60.0))
+    assert (faint, strong) == pytest.approx((70, 40), abs=0.5)
 
 
 def test_a_small_emissive_detail_does_not_count_a_large_one_does() -> None:

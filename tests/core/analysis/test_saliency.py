@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 from scipy.stats import spearmanr
 
-from core.analysis.saliency import SAMPLES, Saliency, saliency
+from core.analysis.saliency import SALIENCY, Saliency, SaliencyOptions, saliency
 from core.arrays import Float
 from core.budgets import DEFAULT_BUDGETS
 from core.errors import ErrorCode, MeshmarkError
@@ -164,6 +164,12 @@ def test_values_are_low_where_nothing_stands_out(shape: Surface) -> None:
     assert saliency(shape, seed=0).value.max() < 0.2
 
 
+def test_nothing_is_salient_where_the_options_ask_for_more_contrast_than_there_is() -> None:
+    shape = figure()
+    assert saliency(shape, seed=0).salient.any()
+    assert not saliency(shape, seed=0, options=SaliencyOptions(samples=5000, contrast=0.9)).salient.any()
+
+
 def test_small_balls_all_alike_have_nothing_salient() -> None:
     balls = join(*(moved(sphere(2, rings=40), shift=(10 * number, 0, 0)) for number in range(3)))
     assert not saliency(balls, seed=0).salient.any()
@@ -212,7 +218,7 @@ def test_the_map_turns_with_the_asset() -> None:
 
 def test_the_same_seed_gives_the_same_map() -> None:
     one, other = saliency(cuboid(3, 2, 1), seed=5), saliency(cuboid(3, 2, 1), seed=5)
-    assert one.points.shape == one.normals.shape == (SAMPLES, 3)
+    assert one.points.shape == one.normals.shape == (SALIENCY.samples, 3)
     assert (one.value == other.value).all()
     assert one.threshold == other.threshold
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from core.analysis.saliency import saliency
-from core.analysis.texture import TextureSaliency, texture_saliency
+from core.analysis.texture import TextureOptions, TextureSaliency, texture_saliency
 from core.budgets import DEFAULT_BUDGETS
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
@@ -77,6 +77,14 @@ def test_an_eye_stands_out_and_what_is_beside_it_does_not() -> None:
     assert mean[0] > 0.8
     assert busy[0] > 0.7
     assert max(*share[1:], *mean[1:], *busy[1:]) < 0.01
+
+
+def test_an_eye_stands_out_no_more_than_the_options_ask_for() -> None:
+    shown = plate(drawn(*eye(5, 4)))
+    samples = sample(shown.surface, 20_000, np.random.default_rng(0))
+    strict = texture_saliency(shown, shown.surface, *samples, TextureOptions(contrast=1.0))
+    assert strict is not None
+    assert (strict.saliency == 0).all()
 
 
 def test_small_print_stands_out() -> None:
