@@ -29,8 +29,6 @@ from core.placement.finetune import adam, correct, distinct, levenberg_marquardt
 from core.placement.legibility import text_width
 from core.placement.objective import (
     FACING_VIEW,
-    MAX_DETAIL_SHARE,
-    MAX_SALIENT_SHARE,
     Placement,
     Terms,
     contrast,
@@ -264,14 +262,15 @@ def _valued(
     context: PlacementContext, boxes: Boxes, loss: Float, rough: Float, visible: Bool, met: Footprint, relief: Float
 ) -> Placement:
     """The ``boxes`` with their coverage and cost; ``met`` is the surface under each."""
-    parameters, bent, preferred = context.parameters, curvature_deviation(boxes, met.height), np.zeros(len(boxes))
+    parameters, objective = context.parameters, context.options.objective
+    bent, preferred = curvature_deviation(boxes, met.height), np.zeros(len(boxes))
     if context.facts.regions is not None:
         preferred = context.facts.regions.preference(above(boxes, met, 0.0), met.face)
     _, salient = context.facts.saliency.under(boxes)
     details, busy, legible = np.zeros(len(boxes)), np.zeros(len(boxes)), np.ones(len(boxes))
     if context.facts.texture is not None:
         _, details, busy = context.facts.texture.under(boxes)
-        legible = contrast(context.facts.texture.color_under(boxes), parameters.color)
+        legible = contrast(context.facts.texture.color_under(boxes), parameters.color, objective)
     terms = Terms(
         obstructed=obstructed(visible, facing(boxes, context.targets.directions), context.targets),
         salient=salient,
@@ -290,12 +289,9 @@ def _valued(
         loss=loss,
         roughness=rough,
         visible=visible,
-        likelihood=likelihood(
-            boxes, visible, bent, legible, context.targets, parameters.color, context.options.objective
-        ),
-        cost=cost(terms, context.options.objective),
-        last_resort=((salient > MAX_SALIENT_SHARE) | (details > MAX_DETAIL_SHARE)) & context.options.objective.bars,
+        likelihood=likelihood(boxes, visible, bent, legible, context.targets, parameters.color, objective),
+        cost=cost(terms, objective),
+        last_resort=((salient > objective.max_salient) | (details > objective.max_detail)) & objective.bars,
         weight=context.targets.weight,
-        redundancy=context.options.objective.redundancy,
-        proximity_weight=context.options.objective.proximity_weight,
+        objective=objective,
     )

@@ -1,6 +1,6 @@
 """The objective of placement: one number for a choice of marks, which selection maximises.
 
-With candidate boxes m, a choice S of them, and targets j::
+With candidate boxes m, a choice S of them, targets j, and fields of :class:`Objective` in capitals::
 
     F(S) = sum over j of w_j (best_j + REDUNDANCY second_j)  -  sum over m in S of cost_m
            -  PROXIMITY_WEIGHT x sum over pairs in S of proximity(m, n)
@@ -69,39 +69,34 @@ from core.placement.legibility import legibility
 Single = NDArray[np.float32]
 
 FACING_VIEW = np.cos(np.radians(45.0))  # a mark turned further away is not readable from that view
-EVEN_DIRECTIONS = 200
-HALF_SPACES = 64
-HEAD_ON = np.cos(np.radians(40.0))  # turned less than this a text reads as well as from the front
-ROLLED = 0.5  # readers turn pictures in four ways; people do not
-PENALTY = 0.005
 WORTH_DIGITS = 6  # of an objective that is about 1
-MOST_DISTORTED = 0.05  # bound of the cost term, so that text requested as large as a side is placed on all sides
-PROXIMITY_RANGE = 5.0  # between the centres of marks, size-30 units
-# CIELAB units between letters and surface. Over 672 views of one mark in six colours on eleven textured assets, 12 to
-# 20 pixels high, recognition reads 0.37 to 0.69 below 30 and 0.8 to 0.9 above; by WCAG 2's contrast ratio, in which red
-# and grey hardly differ, 0.76 to 0.84 below 3 and 0.87 above.
-DISTINCT = 50.0
-MIN_CONTRAST = 0.5  # factor, at least: gloss and edges show letters as dark as the surface
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # weights of linear sRGB (ITU-R BT.709)
-MAX_SALIENT_SHARE = (
-    0.45  # share salient from which no mark is placed; the metric's 0.5 less what the edges of a box hold
-)
-MAX_DETAIL_SHARE = 0.3  # share on details of the texture likewise: an eye or a line of print is a small part of a box
 
 
 @dataclass(frozen=True)
 class Objective:
-    """Weights of the terms; see the module. Only ablations change them: they set one to 0.
+    """Values of the terms; see the module. All ours: the paper filters by octants and views, and has no objective. Only
+    ablations change them: they set a weight to 0.
 
     The proportions come from sweeps over the survivors on 33 assets: fewer penalties leave no view without a mark, more
     on roll and saliency keeps text upright (4 degrees in the mean) and features free, and obstructed counts most
     because it is in every view's picture. With distortion at 20 SMSE is a sixth larger, and text reads no better.
     """
 
+    even_directions: int = 200  # beside the paper's 24 views
+    half_spaces: int = 64
     seen: float = 0.5  # of covering a direction, for being visible there at all
     redundancy: float = 0.15  # of covering a target, for the second best mark
     crops: float = 0.1  # all half-spaces together; nearly any choice of a few marks covers nearly all
     legibility: float = 1.0  # exponent of size x facing x roll x flatness
+    head_on: float = float(np.cos(np.radians(40.0)))  # turned less than this a text reads as well as from the front
+    rolled: float = 0.5  # readers turn pictures in four ways; people do not
+    # CIELAB units between letters and surface that are as good as any. Over 672 views of one mark in six colours on
+    # eleven textured assets, 12 to 20 pixels high, recognition reads 0.37 to 0.69 below 30 and 0.8 to 0.9 above; by
+    # WCAG 2's contrast ratio, in which red and grey hardly differ, 0.76 to 0.84 below 3 and 0.87 above.
+    distinct: float = 50.0
+    min_contrast: float = 0.5  # factor, at least: gloss and edges show letters as dark as the surface
+    penalty: float = 0.005  # share of all directions that one unit of the terms from here to ``preferred`` costs
     obstructed: float = 6.0
     salient: float = 1.4
     roll: float = 3.0
@@ -115,8 +110,12 @@ class Objective:
     mark: float = 0.0003  # a mark has to add more than an eighth of one of the 200 directions
     # Of a pair of marks at one place: more than the second is worth but on the only side of its kind.
     proximity_weight: float = 0.01
+    proximity_range: float = 5.0  # between the centres of marks, size-30 units
     distortion: float = 35.0  # per unit of mean distance (SMSE) that a mark adds
+    most_distorted: float = 0.05  # bound of that term, so that text requested as large as a side is on all sides
     bars: bool = True  # salient parts and details are a last resort
+    max_salient: float = 0.45  # share, at most, of other marks; the metric's 0.5 less what the edges of a box hold
+    max_detail: float = 0.3  # likewise: an eye or a line of print is a small part of a box
 
 
 OBJECTIVE = Objective()
@@ -149,11 +148,11 @@ def centroid(surface: Surface) -> Float:
 
 def targets(surface: Surface, objective: Objective = OBJECTIVE) -> Targets:
     """The targets of an asset."""
-    (views, up), even = view_directions(), fibonacci_directions(EVEN_DIRECTIONS)
-    weight = np.repeat(
-        [0.5 / len(views), 0.5 / len(even), objective.crops / HALF_SPACES], [len(views), len(even), HALF_SPACES]
-    )
-    return Targets(np.concatenate([views, even]), up, fibonacci_directions(HALF_SPACES), centroid(surface), weight)
+    (views, up), even = view_directions(), fibonacci_directions(objective.even_directions)
+    counts = [len(views), len(even), objective.half_spaces]
+    weight = np.repeat([0.5 / len(views), 0.5 / len(even), objective.crops / objective.half_spaces], counts)
+    half_spaces = fibonacci_directions(objective.half_spaces)
+    return Targets(np.concatenate([views, even]), up, half_spaces, centroid(surface), weight)
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,8 +168,7 @@ class Placement:
         cost: (B,) in the unit of ``weight``.
         last_resort: (B,) boxes on salient parts, for use only where there is nothing else.
         weight: (J,) the weight of covering each target.
-        redundancy: weight of covering it a second time, as a share of that.
-        proximity_weight: cost of a pair of boxes at one place.
+        objective: the values of the terms.
         start: a good choice among the boxes, which selection improves on.
     """
 
@@ -182,8 +180,7 @@ class Placement:
     cost: Float
     last_resort: Bool
     weight: Float
-    redundancy: float = OBJECTIVE.redundancy
-    proximity_weight: float = OBJECTIVE.proximity_weight
+    objective: Objective = OBJECTIVE
     start: tuple[int, ...] = ()
 
     def coverage(self, chosen: Sequence[int]) -> tuple[Single, Single]:
@@ -195,7 +192,7 @@ class Placement:
         """(B,) the gain in the objective from adding each box to the ``chosen``."""
         best, second = self.coverage(chosen)
         added = (self._added(best, second) * self.weight).sum(axis=1)
-        return _even(added - self.proximity_weight * self.proximity(chosen).sum(axis=1) - self.cost)
+        return _even(added - self.objective.proximity_weight * self.proximity(chosen).sum(axis=1) - self.cost)
 
     def gain_without(self, chosen: Sequence[int]) -> Float:
         """(B, K) :meth:`gain` where each of the K ``chosen`` boxes in turn is left out.
@@ -210,7 +207,8 @@ class Placement:
             for number in range(len(chosen)):
                 gain[:, number] += without[:, owner[rank] == number].sum(axis=1)
         near = self.proximity(chosen)
-        return _even(gain - self.proximity_weight * (near.sum(axis=1, keepdims=True) - near) - self.cost[:, None])
+        pairs = self.objective.proximity_weight * (near.sum(axis=1, keepdims=True) - near)
+        return _even(gain - pairs - self.cost[:, None])
 
     def _leaders(self, chosen: Sequence[int]) -> tuple[Single, Int]:
         """(3, J) the three largest likelihoods of the ``chosen`` boxes for each target, 0 where there are fewer, and
@@ -225,7 +223,7 @@ class Placement:
         redundant = np.minimum(self.likelihood, best)
         redundant -= second
         np.maximum(redundant, 0, out=redundant)
-        redundant *= self.redundancy
+        redundant *= self.objective.redundancy
         added = self.likelihood - best
         np.maximum(added, 0, out=added)
         added += redundant
@@ -233,19 +231,19 @@ class Placement:
 
     def proximity(self, chosen: Sequence[int]) -> Float:
         """(B, K) proximity of each box to each of the K ``chosen``: 1 less the distance over
-        :data:`PROXIMITY_RANGE` on the same side of the surface, 0 for itself."""
+        ``proximity_range`` on the same side of the surface, 0 for itself."""
         chosen = list(chosen)
         apart = cdist(self.boxes.center, self.boxes.center[chosen])
         same_side = product(self.boxes.axes[:, 2], self.boxes.axes[chosen, 2].T) > 0
-        near = np.maximum(1 - apart / PROXIMITY_RANGE, 0) * same_side
+        near = np.maximum(1 - apart / self.objective.proximity_range, 0) * same_side
         near[chosen, np.arange(len(chosen))] = 0
         return np.asarray(near)
 
     def value(self, chosen: Sequence[int]) -> float:
         """The objective F of ``chosen``."""
         best, second = self.coverage(chosen)
-        close = self.proximity_weight * self.proximity(chosen)[list(chosen)].sum() / 2
-        covered = (self.weight * (best + self.redundancy * second)).sum()
+        close = self.objective.proximity_weight * self.proximity(chosen)[list(chosen)].sum() / 2
+        covered = (self.weight * (best + self.objective.redundancy * second)).sum()
         return float(_even(covered - self.cost[list(chosen)].sum() - close))
 
 
@@ -260,7 +258,7 @@ def facing(boxes: Boxes, directions: Float) -> Bool:
     return np.asarray(product(boxes.axes[:, 2], directions.T) >= FACING_VIEW)
 
 
-def contrast(ground: Float, color: str | None) -> Float:
+def contrast(ground: Float, color: str | None, objective: Objective = OBJECTIVE) -> Float:
     """(B,) contrast of letters with each colour of the ``ground`` (B, 3), linear sRGB: 0 to 1.
 
     Letters of a ``color`` of their own ("#rrggbb") are told from the ground by the distance of the two in CIELAB.
@@ -273,14 +271,14 @@ def contrast(ground: Float, color: str | None) -> Float:
         contrast = (ratio - 1) / (1.05 / 0.55 - 1)
     else:
         apart = np.linalg.norm(cielab(ground) - cielab(hex_linear(color)[None]), axis=1)
-        contrast = np.minimum(apart / DISTINCT, 1)
-    return np.asarray(MIN_CONTRAST + (1 - MIN_CONTRAST) * contrast)
+        contrast = np.minimum(apart / objective.distinct, 1)
+    return np.asarray(objective.min_contrast + (1 - objective.min_contrast) * contrast)
 
 
 def best_possible_coverage(height: float, cosine: Float, color: str | None, objective: Objective = OBJECTIVE) -> Float:
     """(D,) coverage of directions by a mark in the best case: its text has a ``height`` in size-30 units, and is turned
     away by the angles of these ``cosine`` (D,)."""
-    legible = legibility(np.array(height), color) * np.clip(cosine / HEAD_ON, 0, 1)
+    legible = legibility(np.array(height), color) * np.clip(cosine / objective.head_on, 0, 1)
     return np.asarray(objective.seen + (1 - objective.seen) * legible)
 
 
@@ -302,20 +300,21 @@ def likelihood(
         contrasts: (B,) of letters with the ground under each, see :func:`contrast`.
         goal: the targets.
         color: of the letters, "#rrggbb"; None for that of the ground.
-        objective: the terms' weights.
+        objective: the values of the terms.
     """
     cosine = np.clip(product(boxes.axes[:, 2], goal.directions.T), 0, 1)
     # The text is as high on the picture as its up is long there.
     upright_length = np.sqrt(np.clip(1 - product(boxes.axes[:, 1], goal.directions.T) ** 2, 0, 1))
     # Contrast and size stand in for each other: fainter text has to be larger.
     height = boxes.size[:, 1:2] * upright_length * contrasts[:, None]
-    legible = legibility(height, color) * np.minimum(1.0, cosine / HEAD_ON) * np.clip(1 - deviation, 0, 1)[:, None]
+    turned = np.minimum(1.0, cosine / objective.head_on)
+    legible = legibility(height, color) * turned * np.clip(1 - deviation, 0, 1)[:, None]
     # The text's right on the picture: how far along its horizontal, how far along its vertical.
     views = goal.directions[: len(goal.up)]
     along = product(boxes.axes[:, 0], np.cross(goal.up, views).T)
     across = product(boxes.axes[:, 0], goal.up.T)
     length = np.maximum(np.hypot(along, across), np.finfo(float).tiny)
-    legible[:, : len(views)] *= 1 - ROLLED * (1 - along / length) / 2
+    legible[:, : len(views)] *= 1 - objective.rolled * (1 - along / length) / 2
     shown = visible * (objective.seen + (1 - objective.seen) * legible**objective.legibility)
     corners = boxes.corners() - goal.centroid
     whole = product(corners, goal.half_spaces.T).min(axis=1) > 0
@@ -353,7 +352,8 @@ def cost(terms: Terms, objective: Objective = OBJECTIVE) -> Float:
         + objective.busy * terms.busy
         - objective.preferred * terms.preferred
     )
-    return PENALTY * penalty + objective.mark + np.minimum(objective.distortion * terms.distance, MOST_DISTORTED)
+    distorted = np.minimum(objective.distortion * terms.distance, objective.most_distorted)
+    return objective.penalty * penalty + objective.mark + distorted
 
 
 def obstructed(visible: Bool, faced: Bool, goal: Targets) -> Float:

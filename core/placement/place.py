@@ -164,8 +164,7 @@ def _merge(one: Placement, other: Placement) -> Placement:
         cost=np.concatenate([one.cost, other.cost]),
         last_resort=np.concatenate([one.last_resort, other.last_resort]),
         weight=one.weight,
-        redundancy=one.redundancy,
-        proximity_weight=one.proximity_weight,
+        objective=one.objective,
         start=one.start,
     )
 

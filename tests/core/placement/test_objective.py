@@ -10,9 +10,9 @@ from core.geometry.boxes import Boxes
 from core.gltf.colors import hex_linear
 from core.placement.candidates import upright
 from core.placement.objective import (
-    HALF_SPACES,
     LUMINANCE,
     OBJECTIVE,
+    Objective,
     Placement,
     Terms,
     best_possible_coverage,
@@ -94,7 +94,7 @@ def test_nothing_chosen_is_worth_nothing() -> None:
 def test_all_views_served_are_worth_one_and_all_crops_as_much_as_stated() -> None:
     assert SERVED.weight[: len(SERVED.directions)].sum() == pytest.approx(1)
     assert SERVED.weight[:24].sum() == pytest.approx(0.5)
-    assert len(SERVED.weight) == len(SERVED.directions) + HALF_SPACES
+    assert len(SERVED.weight) == len(SERVED.directions) + OBJECTIVE.half_spaces
 
 
 def test_large_upright_text_on_flat_ground_serves_the_view_it_faces() -> None:
@@ -166,6 +166,14 @@ def test_marks_in_a_stack_pay_for_it_and_marks_apart_or_back_to_back_do_not() ->
     assert crowded(box((0, 1, 0))) == pytest.approx(0.8 * OBJECTIVE.proximity_weight)
     assert crowded(box((0, 1, 0))) > crowded(box((0, 3, 0))) > 0
     assert crowded(box((0, 6, 0))) == crowded(box((0, 0, -1), axes=rotation((1, 0, 0), 180))) == 0
+
+
+def test_a_range_and_a_weight_of_the_options_decide_how_far_marks_keep_apart() -> None:
+    objective = Objective(proximity_weight=0.1, proximity_range=2.0)
+    pair = boxes(box((0, 0, 0)), box((0, 1, 0)))
+    nothing = np.zeros((2, 1), np.float32)
+    placement = replace(a_placement(2, 0), boxes=pair, likelihood=nothing, weight=np.ones(1), cost=np.zeros(2))
+    assert replace(placement, objective=objective).value([0, 1]) == pytest.approx(-0.05)
 
 
 def test_letters_of_a_colour_stand_out_from_other_colours_and_letters_without_one_from_bright_ground() -> None:
