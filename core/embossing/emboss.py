@@ -34,7 +34,7 @@ FINEST = 4  # spacings of the file's coordinates; least length of a new edge
 
 @dataclass(frozen=True)
 class EmbossOptions:
-    """Values of :func:`emboss`: both ours.
+    """Values of :func:`emboss`: both ours; the paper unites solids.
 
     Attributes:
         shifts: text heights along the text and across it, tried in turn; imperceptible, they break coincidences of
