@@ -12,13 +12,30 @@ from core.geometry.spatial import Eye, SpatialIndex
 from core.geometry.surface import Surface
 from core.geometry.winding import consistent
 
-# Components tested, the largest first; points on each; rays from each point.
-COMPONENTS, SAMPLES, DIRECTIONS = 1024, 16, 24
-GRAZING = 0.1  # cosine; rays at less than this to the face do not count
 CLEAR = 1e-3  # size-30 units between the surface and the origins of rays
-# Ratio of rays that leave from the back of a component to those from its front, from which on it is inside out. For an
-# open sheet both are about equal: it keeps the file's winding.
-CLEARLY = 4
+
+
+@dataclass(frozen=True)
+class OrientationOptions:
+    """Values of :func:`orient`: all ours; the paper says nothing of winding.
+
+    Attributes:
+        components: tested, the largest first.
+        samples: points on each component.
+        directions: of rays from each point.
+        grazing: cosine; rays at less than this to the face do not count.
+        clearly: ratio of rays that leave from the back of a component to those from its front, from which on it is
+            inside out. For an open sheet both are about equal: it keeps the file's winding.
+    """
+
+    components: int = 1024
+    samples: int = 16
+    directions: int = 24
+    grazing: float = 0.1
+    clearly: float = 4
+
+
+ORIENTATION = OrientationOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +54,13 @@ class Orientation:
 
 
 def orient(
-    surface: Surface, distinct: Bool, one_sided: Bool, clear: Bool, index: SpatialIndex, glazed: SpatialIndex
+    surface: Surface,
+    distinct: Bool,
+    one_sided: Bool,
+    clear: Bool,
+    index: SpatialIndex,
+    glazed: SpatialIndex,
+    options: OrientationOptions = ORIENTATION,
 ) -> Orientation:
     """The :class:`Orientation` of a surface.
 
@@ -54,6 +77,7 @@ def orient(
         clear: (F,) the faces that are see-through.
         index: over the asset; see-through faces do not occlude.
         glazed: the same, but they do; see-through components are judged by it.
+        options: tuned values.
     """
     ids = np.flatnonzero(distinct)
     first, second, agree = surface.edges.among(distinct).pairs()
@@ -70,7 +94,7 @@ def orient(
     against = np.bincount(component, weights=deciding * flipped, minlength=count)
     flipped ^= (against > np.where(decided > 0, decided, total) / 2)[component]
     components = _Components(ids, component, flipped, np.where(decided > 0, 0.0, total))
-    flipped ^= _inside_out(surface, components, clear, index, glazed)[component]
+    flipped ^= _inside_out(surface, components, clear, index, glazed, options)[component]
     flipped &= ~fixed
     none = np.zeros(len(surface.faces), dtype=bool)
     result = Orientation(none, np.full(len(surface.faces), -1), none.copy())
@@ -107,30 +131,35 @@ class _Components:
 
 
 def _inside_out(
-    surface: Surface, components: _Components, clear: Bool, index: SpatialIndex, glazed: SpatialIndex
+    surface: Surface,
+    components: _Components,
+    clear: Bool,
+    index: SpatialIndex,
+    glazed: SpatialIndex,
+    options: OrientationOptions,
 ) -> Bool:
     """(P,) undecided components from whose backs clearly more rays leave the asset than from their fronts."""
     ids, component, flipped = components.ids, components.component, components.flipped
     count = len(components.undecided)
     total = np.asarray(np.bincount(component, weights=surface.areas[ids], minlength=count), dtype=np.float64)
-    tested = np.argsort(-components.undecided, kind="stable")[:COMPONENTS]
+    tested = np.argsort(-components.undecided, kind="stable")[: options.components]
     tested = tested[components.undecided[tested] > 0]
     by_component = np.argsort(component, kind="stable")
     cumulative = np.cumsum(surface.areas[ids[by_component]])
     ends = np.cumsum(total)
     # Even steps along each component's area; the golden section spreads the points over their triangles.
-    along = (ends - total)[tested, None] + (np.arange(SAMPLES) + 0.5) / SAMPLES * total[tested, None]
+    along = (ends - total)[tested, None] + (np.arange(options.samples) + 0.5) / options.samples * total[tested, None]
     picked = by_component[np.minimum(np.searchsorted(cumulative, along.ravel()), len(ids) - 1)]
-    picked_component = np.repeat(tested, SAMPLES)
+    picked_component = np.repeat(tested, options.samples)
     root = np.sqrt((np.arange(len(picked)) * 0.618034 + 0.5) % 1.0)[:, None]
     second = ((np.arange(len(picked)) * 0.754878 + 0.5) % 1.0)[:, None]
     a, b, c = (surface.positions[surface.faces[ids[picked], corner]] for corner in range(3))
     points = (1 - root) * a + root * (1 - second) * b + root * second * c
     normals = surface.normals[ids[picked]] * np.where(flipped[picked], -1.0, 1.0)[:, None]
 
-    directions = fibonacci_directions(DIRECTIONS)
+    directions = fibonacci_directions(options.directions)
     cosine = product(normals, directions.T)
-    point, direction = np.nonzero(np.abs(cosine) > GRAZING)
+    point, direction = np.nonzero(np.abs(cosine) > options.grazing)
     side = np.sign(cosine[point, direction])
     origins = points[point] + CLEAR * side[:, None] * normals[point]
     seen = np.zeros(len(point), dtype=bool)
@@ -141,4 +170,4 @@ def _inside_out(
     owner = picked_component[point]
     front = np.bincount(owner, weights=seen & (side > 0), minlength=len(total))
     back = np.bincount(owner, weights=seen & (side < 0), minlength=len(total))
-    return np.asarray(back > CLEARLY * front)
+    return np.asarray(back > options.clearly * front)

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.analysis.orientation import Orientation, orient
+from core.analysis.orientation import Orientation, OrientationOptions, orient
 from core.arrays import Bool, Int
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
@@ -55,6 +55,14 @@ def test_each_part_is_judged_by_itself() -> None:
     inside_out = _turned(box(3.0, 3.0, 3.0), np.arange(12))
     both = join(box(3.0, 3.0, 3.0), moved(inside_out, 8.0, 0.0, 0.0))
     assert _reversed(both) == [False] * 12 + [True] * 12
+
+
+def test_only_as_many_parts_are_judged_as_the_options_say_the_largest_first() -> None:
+    small, large = (_turned(box(side, side, side), np.arange(12)) for side in (3.0, 4.0))
+    both = join(small, moved(large, 8.0, 0.0, 0.0))
+    none, index = np.zeros(24, dtype=bool), SpatialIndex(both.positions, both.faces)
+    found = orient(both, ~none, none, none, index, index, OrientationOptions(components=1))
+    assert found.flipped.tolist() == [False] * 12 + [True] * 12
 
 
 def test_an_open_sheet_keeps_the_winding_of_its_file() -> None:
