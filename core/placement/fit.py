@@ -40,6 +40,7 @@ from core.placement.objective import (
     obstructed,
     roll,
 )
+from core.placement.rejection import Stage
 from core.placement.selection import visibility
 
 # Random points thinned to a radius r leave about this times area / r^2.
@@ -53,7 +54,7 @@ def fit(
     wanted: Float | None,
     rng: np.random.Generator,
     progress: Callable[[float], None],
-) -> tuple[Placement, dict[str, int]]:
+) -> tuple[Placement, dict[Stage, int]]:
     """Boxes of one ``width`` (size-30 units) that may carry the text.
 
     Args:
@@ -65,13 +66,13 @@ def fit(
         progress: called with the share done, 0 to 1, by the slow solver.
 
     Returns:
-        The boxes that passed, and the number left after each stage.
+        The boxes that passed, and the number left after each :class:`Stage`, in order.
     """
     height = width * context.artwork.aspect
     options = context.options.candidates
     thickness = max(options.thickness * max(width, height), options.thinnest)
     boxes = _candidates(context, (width, height, thickness), wanted, rng)
-    left = {"candidates": len(boxes)}
+    left = {Stage.CANDIDATES: len(boxes)}
     if context.parameters.solver is Solver.ADAM:
         boxes, loss = adam(boxes, context.carrier.index, progress, context.options.adam)
         return _survivors(context, boxes, loss, context.options.adam.threshold, left)
@@ -141,61 +142,64 @@ def _survivors(
     boxes: Boxes,
     loss: Float,
     limit: Float | float,
-    left: dict[str, int],
+    left: dict[Stage, int],
     overhanging: int = 0,
-) -> tuple[Placement, dict[str, int]]:
+) -> tuple[Placement, dict[Stage, int]]:
     """Fitted ``boxes`` (B,) with a ``loss`` (B,) below the ``limit`` (B,) that pass all filters, and the number
-    ``left`` after each stage; ``overhanging`` ones were rejected during fitting."""
+    ``left`` after each stage; ``overhanging`` ones were rejected during fitting.
+
+    A stage that drops boxes for a fault has its reason in :data:`core.placement.rejection.REASONS`.
+    """
     parameters, index, options = context.parameters, context.carrier.index, context.options.filters
     kept = np.flatnonzero(loss < limit)
     boxes, loss = right_way_up(boxes[kept]), loss[kept]
-    left["aligned"] = len(boxes) + overhanging
+    left[Stage.ALIGNED] = len(boxes) + overhanging
     kept = distinct(boxes, loss, options.copy)
     boxes, loss = boxes[kept], loss[kept]
-    left["distinct"] = len(boxes) + overhanging
+    left[Stage.DISTINCT] = len(boxes) + overhanging
     if context.facts.regions is not None:
         kept = np.flatnonzero(
             ~context.facts.regions.touches(boxes, margin=float(_relief(context, boxes).max(initial=0)))
         )
         boxes, loss = boxes[kept], loss[kept]
-    left["free"] = len(boxes) + overhanging
+    left[Stage.FREE] = len(boxes) + overhanging
 
     met = _footprint(context, boxes, _relief(context, boxes))
     kept = np.flatnonzero(fully_supported(met, boxes, context.carrier.component))
     boxes, loss = boxes[kept], loss[kept]
     met = Footprint(met.height[kept], met.cosine[kept], met.local[kept], met.face[kept])
-    left["covered"] = len(boxes)
+    left[Stage.COVERED] = len(boxes)
 
     kept = np.arange(len(boxes))
     if context.rims is not None:
         kept = np.flatnonzero(~context.rims.crossed(boxes, index))
         boxes, loss = boxes[kept], loss[kept]
-    left["whole"] = len(boxes)
+    left[Stage.WHOLE] = len(boxes)
 
     if context.carrier.opacity is not None:
         met = Footprint(met.height[kept], met.cosine[kept], met.local[kept], met.face[kept])
         points = above(boxes, met, 0.0).reshape(-1, 3)
         kept = np.flatnonzero(context.carrier.opacity(points, met.face.ravel()).reshape(met.face.shape).all(axis=1))
         boxes, loss = boxes[kept], loss[kept]
-    left["opaque"] = len(boxes)
+    left[Stage.OPAQUE] = len(boxes)
 
     rough = roughness_met(met, context.normals, options)[kept]
     kept = np.flatnonzero(smooth(rough, options))
     boxes, loss, rough = boxes[kept], loss[kept], rough[kept]
-    left["smooth"] = len(boxes)
+    left[Stage.SMOOTH] = len(boxes)
 
     relief = _relief(context, boxes)
     met = footprint(boxes, index, context.normals, relief, options.sight_grid, margin=0.0)
     sight = above(boxes, met, options.lift * relief)
     blocked = occluded(boxes, sight, index, reach=options.sight * boxes.size[:, 1])
-    left["open"] = int((~blocked).sum())
+    left[Stage.OPEN] = int((~blocked).sum())
     if parameters.mode is Mode.DEBOSS:
         blocked |= thin_walled(boxes, met, index, options.lift * relief)
-    left["thick"] = int((~blocked).sum())
+    left[Stage.THICK] = int((~blocked).sum())
     visible = np.zeros((len(boxes), len(context.targets.directions)), dtype=bool)
     visible[~blocked] = visibility(boxes[~blocked], sight[~blocked], index, context.targets.directions)
     kept = np.flatnonzero(visible.any(axis=1))
-    left["seen"] = len(kept)
+    left[Stage.SEEN] = len(kept)
     met = Footprint(met.height[kept], met.cosine[kept], met.local[kept], met.face[kept])
     return _valued(context, boxes[kept], loss[kept], rough[kept], visible[kept], met, relief[kept]), left
 

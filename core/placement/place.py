@@ -15,6 +15,7 @@ from core.placement.fit import fit, widen
 from core.placement.legibility import USUAL_ASPECT, legible_height, text_width
 from core.placement.objective import FACING_VIEW, Placement, best_possible_coverage
 from core.placement.options import SEARCH, SearchOptions
+from core.placement.rejection import REASONS, Stage
 from core.placement.selection import select
 
 
@@ -96,13 +97,13 @@ def _search(
     rejected: Collection[int],
     rng: np.random.Generator,
     progress: Callable[[float], None],
-) -> tuple[Placement | None, list[dict[str, int]]]:
+) -> tuple[Placement | None, list[dict[Stage, int]]]:
     """Search one width after the other until enough is covered; the boxes, and the number left by stage for each
     width."""
     parameters, options, coverable = context.parameters, context.options, context.facing >= FACING_VIEW
     assert parameters.count is not None
     worth = context.targets.weight[: len(coverable)]
-    left: list[dict[str, int]] = []
+    left: list[dict[Stage, int]] = []
     for step, width in enumerate(widths):
         wanted = None
         if found is not None:
@@ -169,37 +170,16 @@ def _merge(one: Placement, other: Placement) -> Placement:
     )
 
 
-# Reason and remedy for boxes dropped at each stage.
-SMALLER = "Ask for a `size` below {narrowest:.3g}, or use a shorter text."
-REASONS = {
-    "aligned": ("the surface bends away from it or ends under it", SMALLER),
-    "free": ("it reaches into a `keep_out` region", "Keep less of the asset out, or use a shorter text."),
-    "covered": ("it hangs over an edge, a hole or a second layer", SMALLER),
-    "whole": ("a letter would cross a sharp edge, a crack or a fold", SMALLER),
-    "opaque": ("it lies over holes or glass", SMALLER),
-    "smooth": ("the surface under it is too rough", SMALLER),
-    "open": ("another part is right in front of it", SMALLER),
-    "thick": (
-        "the wall under it is so thin that sunken letters would come through its back",
-        'Ask for raised letters (`mode` "emboss"), or for a smaller `relief`.',
-    ),
-    "seen": (
-        "it faces inwards and is seen from no direction",
-        "Turn the faces outwards (recalculate the normals), or use a smaller `size`.",
-    ),
-}
-
-
-def _no_placement(widths: list[float], left: list[dict[str, int]]) -> MeshmarkError:
+def _no_placement(widths: list[float], left: list[dict[Stage, int]]) -> MeshmarkError:
     removed = dict.fromkeys(REASONS, 0)
     for counts in left:
         for before, after in pairwise(counts):
             if after in REASONS:
                 removed[after] += counts[before] - counts[after]
-    # Boxes refused for thin walls alone passed all other filters.
-    worst = "thick" if removed["thick"] else max(removed, key=lambda stage: removed[stage])
+    # Boxes on thin walls passed every filter before that: all they need is raised letters.
+    worst = Stage.THICK if removed[Stage.THICK] else max(removed, key=lambda stage: removed[stage])
     reason, remedy = REASONS[worst]
-    tried = sum(counts["candidates"] for counts in left)
+    tried = sum(counts[Stage.CANDIDATES] for counts in left)
     if tried == 0:
         return MeshmarkError(
             ErrorCode.NO_PLACEMENT,
@@ -211,6 +191,6 @@ def _no_placement(widths: list[float], left: list[dict[str, int]]) -> MeshmarkEr
     return MeshmarkError(
         ErrorCode.NO_PLACEMENT,
         f"No place for the text was found on this asset: {tried} boxes of width {sizes} were tried, and "
-        f"{'the last' if worst == 'thick' else 'most'} ({removed[worst]}) were dropped because {reason}.",
+        f"{'the last' if worst is Stage.THICK else 'most'} ({removed[worst]}) were dropped because {reason}.",
         remedy.format(narrowest=min(widths)),
     )

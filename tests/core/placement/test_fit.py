@@ -8,6 +8,7 @@ from core.geometry.surface import Surface
 from core.parameters import Parameters
 from core.placement.context import PlacementContext, build_context
 from core.placement.fit import fit, widen
+from core.placement.rejection import Stage
 from tests.core.placement.shapes import box, carrier, cuboid, inside_out, join, moved, sphere, text
 
 UP = np.array([[0.0, 1.0, 0.0]])
@@ -21,6 +22,7 @@ def opened(shape: Surface) -> PlacementContext:
 
 def test_each_stage_leaves_no_more_boxes_than_the_one_before() -> None:
     found, left = fit(opened(sphere(15)), 3.0, None, np.random.default_rng(0), lambda _: None)
+    assert list(left) == list(Stage)
     counts = list(left.values())
     assert counts == sorted(counts, reverse=True)
     assert len(found.boxes) == counts[-1] > 0
@@ -36,13 +38,13 @@ def test_no_search_is_spent_on_surface_that_nobody_sees() -> None:
     hollow = join(cuboid(30, 30, 30), *(moved(cuboid(4, 4, 4), shift=(x, 0, 0)) for x in (-8, 0, 8)))
     _, left = fit(opened(hollow), 2.0, None, np.random.default_rng(0), lambda _: None)
     _, plain = fit(opened(cuboid(30, 30, 30)), 2.0, None, np.random.default_rng(0), lambda _: None)
-    assert left["candidates"] == pytest.approx(plain["candidates"], rel=0.1)
-    assert left["open"] > 0.95 * left["smooth"]
+    assert left[Stage.CANDIDATES] == pytest.approx(plain[Stage.CANDIDATES], rel=0.1)
+    assert left[Stage.OPEN] > 0.95 * left[Stage.SMOOTH]
 
 
 def test_an_asset_that_looks_inwards_has_nothing_to_fit() -> None:
     found, left = fit(opened(inside_out(cuboid(30, 30, 30))), 3.0, None, np.random.default_rng(0), lambda _: None)
-    assert left["candidates"] == 0
+    assert left[Stage.CANDIDATES] == 0
     assert len(found.boxes) == 0
 
 
@@ -59,7 +61,7 @@ def test_candidates_that_stand_badly_are_not_fitted() -> None:
     blocks = [moved(cuboid(2.5, 2.5, 2.5), shift=(5 * x, 5 * y, 0)) for x in range(-2, 3) for y in range(-2, 3)]
     plate = moved(cuboid(30, 30, 1), shift=(0, 0, -4))
     _, left = fit(opened(join(plate, *blocks)), 4.0, None, np.random.default_rng(0), lambda _: None)
-    assert left["covered"] > 0.9 * left["candidates"]  # 0.63 of candidates as they are drawn
+    assert left[Stage.COVERED] > 0.9 * left[Stage.CANDIDATES]  # 0.63 of candidates as they are drawn
 
 
 def grown(shape: Surface, where: Boxes, most: float) -> list[float]:
