@@ -58,5 +58,6 @@ def obstructed(base: Float, tops: Float, relief: float, index: SpatialIndex) -> 
         return bool(np.any(distance < 0.95 * reach))
     # Likewise from below, where another side of a wall, however thin it is, is met from its front.
     distance, face = index.first_hit(base + reach * direction, -direction)
-    other_side = (face >= 0) & (np.einsum("ni,ni->n", index.normals(face), direction) > 0)
-    return bool(np.any(distance[other_side] < 1.05 * reach) or np.any(distance < 0.95 * reach))
+    slack = 0.05 * abs(relief)
+    from_front = (face >= 0) & (np.einsum("ni,ni->n", index.normals(face), direction) > 0)
+    return bool(np.any(distance < reach - slack) or np.any(distance[from_front] < reach + slack))
