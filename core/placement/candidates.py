@@ -36,7 +36,7 @@ class CandidateOptions:
         support_grid: rays along the text and across it that estimate the support.
         probes: directions tried for each sample; one visible from none lies inside or in a cranny.
         narrow: share of the width of legible text, or of the text if that is less; text runs along narrower strips.
-        strip_density: samples for each place in a square of four of these widths; they decide on strips.
+        strip_density: samples in a square of twice that width a side; they decide what is a strip.
         strip_reach: radius of a strip's samples over its greatest width, so that no border of a wide face counts.
         strip: ratio of a strip's length to its width within this radius, at least.
         strip_samples: of a strip, at least.

@@ -1,4 +1,4 @@
-"""All tuned values of placement: one record for each algorithm, but for the search in the file of it."""
+"""All tuned values of placement: those of its search, and those of the algorithms that it runs, each in its file."""
 
 from dataclasses import dataclass
 
@@ -43,7 +43,7 @@ SEARCH = SearchOptions()
 
 @dataclass(frozen=True)
 class PlacementOptions:
-    """Values of :func:`core.placement.place.place`: those of the algorithms that it runs."""
+    """Values of :func:`core.placement.place.place` and of the algorithms that it runs."""
 
     search: SearchOptions = SEARCH
     candidates: CandidateOptions = CANDIDATES
