@@ -108,9 +108,11 @@ class CopyFacts(Section):
 
 
 class Embossing(Section):
-    """The number of places tried for the marks."""
+    """The number of places where a mark was to be cut."""
 
-    tried: Annotated[int, Field(description="Places that were tried.")]
+    tried: Annotated[
+        int, Field(description="Places where a cut was tried; candidates dropped by filters are not counted.")
+    ]
     verified: Annotated[int, Field(description="Those where a mark stands that passed its check.")]
     refused: Annotated[dict[Refusal, int], Field(description="How many places did not do, by reason.")]
 

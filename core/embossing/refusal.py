@@ -35,7 +35,7 @@ EXPLAINED: dict[Refusal, tuple[str, str]] = {
     Refusal.CUT_FAILED: ("the surface there has no clean cut along the letters", SMALLER),
     Refusal.SECOND_LAYER: (
         "another surface lies within reach of the letters",
-        "Ask for a smaller `relief` or `size`, or remove doubled surfaces.",
+        "Ask for a smaller `relief` or `size`, for raised letters where they are sunken, or remove doubled surfaces.",
     ),
     Refusal.THIN_WALL: (
         "the wall is so thin that sunken letters would come through its back",

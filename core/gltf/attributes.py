@@ -49,8 +49,12 @@ def read_rows(document: Document, name: str, accessor: int) -> NDArray[Any]:
 
 
 def interpolate_attribute(document: Document, name: str, accessor: int, points: Points) -> Float:
-    """(C, n) float64 values of an attribute or a morph target's change of it; integer identifiers (of features and the
-    like) are taken from the nearest corner instead."""
+    """(C, n) float64 values of an attribute or a morph target's change of it.
+
+    UV sets, colours and all other quantities are linear in the triangle. A lifted corner takes the value of its foot
+    point (:attr:`core.gltf.edit.SurfaceEdit.barycentric`). Integer identifiers (of features and the like) are those of
+    the nearest corner.
+    """
     rows = read_accessor(document, accessor)
     rows = rows.reshape(len(rows), -1)
     entry = document.entry("accessors", accessor)

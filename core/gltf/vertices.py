@@ -32,7 +32,7 @@ SMOOTH = np.cos(np.radians(30))  # cosine; walls that meet at less than 30 degre
 
 
 @dataclass(eq=False)
-class Patch:
+class CutPrimitives:
     """New triangles whose source primitives share their vertex attributes: C = 3M corners, in surface order.
 
     Attributes:
@@ -61,8 +61,8 @@ class Patch:
     values: list[dict[str, Float]]
 
 
-def cut_patches(scene: Scene, edit: SurfaceEdit) -> list[Patch]:
-    """The touched primitives of an edit, together where they share their vertex attributes.
+def cut_primitives(scene: Scene, edit: SurfaceEdit) -> list[CutPrimitives]:
+    """The primitives that an edit touches, together where they share their vertex attributes.
 
     Raises:
         MeshmarkError: ``unsupported_feature`` where a vertex cannot be transformed back to its node's frame.
@@ -72,12 +72,12 @@ def cut_patches(scene: Scene, edit: SurfaceEdit) -> list[Patch]:
     together: dict[int, list[int]] = {}
     for index in np.union1d(surface.face_primitive[~edit.keep], owner).tolist():
         together.setdefault(scene.primitives[index].first_vertex, []).append(index)
-    patches = []
+    cuts = []
     for first_vertex, drawn in together.items():
         triangles = np.flatnonzero(np.isin(owner, drawn))
         original = edit.original[triangles].reshape(-1)
         maps = scene.primitives[drawn[0]].primitive.maps
-        patch = Patch(
+        cut = CutPrimitives(
             drawn=drawn,
             maps=maps,
             triangles=triangles,
@@ -92,23 +92,23 @@ def cut_patches(scene: Scene, edit: SurfaceEdit) -> list[Patch]:
             local=np.empty((0, 3), np.float32),
             values=[{} for _ in maps],
         )
-        _place(scene, surface.to_world(edit.position[triangles].reshape(-1, 3)), patch)
-        patches.append(patch)
-    _share_points(scene, patches)
-    for patch in patches:
-        _interpolate(scene.document, patch)
-    return patches
+        _place(scene, surface.to_world(edit.position[triangles].reshape(-1, 3)), cut)
+        cuts.append(cut)
+    _share_points(scene, cuts)
+    for cut in cuts:
+        _interpolate(scene.document, cut)
+    return cuts
 
 
-def row_labels(patch: Patch, corners: Int) -> Int:
+def row_labels(cut: CutPrimitives, corners: Int) -> Int:
     """(N,) labels of ``corners`` (N,): equal for those that can share one row.
 
     These are corners of the same point, both of a wall or neither where there are normals, whose attributes agree.
     Positions, joints and weights belong to the point and need no comparison.
     """
-    wall = patch.wall[corners] & has_normals(patch)
-    words = [patch.vertex[corners, None].view(np.uint32), wall[:, None].astype(np.uint32)]
-    for values in patch.values:
+    wall = cut.wall[corners] & has_normals(cut)
+    words = [cut.vertex[corners, None].view(np.uint32), wall[:, None].astype(np.uint32)]
+    for values in cut.values:
         for name, value in values.items():
             if name == "POSITION" or name.startswith(("JOINTS_", "WEIGHTS_")):
                 continue
@@ -120,83 +120,83 @@ def row_labels(patch: Patch, corners: Int) -> Int:
     return group_rows(np.hstack(words))
 
 
-def has_normals(patch: Patch) -> bool:
+def has_normals(cut: CutPrimitives) -> bool:
     """True where vertices carry normals, so that walls need rows of their own."""
-    return any("NORMAL" in attributes for attributes in patch.maps)
+    return any("NORMAL" in attributes for attributes in cut.maps)
 
 
-def _place(scene: Scene, world: Float, patch: Patch) -> None:
+def _place(scene: Scene, world: Float, cut: CutPrimitives) -> None:
     """Set the local positions of the corners, with the influences and morphs that transform them to the world.
 
     All corners of one point have those of the first of them, so that it stays one point in every pose.
     """
-    document, drawn = scene.document, scene.primitives[patch.drawn[0]]
-    first = _first_of_each(patch.vertex, patch.original)
-    points, matrices = patch.points[first], drawn.matrices
-    if influence_sets(patch.maps[0]):
-        joints, weights = interpolate_influences(document, patch.maps[0], points)
+    document, drawn = scene.document, scene.primitives[cut.drawn[0]]
+    first = _first_of_each(cut.vertex, cut.original)
+    points, matrices = cut.points[first], drawn.matrices
+    if influence_sets(cut.maps[0]):
+        joints, weights = interpolate_influences(document, cut.maps[0], points)
         if drawn.skin is not None:
             matrices = blend(joints, weights, drawn.skin.matrices)
         for number in range(joints.shape[1] // 4):
             columns = slice(4 * number, 4 * number + 4)
-            patch.values[0][f"JOINTS_{number}"] = joints[:, columns].astype(np.float64)
-            patch.values[0][f"WEIGHTS_{number}"] = weights[:, columns]
-        _keep_influences(document, patch, patch.original[first])
+            cut.values[0][f"JOINTS_{number}"] = joints[:, columns].astype(np.float64)
+            cut.values[0][f"WEIGHTS_{number}"] = weights[:, columns]
+        _keep_influences(document, cut, cut.original[first])
     _require_invertible(drawn, matrices)
-    patch.winding *= np.where(determinants(matrices) < 0, -1.0, 1.0)[:: 3 if len(matrices) > 1 else 1]
+    cut.winding *= np.where(determinants(matrices) < 0, -1.0, 1.0)[:: 3 if len(matrices) > 1 else 1]
     local = solved(matrices[:, :, :3], world - matrices[:, :, 3])
-    for weight, target, values in zip(drawn.morph_weights, patch.maps[1:], patch.values[1:], strict=True):
+    for weight, target, values in zip(drawn.morph_weights, cut.maps[1:], cut.values[1:], strict=True):
         if "POSITION" in target:
             delta = interpolate_attribute(document, "POSITION", target["POSITION"], points).astype(np.float32)
             values["POSITION"] = delta.astype(np.float64)
             local -= weight * values["POSITION"]
-    patch.local = local.astype(np.float32)
-    untouched = patch.original >= 0
-    rows = read_rows(document, "POSITION", patch.maps[0]["POSITION"])
-    patch.local[untouched] = rows[patch.original[untouched]]
+    cut.local = local.astype(np.float32)
+    untouched = cut.original >= 0
+    rows = read_rows(document, "POSITION", cut.maps[0]["POSITION"])
+    cut.local[untouched] = rows[cut.original[untouched]]
 
 
-def _keep_influences(document: Document, patch: Patch, original: Int) -> None:
+def _keep_influences(document: Document, cut: CutPrimitives, original: Int) -> None:
     """Give corners at an untouched vertex (``original`` >= 0) the joints and weights of its row to the last bit."""
     at_vertex = original >= 0
-    for name, values in patch.values[0].items():
-        accessor = patch.maps[0][name]
+    for name, values in cut.values[0].items():
+        accessor = cut.maps[0][name]
         entry = document.entry("accessors", accessor) | ({"normalized": True} if name.startswith("WEIGHTS_") else {})
         values[at_vertex] = dequantize(read_accessor(document, accessor)[original[at_vertex]], entry)
 
 
-def _share_points(scene: Scene, patches: list[Patch]) -> None:
+def _share_points(scene: Scene, cuts: list[CutPrimitives]) -> None:
     """Give the corners of one point one position across all primitives of their node, and the same influences and
     morphs across those that store these alike."""
-    nodes: dict[tuple[int, int | None], list[Patch]] = {}
-    alike: dict[tuple[tuple[int, int | None], str], list[Patch]] = {}
-    for patch in patches:
-        drawn = scene.primitives[patch.drawn[0]]
+    nodes: dict[tuple[int, int | None], list[CutPrimitives]] = {}
+    alike: dict[tuple[tuple[int, int | None], str], list[CutPrimitives]] = {}
+    for cut in cuts:
+        drawn = scene.primitives[cut.drawn[0]]
         node = drawn.node.index, drawn.instance
         types = [
             [(name, scene.document.entry("accessors", accessors[name])["componentType"]) for name in values]
-            for accessors, values in zip(patch.maps, patch.values, strict=True)
+            for accessors, values in zip(cut.maps, cut.values, strict=True)
         ]
-        nodes.setdefault(node, []).append(patch)
-        alike.setdefault((node, repr(types)), []).append(patch)
+        nodes.setdefault(node, []).append(cut)
+        alike.setdefault((node, repr(types)), []).append(cut)
     for group in nodes.values():
-        for patch, local in zip(group, _shared(group, [patch.local for patch in group]), strict=True):
-            patch.local = local
+        for cut, local in zip(group, _shared(group, [cut.local for cut in group]), strict=True):
+            cut.local = local
     for group in alike.values():
         for number, names in enumerate(group[0].values):
             for name in names:
-                columns = _shared(group, [patch.values[number][name] for patch in group])
-                for patch, values in zip(group, columns, strict=True):
-                    patch.values[number][name] = values
-    for patch in patches:
-        patch.values[0]["POSITION"] = patch.local.astype(np.float64)
+                columns = _shared(group, [cut.values[number][name] for cut in group])
+                for cut, values in zip(group, columns, strict=True):
+                    cut.values[number][name] = values
+    for cut in cuts:
+        cut.values[0]["POSITION"] = cut.local.astype(np.float64)
 
 
-def _shared(group: list[Patch], values: list[NDArray[Any]]) -> list[NDArray[Any]]:
-    """The (C, n) ``values`` of each patch with those of the first corner of the same point in any of them."""
-    vertex = np.concatenate([patch.vertex for patch in group])
-    original = np.concatenate([patch.original for patch in group])
-    ends = np.cumsum([len(patch.vertex) for patch in group])
+def _shared(group: list[CutPrimitives], values: list[NDArray[Any]]) -> list[NDArray[Any]]:
+    """The (C, n) ``values`` of each in the ``group``, with those of the first corner of the same point in any of it."""
+    vertex = np.concatenate([cut.vertex for cut in group])
+    original = np.concatenate([cut.original for cut in group])
+    ends = np.cumsum([len(cut.vertex) for cut in group])
     return np.split(np.concatenate(values)[_first_of_each(vertex, original)], ends[:-1])
 
 
@@ -221,40 +221,40 @@ def _require_invertible(drawn: DrawnPrimitive, matrices: Float) -> None:
         )
 
 
-def _interpolate(document: Document, patch: Patch) -> None:
-    """Fill ``patch.values`` with the attributes that :func:`_place` has not set."""
-    for attributes, values in zip(patch.maps, patch.values, strict=True):
+def _interpolate(document: Document, cut: CutPrimitives) -> None:
+    """Fill ``cut.values`` with the attributes that :func:`_place` has not set."""
+    for attributes, values in zip(cut.maps, cut.values, strict=True):
         for name, accessor in attributes.items():
             if name not in values:
-                values[name] = interpolate_attribute(document, name, accessor, patch.points)
-    base, targets = patch.values[0], patch.values[1:]
+                values[name] = interpolate_attribute(document, name, accessor, cut.points)
+    base, targets = cut.values[0], cut.values[1:]
     if "NORMAL" not in base:
         return
-    flat = _flat_normals(patch, base["POSITION"])
+    flat = _flat_normals(cut, base["POSITION"])
     smooth = unit(base["NORMAL"])
-    one, two, share = _curves(patch, flat, base["POSITION"])
+    one, two, share = _curves(cut, flat, base["POSITION"])
     walls = _along_curves(flat, one, two, share)
-    is_flat = (patch.wall | ~smooth.any(axis=1)) & flat.any(axis=1)
+    is_flat = (cut.wall | ~smooth.any(axis=1)) & flat.any(axis=1)
     normals = np.where(is_flat[:, None], walls, smooth)
     normals[~normals.any(axis=1)] = (0.0, 0.0, 1.0)  # a triangle without area or normals: any unit vector is valid
     base["NORMAL"] = normals
     for target in targets:
         if "NORMAL" in target and "POSITION" in target:
-            turned = _along_curves(_flat_normals(patch, base["POSITION"] + target["POSITION"]), one, two, share)
-            follows = patch.wall & flat.any(axis=1) & turned.any(axis=1)
+            turned = _along_curves(_flat_normals(cut, base["POSITION"] + target["POSITION"]), one, two, share)
+            follows = cut.wall & flat.any(axis=1) & turned.any(axis=1)
             target["NORMAL"][follows] = (turned - walls)[follows]
     if "TANGENT" in base:
         base["TANGENT"][:, :3] = orthogonal_tangents(base["TANGENT"][:, :3], normals)
-        handedness = read_rows(document, "TANGENT", patch.maps[0]["TANGENT"])[:, 3:]
-        base["TANGENT"][:, 3:] = patch.points.nearest(handedness)
+        handedness = read_rows(document, "TANGENT", cut.maps[0]["TANGENT"])[:, 3:]
+        base["TANGENT"][:, 3:] = cut.points.nearest(handedness)
 
 
-def _curves(patch: Patch, flat: Float, local: Float) -> tuple[Int, Int, Float]:
+def _curves(cut: CutPrimitives, flat: Float, local: Float) -> tuple[Int, Int, Float]:
     """Pairs (P,), (P,) of wall corners at one point that are shaded as one curve, each with itself too, and the angle
     (P,) of the triangle at the second: the weight of its normal."""
-    wall = np.flatnonzero(patch.wall & flat.any(axis=1))
-    wall = wall[np.argsort(patch.vertex[wall], kind="stable")]
-    _, start, which, size = np.unique(patch.vertex[wall], return_index=True, return_inverse=True, return_counts=True)
+    wall = np.flatnonzero(cut.wall & flat.any(axis=1))
+    wall = wall[np.argsort(cut.vertex[wall], kind="stable")]
+    _, start, which, size = np.unique(cut.vertex[wall], return_index=True, return_inverse=True, return_counts=True)
     reach = size[which]
     one = np.repeat(np.arange(len(wall)), reach)
     two = np.repeat(start[which], reach) + np.arange(len(one)) - np.repeat(np.cumsum(reach) - reach, reach)
@@ -274,6 +274,6 @@ def _along_curves(flat: Float, one: Int, two: Int, share: Float) -> Float:
     return np.where(mean.any(axis=1, keepdims=True), mean, flat)
 
 
-def _flat_normals(patch: Patch, local: Float) -> Float:
+def _flat_normals(cut: CutPrimitives, local: Float) -> Float:
     """(C, 3) normals of the new triangles at local corner positions (C, 3), outwards in the mesh's own frame."""
-    return np.repeat(flat_normals(local.reshape(-1, 3, 3)) * patch.winding[:, None], 3, axis=0)
+    return np.repeat(flat_normals(local.reshape(-1, 3, 3)) * cut.winding[:, None], 3, axis=0)

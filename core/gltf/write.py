@@ -23,7 +23,7 @@ from core.gltf.materials import UNLIT, Material
 from core.gltf.primitives import TRIANGLES, Primitive
 from core.gltf.references import OUTLINE
 from core.gltf.scene import Scene
-from core.gltf.vertices import Patch, cut_patches, has_normals, row_labels
+from core.gltf.vertices import CutPrimitives, cut_primitives, has_normals, row_labels
 
 Owner = tuple[int, int | None]  # a node, and the number of its instance
 Replacement = tuple[dict[str, Any] | None, list[dict[str, Any]]]  # the surface and the coloured letters of a primitive
@@ -59,31 +59,31 @@ def write(scene: Scene, edit: SurfaceEdit, styles: Sequence[Style]) -> bytes:
     palette = [style for style in dict.fromkeys(styles) if style.color is not None]
     look_of_mark = np.array([palette.index(style) + 1 if style in palette else 0 for style in styles], dtype=np.int64)
     changes: dict[Owner, dict[int, Replacement]] = {}
-    for patch in cut_patches(scene, edit):
-        table = _rows(scene.document, patch)
+    for cut in cut_primitives(scene, edit):
+        table = _rows(scene.document, cut)
         base: dict[int, Int] = {}
         letters: dict[int, list[tuple[int, Int]]] = {}
-        for index in patch.drawn:
+        for index in cut.drawn:
             drawn = scene.primitives[index]
             first = np.searchsorted(scene.surface.face_primitive, index)  # its faces are consecutive, in order
             kept = drawn.triangles[edit.keep[first : first + len(drawn.triangles)]]
-            mine = scene.surface.face_primitive[edit.source_face[patch.triangles]] == index
+            mine = scene.surface.face_primitive[edit.source_face[cut.triangles]] == index
             added = table.corners.reshape(-1, 3)[mine][:, [0, 2, 1] if drawn.mirrored else [0, 1, 2]]
-            is_letter = edit.kind[patch.triangles][mine] != Kind.SURFACE
-            look = np.where(is_letter, look_of_mark[edit.mark[patch.triangles][mine]], 0)
+            is_letter = edit.kind[cut.triangles][mine] != Kind.SURFACE
+            look = np.where(is_letter, look_of_mark[edit.mark[cut.triangles][mine]], 0)
             base[index] = np.concatenate([kept, added[look == 0]])
             if drawn.primitive.is_blended:
-                came = scene.surface.face_triangle[edit.source_face[patch.triangles][mine][look == 0]]
+                came = scene.surface.face_triangle[edit.source_face[cut.triangles][mine][look == 0]]
                 stay = np.flatnonzero(edit.keep[first : first + len(drawn.triangles)])
                 base[index] = base[index][np.argsort(np.concatenate([stay, came]), kind="stable")]
             letters[index] = [(number, added[look == number]) for number in np.unique(look[look > 0]).tolist()]
-        shared = _Vertices(editor, patch, table, [triangles for triangles in base.values() if len(triangles)])
-        for index in patch.drawn:
+        shared = _Vertices(editor, cut, table, [triangles for triangles in base.values() if len(triangles)])
+        for index in cut.drawn:
             drawn, source = scene.primitives[index], scene.primitives[index].primitive
             changes.setdefault((drawn.node.index, drawn.instance), {})[source.number] = (
                 shared.primitive(source, base[index]) if len(base[index]) else None,
                 [
-                    paint.primitive(source, patch, table, triangles, palette[number - 1])
+                    paint.primitive(source, cut, table, triangles, palette[number - 1])
                     for number, triangles in letters[index]
                 ],
             )
@@ -94,11 +94,11 @@ def write(scene: Scene, edit: SurfaceEdit, styles: Sequence[Style]) -> bytes:
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """The vertex rows of a patch: those of the file, then new ones.
+    """The vertex rows of cut primitives: those of the file, then new ones.
 
     Attributes:
-        values: for each map of the patch, semantic -> (V, n), in the component type that is written.
-        corners: (C,) the row of each corner of the patch.
+        values: for each map of the primitives, semantic -> (V, n), in the component type that is written.
+        corners: (C,) the row of each of their new corners.
         local: (V, 3) positions.
     """
 
@@ -107,13 +107,13 @@ class _Rows:
     local: Float
 
 
-def _rows(document: Document, patch: Patch) -> _Rows:
-    new = np.flatnonzero((patch.original < 0) | (patch.wall & has_normals(patch)))
-    _, representative, label = np.unique(row_labels(patch, new), return_index=True, return_inverse=True)
-    corners = patch.original.copy()
-    corners[new] = document.entry("accessors", patch.maps[0]["POSITION"])["count"] + label
+def _rows(document: Document, cut: CutPrimitives) -> _Rows:
+    new = np.flatnonzero((cut.original < 0) | (cut.wall & has_normals(cut)))
+    _, representative, label = np.unique(row_labels(cut, new), return_index=True, return_inverse=True)
+    corners = cut.original.copy()
+    corners[new] = document.entry("accessors", cut.maps[0]["POSITION"])["count"] + label
     values = []
-    for attributes, added in zip(patch.maps, patch.values, strict=True):
+    for attributes, added in zip(cut.maps, cut.values, strict=True):
         columns = {}
         for name, accessor in attributes.items():
             old = read_rows(document, name, accessor)
@@ -125,18 +125,18 @@ def _rows(document: Document, patch: Patch) -> _Rows:
 
 
 class _Vertices:
-    """The accessors that some primitives of a patch share: the rows that their triangles use, in spatial order.
+    """The accessors that cut primitives share: the rows that their triangles use, in spatial order.
 
     Args:
         editor: that they are added to.
-        patch: of the primitives.
+        cut: the primitives.
         table: its rows.
         triangles: (T, 3) rows of ``table``, of each primitive.
         names: the attributes that are kept; all of them if None.
     """
 
     def __init__(
-        self, editor: Builder, patch: Patch, table: _Rows, triangles: list[Int], names: set[str] | None = None
+        self, editor: Builder, cut: CutPrimitives, table: _Rows, triangles: list[Int], names: set[str] | None = None
     ) -> None:
         self._editor, self._local = editor, table.local
         is_used = np.zeros(len(table.local), dtype=bool)
@@ -152,7 +152,7 @@ class _Vertices:
                 for name, accessor in attributes.items()
                 if names is None or name in names
             }
-            for attributes, values in zip(patch.maps, table.values, strict=True)
+            for attributes, values in zip(cut.maps, table.values, strict=True)
             if len(used)
         ]
 
@@ -198,13 +198,15 @@ class _Paint:
         self._editor = editor
         self._materials: dict[tuple[bool, bool, bool, str], int] = {}
 
-    def primitive(self, source: Primitive, patch: Patch, table: _Rows, triangles: Int, style: Style) -> dict[str, Any]:
+    def primitive(
+        self, source: Primitive, cut: CutPrimitives, table: _Rows, triangles: Int, style: Style
+    ) -> dict[str, Any]:
         """A primitive of ``triangles`` (T, 3), rows of ``table``, without the attributes that only textures need."""
-        kept = {name for name in patch.maps[0] if not name.startswith(TEXTURING)}
-        for target in patch.maps[1:]:
+        kept = {name for name in cut.maps[0] if not name.startswith(TEXTURING)}
+        for target in cut.maps[1:]:
             if kept.isdisjoint(target):
                 kept |= target.keys()  # a morph target must not become empty
-        vertices = _Vertices(self._editor, patch, table, [triangles], kept)
+        vertices = _Vertices(self._editor, cut, table, [triangles], kept)
         return vertices.bare(source, triangles) | {"material": self._material(source.material, style)}
 
     def _material(self, ground: Material, style: Style) -> int:

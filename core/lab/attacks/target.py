@@ -14,7 +14,7 @@ ON_SURFACE = 1e-3  # size-30 units of distance; a GLB's float32 rounds to 1e-6, 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """The watermarked asset as known to its attacker, in the size-30 frame of the original.
+    """The watermarked asset as known to its attacker, in the size-30 frame of the original: axes as in glTF, y up.
 
     Attributes:
         original_index: the surface without watermarks; only :mod:`core.lab.attacks.removal` queries it.
@@ -31,11 +31,14 @@ class Target:
 class Attacked:
     """Result of an attack.
 
+    Only a similarity without a mirror is a ``transform``, since boxes stay boxes under no other map. An attack that
+    deforms the mesh, be it by a shear, is measured against the original in its place, as noise is.
+
     Attributes:
-        mesh: in the size-30 frame of the original, unless ``transform`` moves it out of it.
+        mesh: in the size-30 frame of the original (axes as in glTF, y up), unless ``transform`` moves it out of it.
         kept: (B,) bool, the boxes whose watermark the attack did not cut away.
-        transform: (4, 4) float64, the similarity that was applied to column vectors; the identity for all attacks
-            but rotation, translation and scaling.
+        transform: (4, 4) float64, the similarity that was applied to column vectors; the identity where the asset stays
+            in its place.
     """
 
     mesh: Mesh
@@ -49,7 +52,7 @@ def whole(mesh: Mesh, target: Target) -> Attacked:
 
 
 def moved(mesh: Mesh, target: Target, transform: Float) -> Attacked:
-    """``mesh`` and its watermarks under a (4, 4) similarity."""
+    """``mesh`` and its watermarks under a (4, 4) similarity without a mirror."""
     positions = mesh.positions @ transform[:3, :3].T + transform[:3, 3]
     return Attacked(Mesh(positions, mesh.faces), np.ones(len(target.boxes), dtype=bool), transform)
 

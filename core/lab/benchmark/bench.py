@@ -259,7 +259,7 @@ def moved_points(points: Float, transform: Float) -> Float:
 
 
 def moved_boxes(boxes: Boxes, transform: Float) -> Boxes:
-    """Boxes under a (4, 4) similarity without a mirror."""
+    """Boxes under a (4, 4) similarity without a mirror; no other map leaves their axes orthogonal."""
     scale = float(np.cbrt(np.linalg.det(transform[:3, :3])))
     axes = boxes.axes @ (transform[:3, :3] / scale).T
     return Boxes(moved_points(boxes.center, transform), axes, boxes.size * scale)

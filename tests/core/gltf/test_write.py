@@ -31,6 +31,21 @@ def test_old_rows_stay_and_new_rows_follow_them() -> None:
     assert indices(result).tolist() == [[0, 1, 2], [0, 2, 4], [2, 3, 4], [3, 0, 4]]
 
 
+@pytest.mark.parametrize(("kind", "lift"), [(SURFACE, 0.0), (CAP, 9.0)])
+def test_a_second_uv_set_is_linear_on_the_cut_surface_and_stays_that_of_the_foot_on_letters(
+    kind: Kind, lift: float
+) -> None:
+    to_uv = np.array([[0.5, -0.25], [0.125, 0.75], [3.0, 5.0]])  # affine in the position, height included
+    second = np.array(QUAD) @ to_uv + 0.1
+    document = quad(TEXCOORD_0=(UV, "<f4", False), TEXCOORD_1=(second, "<f4", False))
+    result = edited(document, [0, 1], [kind, kind], lift=lift)
+    positions = values(result, "POSITION")
+    foot = positions * (1, 1, 0)  # QUAD lies in the plane z = 0
+    assert (positions[4:, 2] > 0).all() == (kind is CAP)
+    assert len(positions) == 6
+    np.testing.assert_allclose(values(result, "TEXCOORD_1"), foot @ to_uv + 0.1, atol=1e-6)
+
+
 def test_an_edit_of_nothing_changes_nothing() -> None:
     document = quad()
     scene = flatten(document)

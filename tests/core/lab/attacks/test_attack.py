@@ -5,14 +5,16 @@ import pytest
 
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.spatial import SpatialIndex
-from core.lab.attacks.attack import ATTACKS, attack_file
+from core.geometry.surface import MODEL_SIZE
+from core.lab.attacks.attack import ATTACKS, Target, attack_file
 from core.lab.attacks.plain_file import read_plain
+from core.lab.benchmark.bench import moved_points
 from core.lab.plain import Mesh
 from core.metrics.topology import topology
 from core.parameters import Evaluate, Parameters
 from core.pipeline import watermark
 from tests.core.formats.meshes import MESHES
-from tests.core.lab.attacks.settings import area, mesh_of, target_of
+from tests.core.lab.attacks.settings import area, boxes_at, mesh_of, target_of
 from tests.core.placement.shapes import moved, sphere
 
 SPOT = Path(__file__).parents[3] / "data" / "spot.glb"
@@ -38,9 +40,28 @@ def test_every_attack_turns_a_watermarked_file_into_a_readable_one_and_always_th
     assert len(read_plain(first).faces) > 100
 
 
-@pytest.mark.parametrize("name", [name for name in ATTACKS if name not in ("rotate", "translate", "scale", "crop")])
-def test_an_attacked_file_keeps_its_units_and_place(name: str, marked: bytes) -> None:
-    before, after = world(marked).positions, world(attack_file(marked, name, None, 0, SPOT.read_bytes())).positions
+@pytest.mark.parametrize("name", ATTACKS)
+def test_the_surface_is_still_where_an_attack_says_that_it_left_a_mark(name: str, marked: bytes) -> None:
+    original = read_plain(SPOT.read_bytes())
+    surface = read_plain(marked).in_frame_of(original)
+    order = original.positions.argsort(axis=0)
+    furthest = original.positions[order[[0, -1]].ravel()]  # both ways along each axis
+    index, rng = SpatialIndex(original.positions, original.faces), np.random.default_rng(1)
+    target = Target(index, boxes_at(*furthest.tolist()), rng)
+    attacked = ATTACKS[name](Mesh(surface.positions, surface.faces), target)
+
+    linear = attacked.transform[:3, :3]
+    scale = float(np.cbrt(np.linalg.det(linear)))
+    np.testing.assert_allclose(linear @ linear.T, scale**2 * np.eye(3), atol=1e-9 * scale**2)
+    left = moved_points(furthest[attacked.kept], attacked.transform)
+    distance, _, _ = SpatialIndex(attacked.mesh.positions, attacked.mesh.faces).closest(left)
+    assert len(left) > 0
+    assert distance.max() < 0.04 * MODEL_SIZE * scale
+
+
+@pytest.mark.parametrize("original", [None, SPOT.read_bytes()], ids=["alone", "beside the original"])
+def test_an_attacked_file_keeps_its_units_and_place(original: bytes | None, marked: bytes) -> None:
+    before, after = world(marked).positions, world(attack_file(marked, "noise", None, 0, original)).positions
     size = np.ptp(before, axis=0).max()
     assert np.abs(after.min(axis=0) - before.min(axis=0)).max() < 0.04 * size
     assert np.abs(after.max(axis=0) - before.max(axis=0)).max() < 0.04 * size
