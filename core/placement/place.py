@@ -176,7 +176,7 @@ def _no_placement(widths: list[float], left: list[dict[Stage, int]]) -> Meshmark
         for before, after in pairwise(counts):
             if after in REASONS:
                 removed[after] += counts[before] - counts[after]
-    # Boxes on thin walls passed every filter before that: all they need is raised letters.
+    # Boxes on thin walls passed every filter before that one: raised letters could stand there, if they are seen.
     worst = Stage.THICK if removed[Stage.THICK] else max(removed, key=lambda stage: removed[stage])
     reason, remedy = REASONS[worst]
     tried = sum(counts[Stage.CANDIDATES] for counts in left)

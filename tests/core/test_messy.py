@@ -208,8 +208,9 @@ def test_a_glb_whose_own_coordinates_are_too_coarse_for_letters_is_told_so_at_on
 def test_duplicates_do_not_keep_letters_from_sinking_but_a_second_layer_does() -> None:
     sunken = FEW.model_copy(update={"mode": Mode.DEBOSS, "evaluate": Evaluate.NONE})
     assert watermark(_file(_duplicates()), sunken, preview=False).report["watermarks"]
-    with pytest.raises(MeshmarkError, match="another surface lies within reach"):
+    with pytest.raises(MeshmarkError, match="another surface lies within reach") as refused:
         watermark(_file(_double_sided_shell()), sunken, preview=False)
+    assert "raised letters" in refused.value.remedy, "which it takes, see above"
 
 
 def _double_sided_glb(shape: Surface) -> bytes:
