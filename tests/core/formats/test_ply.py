@@ -172,7 +172,7 @@ def test_a_colour_written_as_infinity_is_the_brightest_and_spoils_no_other(kind:
     columns = "".join(f"property {kind} {name}\n" for name in ("red", "green", "blue"))
     body = "0 0 0 1e999 -1e999 0\n1 0 0 255 51 0\n0 1 0 255 51 0\n"
     values = _read(_ascii(XYZ + columns, LIST, body + "3 0 1 2\n")).attributes["COLOR_0"].values
-    np.testing.assert_allclose(values, [[1, 0, 0, 1], [1, 0.2, 0, 1], [1, 0.2, 0, 1]])
+    np.testing.assert_allclose(values, [[1.0, 0, 0, 1], [1, 0.2, 0, 1], [1, 0.2, 0, 1]])
 
 
 RED, BLUE = png(255, 0, 0), png(0, 0, 255)
