@@ -153,8 +153,9 @@ def test_both_sides_of_an_open_sheet_are_told_apart() -> None:
     assert np.allclose(found.boxes.axes[:, 2], (0, 0, 1), atol=1e-6)
 
 
-def test_letters_are_not_sunk_into_a_wall_thinner_than_they_are_deep() -> None:
-    sheet = cuboid(30, 30, 0.03)
+@pytest.mark.parametrize("thickness", [0.02, 0.003])
+def test_letters_are_not_sunk_into_a_wall_thinner_than_they_are_deep(thickness: float) -> None:
+    sheet = cuboid(30, 30, thickness)
     assert len(placed(sheet, mode=Mode.EMBOSS).boxes) > 0
     with pytest.raises(MeshmarkError) as caught:
         placed(sheet, mode=Mode.DEBOSS)
