@@ -150,7 +150,10 @@ class Intake:
         deadline, answer = time.monotonic() + self._seconds, b""
         while not answer.endswith(b"\n"):
             channel.settimeout(max(deadline - time.monotonic(), 0.001))
-            chunk = channel.recv(2**16)
+            try:
+                chunk = channel.recv(2**16)
+            except ConnectionResetError:  # it ended before it had read its request
+                return None
             answer += chunk
             if not chunk or len(answer) > LONGEST_ANSWER:
                 return None

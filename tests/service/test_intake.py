@@ -104,6 +104,14 @@ def test_an_upload_that_crashes_the_gate_is_refused_and_the_next_one_is_not(obed
     assert children(obedient) == []
 
 
+def test_an_upload_whose_process_ends_before_it_reads_anything_is_refused(tmp_path: Path) -> None:
+    ends = (
+        "import os, socket; from service.template import serve as s; s(socket.socket(fileno=0), lambda *_: os._exit(3))"
+    )
+    with closing(Template([sys.executable, "-c", ends], threads=1, name="gate")) as template:
+        assert refusal(tmp_path, NO_FACE, template).code is ErrorCode.ENGINE_CRASHED
+
+
 def test_a_template_that_dies_takes_its_uploads_with_it_and_is_replaced(obedient: Template, tmp_path: Path) -> None:
     errors = list[MeshmarkError]()
     hang = threading.Thread(
