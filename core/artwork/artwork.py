@@ -15,9 +15,11 @@ class Artwork:
             clockwise. Rings are simple and disjoint, so every fill rule gives the same shape.
         aspect: height of the bounding box (its width is 1).
         ink: share of the bounding box that the shapes cover.
+        line_height: height of one line of the text, by which its legibility goes; of all of it where there is no text.
     """
 
     label: str
     rings: tuple[Float, ...]
     aspect: float
     ink: float
+    line_height: float

@@ -54,6 +54,7 @@ def text_artwork(text: str, font: bytes | None = None) -> Artwork:
         rings=tuple((ring - (low + high) / 2) / width for ring in rings),
         aspect=float(height / width),
         ink=sum(map(ring_area, rings)) / float(width * height),
+        line_height=float(height / width),
     )
 
 

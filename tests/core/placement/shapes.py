@@ -107,4 +107,4 @@ def rotation(axis: tuple[float, float, float], degrees: float) -> Float:
 
 def text(aspect: float) -> Artwork:
     """What placement knows of a text so many times as high as wide."""
-    return Artwork("watermark", (), aspect, 0.41)
+    return Artwork("watermark", (), aspect, 0.41, aspect)
