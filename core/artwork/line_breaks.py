@@ -1,0 +1,75 @@
+"""Layouts of a text in several lines, broken where its writing allows it (UAX 14)."""
+
+import unicodedata
+from itertools import accumulate, pairwise
+
+from fontTools.unicodedata import script
+from uniseg.graphemecluster import grapheme_clusters
+from uniseg.linebreak import line_break_units
+
+MOST_LINES = 4
+
+# Widths in ems, near enough to balance lines before any font is chosen: of ideographs and their like, and of letters.
+WIDE, NARROW, SPACE = 1.0, 0.65, 0.35
+
+
+def line_breaks(text: str, most: int = MOST_LINES) -> list[tuple[str, ...]]:
+    """The layouts of a text in 1 to ``most`` lines, for each number of lines the one whose longest line is shortest.
+
+    Lines end at spaces, after hyphens, and between ideographs and kana, as UAX 14 allows: not before closing
+    punctuation and small kana, not after opening ones. Korean is broken at its spaces only, and words never. A text
+    that has line breaks of its own keeps them, as its one layout.
+
+    Returns:
+        The lines of each layout, without spaces at their ends; fewer layouts where the text has fewer places to break.
+    """
+    given = text.splitlines()
+    if len(given) > 1:
+        return [tuple(given)]
+    units = _units(text.strip())
+    return [_balanced(units, count) for count in range(1, min(most, len(units)) + 1)]
+
+
+def _units(text: str) -> list[str]:
+    """The parts of a line that no break may divide, with the spaces after them."""
+    units: list[str] = []
+    for unit in line_break_units(text):
+        if units and _is_hangul(units[-1][-1]) and _is_hangul(unit[0]):
+            units[-1] += unit
+        else:
+            units.append(unit)
+    return units
+
+
+def _is_hangul(character: str) -> bool:
+    return bool(script(character) == "Hang")
+
+
+def _balanced(units: list[str], count: int) -> tuple[str, ...]:
+    """Units in ``count`` lines: the longest is as short as can be, and the lengths differ least by their squares."""
+    reach = [0.0, *accumulate(map(_width, units))]
+    spaces = [_width(unit) - _width(unit.rstrip()) for unit in units]
+    # By the number of units set: the longest line, the sum of squares, and where lines end.
+    best: dict[int, tuple[float, float, tuple[int, ...]]] = {0: (0.0, 0.0, (0,))}
+    for _ in range(count):
+        best = {
+            stop: min(
+                (max(longest, width), squares + width**2, (*ends, stop))
+                for start, (longest, squares, ends) in best.items()
+                if start < stop
+                for width in [reach[stop] - reach[start] - spaces[stop - 1]]
+            )
+            for stop in range(min(best) + 1, len(units) + 1)
+        }
+    return tuple("".join(units[start:stop]).strip() for start, stop in pairwise(best[len(units)][2]))
+
+
+def _width(line: str) -> float:
+    """Width of a line in ems, estimated by the kind of its characters."""
+    return sum(_advance(cluster[0]) for cluster in grapheme_clusters(line))
+
+
+def _advance(character: str) -> float:
+    if character.isspace():
+        return SPACE
+    return WIDE if unicodedata.east_asian_width(character) in "WF" else NARROW
