@@ -34,7 +34,7 @@ def _units(text: str) -> list[str]:
     """The parts of a line that no break may divide, with the spaces after them."""
     units: list[str] = []
     for unit in line_break_units(text):
-        if units and _is_hangul(units[-1][-1]) and _is_hangul(unit[0]):
+        if units and (unit.isspace() or (_is_hangul(units[-1][-1]) and _is_hangul(unit[0]))):
             units[-1] += unit
         else:
             units.append(unit)
