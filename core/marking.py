@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from core.arrays import Bool
-from core.artwork.artwork import Artwork
+from core.artwork.layouts import Layouts, distinct_layouts
 from core.artwork.outline import text_artwork
 from core.embossing.mesh import WorkingMesh
 from core.errors import ErrorCode, MeshmarkError
@@ -70,12 +70,12 @@ def read(data: bytes, run: Run) -> Asset:
     return Asset(data, admitted.format, scene, analyse(scene))
 
 
-def letter(run: Run) -> Artwork:
+def letter(run: Run) -> Layouts:
     """Shape the text and turn it into outlines."""
-    return text_artwork(run.request.parameters.text, run.request.font)
+    return distinct_layouts([text_artwork(run.request.parameters.text, run.request.font)])
 
 
-def place(asset: Asset, artwork: Artwork, run: Run) -> Candidates:
+def place(asset: Asset, layouts: Layouts, run: Run) -> Candidates:
     """Find the boxes that may carry the text: on opaque faces, or on see-through ones where no box fits on these.
 
     Raises:
@@ -97,7 +97,7 @@ def place(asset: Asset, artwork: Artwork, run: Run) -> Candidates:
     rng = np.random.default_rng(parameters.seed)
 
     def on(faces: Bool, index: "SpatialIndex", opaque: float) -> Candidates:
-        return _place_on(asset, facts, artwork, (requested.within(faces), index, opaque), rng, run)
+        return _place_on(asset, facts, layouts, (requested.within(faces), index, opaque), rng, run)
 
     try:
         return on(analysis.opaque, analysis.index, HIDING)
@@ -118,7 +118,7 @@ def place(asset: Asset, artwork: Artwork, run: Run) -> Candidates:
 def _place_on(
     asset: Asset,
     facts: "SurfaceFacts",
-    artwork: Artwork,
+    layouts: Layouts,
     ground: tuple[Bool, "SpatialIndex", float],
     rng: np.random.Generator,
     run: Run,
@@ -133,7 +133,7 @@ def _place_on(
     looks = opacity(asset.scene, surface, faces) if opaque else None
     carrier = Carrier(surface, index, faces, asset.analysis.component, looks)
     request = run.request
-    context = build_context(carrier, facts, artwork, request.parameters, rng, request.options)
+    context = build_context(carrier, facts, layouts, request.parameters, rng, request.options)
     return Candidates(context, place_boxes(context, rng, run.progress), opaque, rng)
 
 
@@ -143,14 +143,14 @@ def emboss(asset: Asset, candidates: Candidates, run: Run) -> Embossed:
     Raises:
         MeshmarkError: ``no_placement`` where every cut was refused.
     """
-    from core.embossing.islands import letter_islands
+    from core.embossing.islands import letters_of
     from core.embossing.marks import emboss_marks
     from core.placement.legibility import legible_height
 
     context, parameters = candidates.context, run.request.parameters
-    mesh, letters = _whole(asset, context), letter_islands(context.artwork)
+    mesh, letters = _whole(asset, context), letters_of(context.layouts)
     done = emboss_marks(mesh, context, candidates.placement, letters, candidates.rng, run.progress)
-    highest = max(mark.box.size[0, 1] for mark in done.marks.values())
+    highest = context.layouts.line_height(np.concatenate([mark.box.size for mark in done.marks.values()])).max()
     if highest < legible_height(parameters.color) * (1 - 1e-6):
         sized = parameters.size is not None
         run.notices.append(

@@ -83,8 +83,8 @@ def evaluate(asset: Asset, candidates: Candidates, output: Output, seen: Picture
     pair = Pair(
         Subject(asset.analysis.surface, context.carrier.index, before, parameters.seed, context.facts.saliency),
         Subject(written, index, after),
-        *boxes_of(output.embossed.marks, parameters),
-        context.artwork.label,
+        *boxes_of(output.embossed.marks),
+        parameters.text,
         parameters.seed,
     )
     measured = measure(pair, parameters.evaluate, run.progress)

@@ -112,9 +112,9 @@ def run_stages(
     with stage("reading"):
         asset = marking.read(data, run)
     with stage("lettering"):
-        artwork = marking.letter(run)
+        layouts = marking.letter(run)
     with stage("placing"):
-        candidates = marking.place(asset, artwork, run)
+        candidates = marking.place(asset, layouts, run)
     with stage("embossing"):
         embossed = marking.emboss(asset, candidates, run)
     with stage("writing"):

@@ -77,10 +77,10 @@ def with_metrics(report: Report, measured: Measurement) -> Report:
     return report.model_copy(update={"watermarks": watermarks, "metrics": metrics_of(measured)})
 
 
-def boxes_of(marks: dict[int, Mark], parameters: Parameters) -> tuple[Boxes, NDArray[np.float64]]:
+def boxes_of(marks: dict[int, Mark]) -> tuple[Boxes, NDArray[np.float64]]:
     """The bounds (B) of all marks in their order, and the height (B,) of their letters, size-30 units."""
     boxes = Boxes.concat(*(mark.bounds for mark in marks.values()))
-    return boxes, np.abs([parameters.relief_at(height) for height in boxes.size[:, 1]])
+    return boxes, np.abs([mark.relief for mark in marks.values()])
 
 
 def file_facts(data: bytes, file_format: Format) -> FileFacts:
@@ -126,7 +126,7 @@ def metrics_of(measured: Measurement) -> Metrics:
 
 def _watermarks(surface: Surface, output: Output, parameters: Parameters) -> list[Watermark]:
     marks, placement = output.embossed.marks, output.embossed.placement
-    boxes, relief = boxes_of(marks, parameters)
+    boxes, relief = boxes_of(marks)
     score = wps_area(surface, boxes)
     view_count = len(view_directions()[0])
     return [

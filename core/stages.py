@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from core.analysis.analyse import SurfaceAnalysis
     from core.embossing.copies import MarkedCopy
     from core.embossing.emboss import Mark
-    from core.embossing.islands import LetterIslands
+    from core.embossing.islands import Letters
     from core.placement.context import PlacementContext
     from core.placement.objective import Placement
     from core.placement.options import PlacementOptions
@@ -109,14 +109,14 @@ class Embossed:
 
     Attributes:
         mesh: the surface with the marks.
-        letters: of the text, in text widths.
+        letters: of the text, in each layout.
         placement: the candidate boxes.
         marks: by the number of the box in ``placement``.
         refusals: refused boxes by reason.
     """
 
     mesh: WorkingMesh
-    letters: "LetterIslands"
+    letters: "Letters"
     placement: "Placement"
     marks: "dict[int, Mark]"
     refusals: Counter[str]

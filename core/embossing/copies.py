@@ -6,7 +6,7 @@ from typing import Literal
 
 from core.analysis.analyse import analyse
 from core.embossing.emboss import Mark
-from core.embossing.islands import LetterIslands
+from core.embossing.islands import Letters
 from core.embossing.marks import emboss_boxes
 from core.embossing.mesh import WorkingMesh
 from core.errors import ErrorCode, MeshmarkError
@@ -45,14 +45,14 @@ class AssetMarks:
     Attributes:
         surface: the asset's, whose size-30 frame the boxes are in.
         boxes: of its marks.
-        letters: the islands in text widths.
+        letters: in each layout.
         styles: as for :func:`core.gltf.write.write`, by number of the box.
         parameters: relief, mode, and the policy for copies that cannot be marked.
     """
 
     surface: Surface
     boxes: Boxes
-    letters: LetterIslands
+    letters: Letters
     styles: Sequence[Style]
     parameters: Parameters
 

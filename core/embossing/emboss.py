@@ -37,7 +37,7 @@ class EmbossOptions:
     """Values of :func:`emboss`: both ours; the paper unites solids.
 
     Attributes:
-        shifts: text heights along the text and across it, tried in turn; imperceptible, they break coincidences of
+        shifts: line heights along the text and across it, tried in turn; imperceptible, they break coincidences of
             outline and mesh.
         ease_rounds: in which the draft of caps that would be inverted is halved, at most.
     """
@@ -57,12 +57,14 @@ class Mark:
         box: a single box.
         cut: the method of cutting that succeeded.
         faces: number of triangles added, less those replaced.
+        relief: height of its letters, size-30 units; negative where they are sunken.
         bounds: the box without its room above and below the letters, where the other side of a thin wall may be.
     """
 
     box: Boxes
     cut: Literal["split", "arrangement"]
     faces: int
+    relief: float
     bounds: Boxes
 
 
@@ -86,7 +88,9 @@ def emboss(
     """
     refusal = Refusal.NOT_WHOLE
     for shift in options.shifts:
-        moved = Boxes(box.center + product(box.size[0, 1] * np.array([shift]), box.axes[0, :2]), box.axes, box.size)
+        moved = Boxes(
+            box.center + product(box.size[0, 1] * letters.line * np.array([shift]), box.axes[0, :2]), box.axes, box.size
+        )
         found = _single_valued_patches(mesh, moved, index)
         if isinstance(found, Refusal):
             return found
@@ -108,7 +112,7 @@ def emboss(
                 outcome = _lift_letters(mesh, moved, upright, relief, index, options)
             if not isinstance(outcome, Refusal):
                 faces, bounds = outcome
-                return Mark(moved, name, faces, bounds)
+                return Mark(moved, name, faces, relief, bounds)
             if outcome in (Refusal.SECOND_LAYER, Refusal.THIN_WALL, Refusal.FOLDED):
                 return outcome
             refusal = outcome

@@ -7,6 +7,7 @@ from manifold3d import CrossSection, FillRule
 
 from core.arrays import Bool, Float, Int
 from core.artwork.artwork import Artwork
+from core.artwork.layouts import Layouts
 from core.embossing.draft import DRAFT, Draft, DraftOptions, draft
 from core.embossing.patch import Patch
 from core.embossing.refusal import Refusal
@@ -14,26 +15,28 @@ from core.geometry.boxes import Boxes
 from core.geometry.products import product
 from core.geometry.spatial import Eye, SpatialIndex
 
-CLEARANCE = 0.032  # text heights between an outline and the boundary of its patch, so that outlines never cross one
+CLEARANCE = 0.032  # line heights between an outline and the boundary of its patch, so that outlines never cross one
 LOST_AREA = 1e-9  # square text widths: rounding of the clipper, far smaller than a letter's serif
-COINCIDENT = 8e-4  # text heights between two layers that coincide; a ray may hit either of them
+COINCIDENT = 8e-4  # line heights between two layers that coincide; a ray may hit either of them
 AGREEMENT = 0.9  # share of an island's sample rays that must hit one patch; a ray along an edge may miss it
 
 
 @dataclass(frozen=True, eq=False)
 class LetterIslands:
-    """Letters in units of the text's width, centred at the origin.
+    """Letters of one layout in units of the text's width, centred at the origin.
 
     Attributes:
         islands: one cross-section for each connected shape, holes included.
         samples: for each island (N, 2) points of its outlines.
         finest: the length of the shortest side of any outline.
+        line: height of a line over that of all of the text.
         draft: of their caps.
     """
 
     islands: tuple[CrossSection, ...]
     samples: tuple[Float, ...]
     finest: float
+    line: float
     draft: Draft
 
 
@@ -42,7 +45,30 @@ def letter_islands(artwork: Artwork, options: DraftOptions = DRAFT) -> LetterIsl
     islands = tuple(CrossSection(list(artwork.rings), FillRule.Positive).decompose())
     rings = [island.to_polygons() for island in islands]
     finest = min(float(np.linalg.norm(r - np.roll(r, 1, axis=0), axis=1).min()) for ring in rings for r in ring)
-    return LetterIslands(islands, tuple(np.concatenate(ring) for ring in rings), finest, draft(islands, options))
+    samples, line = tuple(np.concatenate(ring) for ring in rings), artwork.line_height / artwork.aspect
+    return LetterIslands(islands, samples, finest, line, draft(islands, options))
+
+
+@dataclass(frozen=True, eq=False)
+class Letters:
+    """Letters of all layouts of a text.
+
+    Attributes:
+        layouts: of the text.
+        islands: of each layout.
+    """
+
+    layouts: Layouts
+    islands: tuple[LetterIslands, ...]
+
+    def of(self, box: Boxes) -> LetterIslands:
+        """The letters for the one ``box``."""
+        return self.islands[int(self.layouts.of(box.size)[0])]
+
+
+def letters_of(layouts: Layouts) -> Letters:
+    """The letters of all ``layouts``."""
+    return Letters(layouts, tuple(letter_islands(artwork) for artwork in layouts.artworks))
 
 
 def assign_to_patches(
@@ -66,7 +92,7 @@ def assign_to_patches(
     silhouettes: dict[int, CrossSection] = {}
     assigned: list[list[CrossSection]] = [[] for _ in found]
     center, axes, size = box.center[0], box.axes[0], box.size[0]
-    aspect = size[1] / size[0]
+    aspect = size[1] / size[0] * letters.line
     for island, points in zip(letters.islands, letters.samples, strict=True):
         origins = center + size[0] * product(points, axes[:2]) + size[2] / 2 * axes[2]
         distance, face = index.first_hit(origins, np.broadcast_to(-axes[2], origins.shape), Eye.ORIGIN)
@@ -95,6 +121,6 @@ def assign_to_patches(
 
 
 def _level(patch: Patch, points: Float, height: Float, aspect: float) -> Bool:
-    """(N,) ``points`` at which the patch is as high, in text widths, as the hits of their rays; the text is ``aspect``
-    times as high as wide."""
+    """(N,) ``points`` at which the patch is as high, in text widths, as the hits of their rays; a line of the
+    text is ``aspect`` times as high as the text is wide."""
     return np.asarray(np.abs(patch.height(points) - height) < COINCIDENT * aspect)

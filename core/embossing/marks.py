@@ -8,7 +8,7 @@ import numpy as np
 
 from core.arrays import Float
 from core.embossing.emboss import EMBOSS, EmbossOptions, Mark, emboss
-from core.embossing.islands import LetterIslands
+from core.embossing.islands import Letters
 from core.embossing.mesh import WorkingMesh
 from core.embossing.patch import patches
 from core.embossing.refusal import CHEAP, EXPLAINED, Refusal
@@ -69,7 +69,7 @@ class Marks:
 def emboss_boxes(
     mesh: WorkingMesh,
     boxes: Boxes,
-    letters: LetterIslands,
+    letters: Letters,
     parameters: Parameters,
     index: SpatialIndex,
     options: EmbossOptions = EMBOSS,
@@ -79,21 +79,22 @@ def emboss_boxes(
     Args:
         mesh: changed by each watermark that succeeds.
         boxes: their widths are the texts' widths; size-30 frame.
-        letters: the islands in text widths.
+        letters: in each layout.
         parameters: relief and mode.
         index: of the mesh's original surface.
         options: tuned values.
     """
     for number in range(len(boxes)):
         box = boxes[np.array([number])]
-        yield emboss(mesh, box, letters, parameters.relief_at(box.size[0, 1]), index, options)
+        relief = parameters.relief_at(float(letters.layouts.line_height(box.size)[0]))
+        yield emboss(mesh, box, letters.of(box), relief, index, options)
 
 
 def emboss_marks(
     mesh: WorkingMesh,
     context: PlacementContext,
     placement: Placement,
-    letters: LetterIslands,
+    letters: Letters,
     rng: np.random.Generator,
     progress: Callable[[float], None] = lambda _: None,
     options: MarkOptions = MARKS,
@@ -108,7 +109,7 @@ def emboss_marks(
         mesh: the asset, changed in place.
         context: the inputs of the search that found ``placement``, and of further ones.
         placement: the boxes to choose from.
-        letters: the islands in text widths.
+        letters: in each layout.
         rng: the source of the searches' draws.
         progress: called with the share done, 0 to 1.
         options: tuned values.

@@ -6,7 +6,7 @@ import numpy as np
 
 from core.analysis.facts import Carrier, SurfaceFacts
 from core.arrays import Float
-from core.artwork.artwork import Artwork
+from core.artwork.layouts import Layouts
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.products import product
 from core.geometry.surface import Surface
@@ -26,7 +26,7 @@ class PlacementContext:
     Attributes:
         carrier: the surface, and the faces that boxes may stand on.
         facts: about the surface.
-        artwork: the text.
+        layouts: of the text.
         parameters: resolved.
         options: the tuned values.
         ground: the faces of the surface that boxes may stand on.
@@ -40,7 +40,7 @@ class PlacementContext:
 
     carrier: Carrier
     facts: SurfaceFacts
-    artwork: Artwork
+    layouts: Layouts
     parameters: Parameters
     options: PlacementOptions
     ground: Surface
@@ -54,7 +54,7 @@ class PlacementContext:
 def build_context(
     carrier: Carrier,
     facts: SurfaceFacts,
-    artwork: Artwork,
+    layouts: Layouts,
     parameters: Parameters,
     rng: np.random.Generator,
     options: PlacementOptions | None = None,
@@ -64,7 +64,7 @@ def build_context(
     Args:
         carrier: the surface, and the faces that boxes may stand on.
         facts: about the surface.
-        artwork: the text.
+        layouts: of the text.
         parameters: resolved.
         rng: the source of every draw.
         options: the tuned values; those of the preset if None.
@@ -97,13 +97,13 @@ def build_context(
     return PlacementContext(
         carrier=carrier,
         facts=facts,
-        artwork=artwork,
+        layouts=layouts,
         parameters=parameters,
         options=options,
         ground=ground,
         normals=normals,
         surfels=surfels,
-        rims=rims(surface, carrier.component >= 0, artwork, options.rims),
+        rims=rims(surface, carrier.component >= 0, layouts, options.rims),
         targets=goal,
         facing=np.partition(product(goal.directions, some.T), ranked, axis=1)[:, ranked],
     )

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from core.arrays import Bool, Float, Int
+from core.artwork.artwork import Artwork
 from core.geometry.boxes import Boxes
 from core.geometry.products import product
 from core.geometry.sampling import sample
@@ -50,6 +51,7 @@ SKIN = 0.01  # how far from the surface rays start that must not meet it
 
 def fit(
     context: PlacementContext,
+    artwork: Artwork,
     width: float,
     wanted: Float | None,
     rng: np.random.Generator,
@@ -59,7 +61,8 @@ def fit(
 
     Args:
         context: the shared inputs.
-        width: of the text.
+        artwork: one of the layouts.
+        width: of it.
         wanted: (K, 3) only candidates that look towards one of these directions, within 45 degrees, are fitted; None
             for all.
         rng: the source of every draw.
@@ -68,10 +71,10 @@ def fit(
     Returns:
         The boxes that passed, and the number left after each :class:`Stage`, in order.
     """
-    height = width * context.artwork.aspect
+    height = width * artwork.aspect
     options = context.options.candidates
     thickness = max(options.thickness * max(width, height), options.thinnest)
-    boxes = _candidates(context, (width, height, thickness), wanted, rng)
+    boxes = _candidates(context, artwork, (width, height, thickness), wanted, rng)
     left = {Stage.CANDIDATES: len(boxes)}
     if context.parameters.solver is Solver.ADAM:
         boxes, loss = adam(boxes, context.carrier.index, progress, context.options.adam)
@@ -112,7 +115,8 @@ def widen(context: PlacementContext, boxes: Boxes, most: Float) -> Placement:
 
 def _relief(context: PlacementContext, boxes: Boxes) -> Float:
     """(B,) height or depth of the letters at each box, size-30 units."""
-    return np.array([abs(context.parameters.relief_at(height)) for height in boxes.size[:, 1].tolist()])
+    heights = context.layouts.line_height(boxes.size).tolist()
+    return np.array([abs(context.parameters.relief_at(height)) for height in heights])
 
 
 def _recentred_on_support(context: PlacementContext, fitted: Boxes) -> tuple[Boxes, Bool]:
@@ -205,9 +209,13 @@ def _survivors(
 
 
 def _candidates(
-    context: PlacementContext, size: tuple[float, float, float], wanted: Float | None, rng: np.random.Generator
+    context: PlacementContext,
+    artwork: Artwork,
+    size: tuple[float, float, float],
+    wanted: Float | None,
+    rng: np.random.Generator,
 ) -> Boxes:
-    """Boxes to start from; where directions are ``wanted``, only on surface that looks there."""
+    """Boxes of a ``size`` to start from; where directions are ``wanted``, only on surface that looks there."""
     options = context.options.candidates
     if options.radius is not None:
         points, face = sample(context.ground, options.samples, rng)
@@ -228,7 +236,7 @@ def _candidates(
     if not len(shown):
         return Boxes.empty()
     boxes = candidates(points[shown], normals[shown], size, float(np.sqrt(PACKING * area / (options.choice * most))))
-    narrow = options.narrow * min(text_width(1.0, context.artwork.aspect), size[0])
+    narrow = options.narrow * min(text_width(1.0, artwork.line_height), size[0])
     around = shown[:: int(np.ceil(len(shown) * 4 * narrow**2 / (area * options.strip_density)))]
     return _most_supported(context, along_strips(boxes, points[around], normals[around], narrow, options))
 
@@ -275,6 +283,7 @@ def _valued(
     if context.facts.texture is not None:
         _, details, busy = context.facts.texture.under(boxes)
         legible = contrast(context.facts.texture.color_under(boxes), parameters.color, objective)
+    height = context.layouts.line_height(boxes.size) * legible
     terms = Terms(
         obstructed=obstructed(visible, facing(boxes, context.targets.directions), context.targets),
         salient=salient,
@@ -286,14 +295,14 @@ def _valued(
         detail=details,
         busy=busy,
         preferred=preferred,
-        distance=distance(boxes, relief, context.artwork.ink, float(context.carrier.surface.areas.sum())),
+        distance=distance(boxes, relief, context.layouts.ink(boxes.size), float(context.carrier.surface.areas.sum())),
     )
     return Placement(
         boxes=boxes,
         loss=loss,
         roughness=rough,
         visible=visible,
-        likelihood=likelihood(boxes, visible, bent, legible, context.targets, parameters.color, objective),
+        likelihood=likelihood(boxes, visible, bent, height, context.targets, parameters.color, objective),
         cost=cost(terms, objective),
         last_resort=((salient > objective.max_salient) | (details > objective.max_detail)) & objective.bars,
         weight=context.targets.weight,

@@ -31,8 +31,8 @@ def legible_height(color: str | None = None) -> float:
     return float((TINY + (readable - TINY) * LEGIBLE ** (1 / power)) / PIXELS)
 
 
-def text_width(height: float, aspect: float) -> float:
+def text_width(height: float, line_height: float) -> float:
     """The width, size-30 units, of text that is meant to read as a word does that is ``height`` times as high as is
-    legible, by the text's height over its width."""
-    taller = min(max(float(np.sqrt(aspect / USUAL_ASPECT)), 1.0), TALLEST)
-    return min(height * legible_height() * taller / aspect, MODEL_SIZE)
+    legible; the height of a line is ``line_height`` times the text's width."""
+    taller = min(max(float(np.sqrt(line_height / USUAL_ASPECT)), 1.0), TALLEST)
+    return min(height * legible_height() * taller / line_height, MODEL_SIZE)

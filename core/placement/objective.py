@@ -286,7 +286,7 @@ def likelihood(
     boxes: Boxes,
     visible: Bool,
     deviation: Float,
-    contrasts: Float,
+    height: Float,
     goal: Targets,
     color: str | None = None,
     objective: Objective = OBJECTIVE,
@@ -297,7 +297,8 @@ def likelihood(
         boxes: size-30 units.
         visible: (B, D) directions in which each is visible.
         deviation: (B,) curvature deviation of the surface under each, see :func:`curvature_deviation`.
-        contrasts: (B,) of letters with the ground under each, see :func:`contrast`.
+        height: (B,) of a line of text in each, size-30 units, times the contrast of letters with the ground, see
+            :func:`contrast`: the two stand in for each other, fainter text has to be larger.
         goal: the targets.
         color: of the letters, "#rrggbb"; None for that of the ground.
         objective: the values of the terms.
@@ -305,10 +306,8 @@ def likelihood(
     cosine = np.clip(product(boxes.axes[:, 2], goal.directions.T), 0, 1)
     # The text is as high on the picture as its up is long there.
     upright_length = np.sqrt(np.clip(1 - product(boxes.axes[:, 1], goal.directions.T) ** 2, 0, 1))
-    # Contrast and size stand in for each other: fainter text has to be larger.
-    height = boxes.size[:, 1:2] * upright_length * contrasts[:, None]
     turned = np.minimum(1.0, cosine / objective.head_on)
-    legible = legibility(height, color) * turned * np.clip(1 - deviation, 0, 1)[:, None]
+    legible = legibility(height[:, None] * upright_length, color) * turned * np.clip(1 - deviation, 0, 1)[:, None]
     # The text's right on the picture: how far along its horizontal, how far along its vertical.
     views = goal.directions[: len(goal.up)]
     along = product(boxes.axes[:, 0], np.cross(goal.up, views).T)
@@ -376,7 +375,7 @@ def curvature_deviation(boxes: Boxes, height: Float) -> Float:
     return np.asarray(np.minimum(np.sqrt((height**2).mean(axis=1)) / (boxes.size[:, 2] / 2), 1.0))
 
 
-def distance(boxes: Boxes, relief: Float, ink: float, area: float) -> Float:
+def distance(boxes: Boxes, relief: Float, ink: Float, area: float) -> Float:
     """(B,) estimate of the distance that each mark adds to the mean between the marked and the plain surface of an
-    ``area``; its letters are ``relief`` (B,) high and cover the share ``ink`` of its box."""
+    ``area``; its letters are ``relief`` (B,) high and cover the share ``ink`` (B,) of its box."""
     return np.asarray(ink * boxes.size[:, 0] * boxes.size[:, 1] * relief / area)

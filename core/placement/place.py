@@ -1,12 +1,13 @@
-"""Placement of one text: widths from large to small; each searches only directions that are not yet covered well."""
+"""Placement of one text: lines from high to low; each height searches only directions that are not yet covered well."""
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 
 import numpy as np
 
 from core.arrays import Bool
+from core.artwork.artwork import Artwork
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.boxes import Boxes
 from core.geometry.surface import MODEL_SIZE
@@ -18,37 +19,51 @@ from core.placement.options import SEARCH, SearchOptions
 from core.placement.rejection import REASONS, Stage
 from core.placement.selection import select
 
+Step = list[tuple[Artwork, float]]  # layouts, and their widths in size-30 units, whose lines are about equally high
 
-def ladder(aspect: float, options: SearchOptions = SEARCH) -> list[float]:
-    """Text widths to try, from the widest on, for text of this height over its width; size-30 units."""
-    widths = [text_width(height, aspect) for height in (*options.heights, options.small, options.last_resort)]
+
+def ladder(line_height: float, options: SearchOptions = SEARCH) -> list[float]:
+    """Text widths to try, from the widest on, size-30 units; the height of a line is ``line_height`` times the
+    width."""
+    widths = [text_width(height, line_height) for height in (*options.heights, options.small, options.last_resort)]
     # Of as much area as a word of the lowest height.
-    narrowest = options.last_resort * legible_height() / float(np.sqrt(aspect * USUAL_ASPECT))
+    narrowest = options.last_resort * legible_height() / float(np.sqrt(line_height * USUAL_ASPECT))
     while widths[-1] > options.narrower * narrowest:
         widths.append(widths[-1] / options.narrower)
-    return sorted(set(widths), reverse=True)
+    return widths
 
 
-def _widths(context: PlacementContext) -> list[float]:
-    """Text widths to try for the request, from the widest on.
+def _steps(context: PlacementContext) -> list[Step]:
+    """Layouts and widths to try for the request, those with the highest lines first.
 
     Raises:
         MeshmarkError: ``no_placement`` where there is less surface than any text covers.
     """
-    asked = context.parameters.size
-    widths = [asked] if asked is not None else ladder(context.artwork.aspect, context.options.search)
+    asked, artworks = context.parameters.size, context.layouts.artworks
+    ladders = [
+        [asked] if asked is not None else ladder(artwork.line_height, context.options.search) for artwork in artworks
+    ]
     # Letters need as much surface as they cover. An asset with less consists of needles, on which searches for the
     # closest point take forever.
     area = float(context.ground.areas.sum())
-    widths = [width for width in widths if width**2 * context.artwork.aspect <= area]
-    if not widths:
+    steps = [
+        [
+            (artwork, width)
+            for artwork, width, narrower in zip(artworks, widths, following, strict=True)
+            # Long text is as wide as an asset at several heights, of which the lowest is its own.
+            if width is not None and width != narrower and width**2 * artwork.aspect <= area
+        ]
+        for widths, following in pairwise([*zip_longest(*ladders), (None,) * len(artworks)])
+    ]
+    steps = [step for step in steps if step]
+    if not steps:
         raise MeshmarkError(
             ErrorCode.NO_PLACEMENT,
             f"The surface of this asset has an area of {area:.3g} where its largest side is {MODEL_SIZE:g}: "
             "less than the text would cover.",
             "Check for vertices far away from the others, or use a smaller `size`.",
         )
-    return widths
+    return steps
 
 
 def place(
@@ -56,10 +71,11 @@ def place(
 ) -> Placement:
     """All boxes that may carry the text; :func:`core.placement.selection.select` picks among them.
 
-    With no ``size`` asked for, five heights of text are tried from the highest on, then one that is legible only from
-    close up, each only for the directions that higher text covers worse than it could. It ends where there are none,
-    and where all marks that were asked for have their places and the last height changed none of them. Lower text is
-    tried where nothing was found. Then the chosen marks are widened as far as their places have room.
+    With no ``size`` asked for, five heights of a line are tried from the highest on, in each layout of the text, then
+    one that is legible only from close up, each only for the directions that higher text covers worse than it could. It
+    ends where there are none, and where all marks that were asked for have their places and the last height changed
+    none of them. Lower text is tried where nothing was found. Then the chosen marks are widened as far as their places
+    have room.
 
     Args:
         context: the shared inputs.
@@ -69,10 +85,10 @@ def place(
     Raises:
         MeshmarkError: ``no_placement`` when no box survives, saying what removed most.
     """
-    widths = _widths(context)
-    found, left = _search(context, widths, None, (), (), rng, progress)
+    steps = _steps(context)
+    found, left = _search(context, steps, None, (), (), rng, progress)
     if found is None or len(found.boxes) == 0:
-        raise _no_placement(widths, left)
+        raise _no_placement(sorted(width for step in steps for _, width in step), left)
     return found
 
 
@@ -85,68 +101,77 @@ def search_again(
 ) -> Placement:
     """``found`` and more boxes behind them, for the directions that neither the boxes ``placed`` cover nor others that
     could be chosen without those ``rejected``."""
-    more, _ = _search(context, _widths(context), found, placed, rejected, rng, lambda _: None)
+    more, _ = _search(context, _steps(context), found, placed, rejected, rng, lambda _: None)
     return more or found
 
 
 def _search(
     context: PlacementContext,
-    widths: list[float],
+    steps: list[Step],
     found: Placement | None,
     placed: Sequence[int],
     rejected: Collection[int],
     rng: np.random.Generator,
     progress: Callable[[float], None],
 ) -> tuple[Placement | None, list[dict[Stage, int]]]:
-    """Search one width after the other until enough is covered; the boxes, and the number left by stage for each
-    width."""
+    """Search one height after the other until enough is covered; the boxes, and the number left by stage for each
+    layout and width."""
     parameters, options, coverable = context.parameters, context.options, context.facing >= FACING_VIEW
     assert parameters.count is not None
     worth = context.targets.weight[: len(coverable)]
     left: list[dict[Stage, int]] = []
-    for step, width in enumerate(widths):
+    for number, step in enumerate(steps):
         wanted = None
         if found is not None:
             chosen = select(found, parameters.count, placed, rejected, found.start, options.selection)
-            if step and len(chosen) == parameters.count and set(chosen) == set(found.start):
+            if number and len(chosen) == parameters.count and set(chosen) == set(found.start):
                 break  # there are as many marks as were asked for, and narrower text would replace none of them
             found = replace(found, start=tuple(chosen))
             if len(chosen) and not found.last_resort[chosen].any():
-                poorly = coverable & _poorly_covered(context, found, chosen, width)
+                poorly = coverable & _poorly_covered(
+                    context, found, chosen, max(width * artwork.line_height for artwork, width in step)
+                )
                 if worth[poorly].sum() <= (1 - options.search.enough) * worth[coverable].sum():
                     break
                 wanted = context.targets.directions[poorly]
-            if len(found.boxes) and width < text_width(options.search.small, context.artwork.aspect):
+            small = [width < text_width(options.search.small, artwork.line_height) for artwork, width in step]
+            if len(found.boxes) and all(small):
                 break
+        for layout, (artwork, width) in enumerate(step):
 
-        def share(done: float, step: int = step) -> None:
-            progress((step + done) / len(widths))
+            def share(done: float, before: float = number + layout / len(step), part: int = len(step)) -> None:
+                progress((before + done / part) / len(steps))
 
-        placement, counts = fit(context, width, wanted, rng, share)
-        left.append(counts)
-        found = placement if found is None else _merge(found, placement)
-        share(1.0)
+            placement, counts = fit(context, artwork, width, wanted, rng, share)
+            left.append(counts)
+            found = placement if found is None else _merge(found, placement)
+            share(1.0)
     if found is None:
         return None, left
     best = select(found, parameters.count, placed, rejected, found.start, options.selection)
-    found = _widened(context, widths, found, [one for one in best if one not in placed])
+    found = _widened(context, steps, found, [one for one in best if one not in placed])
     best = select(found, parameters.count, placed, rejected, best, options.selection)
     return replace(found, start=tuple(best)), left
 
 
-def _widened(context: PlacementContext, widths: list[float], found: Placement, which: list[int]) -> Placement:
-    """``found`` and wider text at ``which`` of its boxes: as wide as each has room for, short of the next of the
-    ``widths``, which was tried there before."""
-    ladder, boxes = np.sort(widths), found.boxes[np.array(which, dtype=np.int64)]
-    wider = np.searchsorted(ladder, boxes.size[:, 0], side="right")
-    return _merge(found, widen(context, boxes, np.append(ladder, 0.0)[wider]))
+def _widened(context: PlacementContext, steps: list[Step], found: Placement, which: list[int]) -> Placement:
+    """``found`` and wider text at ``which`` of its boxes: as wide as each has room for, short of the next width of the
+    ``steps`` in its layout, which was tried there before."""
+    boxes, most = found.boxes[np.array(which, dtype=np.int64)], np.zeros(len(which))
+    layout = context.layouts.of(boxes.size)
+    for number, artwork in enumerate(context.layouts.artworks):
+        widths = np.sort([width for step in steps for other, width in step if other is artwork])
+        mine = np.flatnonzero(layout == number)
+        wider = np.searchsorted(widths, boxes.size[mine, 0], side="right")
+        most[mine] = np.append(widths, 0.0)[wider]
+    return _merge(found, widen(context, boxes, most))
 
 
-def _poorly_covered(context: PlacementContext, found: Placement, chosen: list[int], width: float) -> Bool:
-    """(D,) directions that the ``chosen`` boxes do not cover, or clearly worse than text of this ``width`` could."""
+def _poorly_covered(context: PlacementContext, found: Placement, chosen: list[int], height: float) -> Bool:
+    """(D,) directions that the ``chosen`` boxes do not cover, or clearly worse than a line of this ``height`` could."""
     covered, _ = found.coverage(chosen)
     enough = context.options.search.covered * best_possible_coverage(
-        width * context.artwork.aspect, context.facing, context.parameters.color, context.options.objective
+        height, context.facing, context.parameters.color, context.options.objective
     )
     # In the views rolled text counts less, and other text would be rolled as well.
     views = len(context.targets.up)

@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from core.arrays import Bool, Float, Int
 from core.artwork.artwork import Artwork
+from core.artwork.layouts import Layouts
 from core.geometry.boxes import Boxes
 from core.geometry.edges import EdgeTable
 from core.geometry.spatial import Eye, SpatialIndex
@@ -46,21 +47,28 @@ class Rims:
     Attributes:
         tree: over the (N) points, size-30 units.
         normals: (N, 2, 3) of both faces that meet there; zero where these do not join.
-        ink: (H, W) texels of the text's bounding box that the letters cover, the first row at the bottom.
+        layouts: of the text.
+        ink: for each layout (H, W) texels of its bounding box that the letters cover, the first row at the bottom.
     """
 
     tree: cKDTree
     normals: Float
-    ink: Bool
+    layouts: Layouts
+    ink: tuple[Bool, ...]
 
     def crossed(self, boxes: Boxes, index: SpatialIndex) -> Bool:
         """(B,) boxes in which a letter would be cut across an edge that does not join two faces facing the box; edges
         hidden by another layer do not count. ``index`` is over the surface."""
         owner, which, local = boxes.contained(self.tree)
         apart = (np.einsum("nfi,ni->nf", self.normals[which], boxes.axes[owner, 2]) <= FACING).any(axis=1)
-        texel = (local[:, :2] / boxes.size[owner, :2] + 0.5) * self.ink.shape[::-1]
-        column, row = np.minimum(texel.astype(np.int64), np.array(self.ink.shape[::-1]) - 1).T
-        met = np.flatnonzero(apart & self.ink[row, column])
+        place, layout = local[:, :2] / boxes.size[owner, :2] + 0.5, self.layouts.of(boxes.size)[owner]
+        covered = np.zeros(len(owner), dtype=bool)
+        for number, ink in enumerate(self.ink):
+            mine = np.flatnonzero(layout == number)
+            texel = (place[mine] * ink.shape[::-1]).astype(np.int64)
+            column, row = np.minimum(texel, np.array(ink.shape[::-1]) - 1).T
+            covered[mine] = ink[row, column]
+        met = np.flatnonzero(apart & covered)
         owner, normal = owner[met], boxes.axes[owner[met], 2]
         above = boxes.size[owner, 2] / 2 - local[met, 2]
         start = np.asarray(self.tree.data)[which[met]] + above[:, None] * normal
@@ -69,7 +77,7 @@ class Rims:
         return np.bincount(owner[uppermost], minlength=len(boxes)) > 0
 
 
-def rims(surface: Surface, distinct: Bool, artwork: Artwork, options: RimOptions = RIMS) -> Rims | None:
+def rims(surface: Surface, distinct: Bool, layouts: Layouts, options: RimOptions = RIMS) -> Rims | None:
     """The :class:`Rims` of the ``distinct`` (F,) faces of a ``surface`` for a text; None where it has none, as a
     smooth closed manifold."""
     ends, normals = _sharp_edges(surface.edges.among(distinct), surface.normals, options.crease)
@@ -83,7 +91,8 @@ def rims(surface: Surface, distinct: Bool, artwork: Artwork, options: RimOptions
     edge = np.repeat(np.arange(len(ends)), pieces)
     number = np.arange(len(edge)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     share = (number + 0.5) / pieces[edge]
-    return Rims(cKDTree(first[edge] + share[:, None] * along[edge]), normals[edge], _ink(artwork, options.texels))
+    ink = tuple(_ink(artwork, options.texels) for artwork in layouts.artworks)
+    return Rims(cKDTree(first[edge] + share[:, None] * along[edge]), normals[edge], layouts, ink)
 
 
 def _sharp_edges(edges: EdgeTable, normals: Float, crease: float) -> tuple[Int, Float]:

@@ -10,7 +10,7 @@ from manifold3d import Manifold, OpType
 from core import marking
 from core.embossing import emboss, marks
 from core.embossing.emboss import Mark
-from core.embossing.islands import letter_islands
+from core.embossing.islands import letters_of
 from core.embossing.marks import MarkOptions, emboss_marks
 from core.embossing.mesh import WorkingMesh
 from core.embossing.refusal import EXPLAINED, Refusal
@@ -95,11 +95,11 @@ def test_where_every_mark_costs_more_than_it_shows_the_search_still_ends(
 def test_however_much_each_search_regains_there_are_only_so_many(monkeypatch: pytest.MonkeyPatch) -> None:
     cutter = Cutter(monkeypatch, times=10_000, pooled=False)
     run = Run(request(), lambda _: None, lambda *_: None)
-    asset, artwork = marking.read(CUBE, run), marking.letter(run)
-    found = marking.place(asset, artwork, run)
+    asset, layouts = marking.read(CUBE, run), marking.letter(run)
+    found = marking.place(asset, layouts, run)
     mesh = WorkingMesh(asset.scene.surface, found.context.carrier.cuttable, asset.analysis.coincident)
     insatiable = MarkOptions(max_searches=3, min_improvement=-1.0)
-    emboss_marks(mesh, found.context, found.placement, letter_islands(artwork), found.rng, options=insatiable)
+    emboss_marks(mesh, found.context, found.placement, letters_of(layouts), found.rng, options=insatiable)
     assert cutter.searches == 3
 
 

@@ -5,6 +5,7 @@ import numpy as np
 from core.analysis.facts import Carrier
 from core.arrays import Bool, Float
 from core.artwork.artwork import Artwork
+from core.artwork.layouts import Layouts
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
@@ -103,6 +104,11 @@ def rotation(axis: tuple[float, float, float], degrees: float) -> Float:
     skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     angle = np.radians(degrees)
     return np.asarray(np.eye(3) + np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew)
+
+
+def layouts(*aspects: float) -> Layouts:
+    """One line of text of each of these aspects."""
+    return Layouts(tuple(text(aspect) for aspect in aspects))
 
 
 def text(aspect: float) -> Artwork:

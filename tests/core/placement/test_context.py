@@ -8,13 +8,13 @@ from core.errors import ErrorCode, MeshmarkError
 from core.geometry.surface import Surface
 from core.parameters import Parameters
 from core.placement.context import PlacementContext, build_context
-from tests.core.placement.shapes import carrier, cuboid, plane, text
+from tests.core.placement.shapes import carrier, cuboid, layouts, plane
 
 
 def opened(shape: Surface, usable: NDArray[np.bool_] | None = None) -> PlacementContext:
     parameters = Parameters(text="watermark").resolved()
     rng = np.random.default_rng(0)
-    return build_context(carrier(shape, usable), SurfaceFacts(saliency(shape, 0)), text(0.125), parameters, rng)
+    return build_context(carrier(shape, usable), SurfaceFacts(saliency(shape, 0)), layouts(0.125), parameters, rng)
 
 
 def test_a_direction_is_faced_as_nearly_as_any_surface_looks_that_way() -> None:

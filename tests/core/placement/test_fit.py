@@ -9,19 +9,20 @@ from core.parameters import Parameters
 from core.placement.context import PlacementContext, build_context
 from core.placement.fit import fit, widen
 from core.placement.rejection import Stage
-from tests.core.placement.shapes import box, carrier, cuboid, inside_out, join, moved, sphere, text
+from tests.core.placement.shapes import box, carrier, cuboid, inside_out, join, layouts, moved, sphere, text
 
 UP = np.array([[0.0, 1.0, 0.0]])
+TEXT = text(0.125)
 
 
 def opened(shape: Surface) -> PlacementContext:
     parameters = Parameters(text="watermark").resolved()
     rng = np.random.default_rng(0)
-    return build_context(carrier(shape), SurfaceFacts(saliency(shape, 0)), text(0.125), parameters, rng)
+    return build_context(carrier(shape), SurfaceFacts(saliency(shape, 0)), layouts(0.125), parameters, rng)
 
 
 def test_each_stage_leaves_no_more_boxes_than_the_one_before() -> None:
-    found, left = fit(opened(sphere(15)), 3.0, None, np.random.default_rng(0), lambda _: None)
+    found, left = fit(opened(sphere(15)), TEXT, 3.0, None, np.random.default_rng(0), lambda _: None)
     assert list(left) == list(Stage)
     counts = list(left.values())
     assert counts == sorted(counts, reverse=True)
@@ -30,26 +31,26 @@ def test_each_stage_leaves_no_more_boxes_than_the_one_before() -> None:
 
 
 def test_boxes_are_looked_for_only_where_they_are_wanted() -> None:
-    found, _ = fit(opened(sphere(15)), 3.0, UP, np.random.default_rng(0), lambda _: None)
+    found, _ = fit(opened(sphere(15)), TEXT, 3.0, UP, np.random.default_rng(0), lambda _: None)
     assert (found.boxes.axes[:, 2, 1] > np.cos(np.radians(50))).all()
 
 
 def test_no_search_is_spent_on_surface_that_nobody_sees() -> None:
     hollow = join(cuboid(30, 30, 30), *(moved(cuboid(4, 4, 4), shift=(x, 0, 0)) for x in (-8, 0, 8)))
-    _, left = fit(opened(hollow), 2.0, None, np.random.default_rng(0), lambda _: None)
-    _, plain = fit(opened(cuboid(30, 30, 30)), 2.0, None, np.random.default_rng(0), lambda _: None)
+    _, left = fit(opened(hollow), TEXT, 2.0, None, np.random.default_rng(0), lambda _: None)
+    _, plain = fit(opened(cuboid(30, 30, 30)), TEXT, 2.0, None, np.random.default_rng(0), lambda _: None)
     assert left[Stage.CANDIDATES] == pytest.approx(plain[Stage.CANDIDATES], rel=0.1)
     assert left[Stage.OPEN] > 0.95 * left[Stage.SMOOTH]
 
 
 def test_an_asset_that_looks_inwards_has_nothing_to_fit() -> None:
-    found, left = fit(opened(inside_out(cuboid(30, 30, 30))), 3.0, None, np.random.default_rng(0), lambda _: None)
+    found, left = fit(opened(inside_out(cuboid(30, 30, 30))), TEXT, 3.0, None, np.random.default_rng(0), lambda _: None)
     assert left[Stage.CANDIDATES] == 0
     assert len(found.boxes) == 0
 
 
 def test_a_place_at_an_edge_costs_more_than_one_in_the_middle() -> None:
-    found, _ = fit(opened(cuboid(30, 30, 30)), 5.5, UP, np.random.default_rng(0), lambda _: None)
+    found, _ = fit(opened(cuboid(30, 30, 30)), TEXT, 5.5, UP, np.random.default_rng(0), lambda _: None)
     half = found.boxes.size[:, :2] / 2
     room = (15 - np.abs(found.boxes.center[:, [0, 2]]) - half).min(axis=1)
     upright = np.abs(found.boxes.axes[:, 0, 0]) > 0.99
@@ -60,7 +61,7 @@ def test_a_place_at_an_edge_costs_more_than_one_in_the_middle() -> None:
 def test_candidates_that_stand_badly_are_not_fitted() -> None:
     blocks = [moved(cuboid(2.5, 2.5, 2.5), shift=(5 * x, 5 * y, 0)) for x in range(-2, 3) for y in range(-2, 3)]
     plate = moved(cuboid(30, 30, 1), shift=(0, 0, -4))
-    _, left = fit(opened(join(plate, *blocks)), 4.0, None, np.random.default_rng(0), lambda _: None)
+    _, left = fit(opened(join(plate, *blocks)), TEXT, 4.0, None, np.random.default_rng(0), lambda _: None)
     assert left[Stage.COVERED] > 0.9 * left[Stage.CANDIDATES]  # 0.63 of candidates as they are drawn
 
 

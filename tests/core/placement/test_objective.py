@@ -38,8 +38,8 @@ def shown(
 ) -> np.ndarray[tuple[int, int], np.dtype[np.float32]]:
     """The likelihood of each box for each column, being seen alone counting for nothing."""
     faced = facing(where, SERVED.directions)
-    bends, contrasts = (np.full(len(where), value) for value in (bent, contrast))
-    return likelihood(where, faced, bends, contrasts, SERVED, color, replace(OBJECTIVE, seen=0.0))
+    bends, heights = np.full(len(where), bent), contrast * where.size[:, 1]
+    return likelihood(where, faced, bends, heights, SERVED, color, replace(OBJECTIVE, seen=0.0))
 
 
 def terms(**given: float) -> Terms:
@@ -117,14 +117,14 @@ def test_small_rolled_or_turned_text_serves_a_view_less(worse: Boxes) -> None:
 def test_bent_text_serves_less_and_hidden_text_not_at_all() -> None:
     where = box((0, 0, 15), size=(7.5, 0.94, 0.5))
     assert shown(where, bent=0.4)[0, FRONT] == pytest.approx(0.6)
-    hidden = likelihood(where, np.zeros((1, len(SERVED.directions)), dtype=bool), np.zeros(1), np.ones(1), SERVED)
+    hidden = likelihood(where, np.zeros((1, len(SERVED.directions)), dtype=bool), np.zeros(1), where.size[:, 1], SERVED)
     assert not hidden[0, : len(SERVED.directions)].any()
 
 
 def test_a_mark_that_is_seen_serves_a_view_however_badly_it_reads() -> None:
     where = box((0, 0, 15), size=(1.2, 0.15, 0.25), axes=rotation((0, 1, 0), 44))
     faced = facing(where, SERVED.directions)
-    served = likelihood(where, faced, np.ones(1), np.ones(1), SERVED)[0, FRONT]
+    served = likelihood(where, faced, np.ones(1), where.size[:, 1], SERVED)[0, FRONT]
     assert served == pytest.approx(OBJECTIVE.seen)
 
 
@@ -138,7 +138,7 @@ def test_no_mark_serves_a_direction_better_than_its_width_can(color: str | None)
     for width in (7.5, 4.0, 2.0, 1.2):
         where = box((0, 0, 15), size=(width, width / 8, 0.5))
         seen = facing(where, SERVED.directions)
-        served = likelihood(where, seen, np.zeros(1), np.ones(1), SERVED, color)[0, : len(SERVED.directions)]
+        served = likelihood(where, seen, np.zeros(1), where.size[:, 1], SERVED, color)[0, : len(SERVED.directions)]
         reach = best_possible_coverage(width / 8, SERVED.directions[:, 2], color)
         assert (served <= reach + 1e-6).all()
         assert served.max() == pytest.approx(reach.max(), abs=0.01)
@@ -253,8 +253,8 @@ def test_bend_is_the_part_of_the_boxs_thickness_that_the_surface_takes_up() -> N
 
 
 def test_a_mark_changes_a_small_surface_more() -> None:
-    relief = np.array([0.2])
-    assert distance(box(), relief, 0.4, 100.0) == pytest.approx(10 * distance(box(), relief, 0.4, 1000.0))
+    relief, ink = np.array([0.2]), np.array([0.4])
+    assert distance(box(), relief, ink, 100.0) == pytest.approx(10 * distance(box(), relief, ink, 1000.0))
 
 
 def test_the_centroid_is_that_of_the_area_not_of_the_vertices() -> None:

@@ -11,7 +11,7 @@ from core.placement.finetune import LevenbergMarquardtOptions
 from core.placement.fit import fit
 from core.placement.options import PLACEMENT, PlacementOptions
 from core.placement.rejection import Stage
-from tests.core.placement.shapes import carrier, sphere, text
+from tests.core.placement.shapes import carrier, layouts, sphere, text
 
 BALL = sphere(10, rings=16)
 FACTS = SurfaceFacts(saliency(BALL, 0))
@@ -20,8 +20,8 @@ FACTS = SurfaceFacts(saliency(BALL, 0))
 def fitted(options: PlacementOptions | None) -> dict[Stage, int]:
     """The number of boxes on a ball of radius 10 that are left after each stage."""
     rng, parameters = np.random.default_rng(0), Parameters(text="watermark").resolved()
-    context = build_context(carrier(BALL), FACTS, text(0.125), parameters, rng, options)
-    return fit(context, 5.5, None, rng, lambda _: None)[1]
+    context = build_context(carrier(BALL), FACTS, layouts(0.125), parameters, rng, options)
+    return fit(context, text(0.125), 5.5, None, rng, lambda _: None)[1]
 
 
 def test_a_sweep_over_the_values_of_an_algorithm_needs_only_a_record() -> None:

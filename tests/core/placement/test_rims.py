@@ -1,16 +1,17 @@
 import numpy as np
 
+from core.artwork.layouts import Layouts
 from core.artwork.outline import text_artwork
 from core.geometry.boxes import Boxes
 from core.geometry.surface import Surface
 from core.placement.rims import RimOptions, rims
 from tests.core.placement.shapes import box, cuboid, index_of, join, moved, plane, rotation, sphere, surface
 
-TEXT = text_artwork("watermark")
+TEXT = Layouts((text_artwork("watermark"),))
 
 
 def crossed(shape: Surface, where: Boxes, text: str = "watermark") -> bool:
-    found = rims(shape, np.ones(len(shape.faces), dtype=bool), text_artwork(text))
+    found = rims(shape, np.ones(len(shape.faces), dtype=bool), Layouts((text_artwork(text),)))
     return found is not None and bool(found.crossed(where, index_of(shape))[0])
 
 

@@ -28,7 +28,7 @@ def on_a_ball(number: int, seed: int = 0, radius: float = 12.0) -> Placement:
         loss=np.zeros(number),
         roughness=np.ones(number),
         visible=visible,
-        likelihood=likelihood(found, visible, np.zeros(number), np.ones(number), SERVED),
+        likelihood=likelihood(found, visible, np.zeros(number), found.size[:, 1], SERVED),
         cost=0.005 + 0.02 * rng.random(number),
         last_resort=np.zeros(number, dtype=bool),
         weight=SERVED.weight,
