@@ -220,7 +220,8 @@ def _candidates(
     if options.radius is not None:
         points, face = sample(context.ground, options.samples, rng)
         return candidates(points, context.ground.normals[face], size, options.radius)
-    number, most = options.samples, float(options.number)
+    # Each layout gets its share of the boxes: a place that one fits into mostly serves the others as well.
+    number, most = options.samples, options.number / len(context.layouts.artworks)
     if wanted is not None:
         share = max(options.more * len(wanted) / len(context.targets.directions), options.fewest)
         number, most = options.more_samples, options.number * share
