@@ -106,11 +106,11 @@ def rotation(axis: tuple[float, float, float], degrees: float) -> Float:
     return np.asarray(np.eye(3) + np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew)
 
 
-def layouts(*aspects: float) -> Layouts:
-    """One line of text of each of these aspects."""
-    return Layouts(tuple(text(aspect) for aspect in aspects))
+def layouts(aspect: float, *, lines: int = 1) -> Layouts:
+    """A text that is so many times as high as wide in one line, in 1 to a number of ``lines``."""
+    return Layouts(tuple(text(count * aspect, count) for count in range(1, lines + 1)))
 
 
-def text(aspect: float) -> Artwork:
-    """What placement knows of a text so many times as high as wide."""
-    return Artwork("watermark", (), aspect, 0.41, aspect)
+def text(aspect: float, lines: int = 1) -> Artwork:
+    """What placement knows of lines of text so many times as high as each is wide."""
+    return Artwork("watermark", (), (1.3 * lines - 0.3) * aspect, 0.41, aspect)

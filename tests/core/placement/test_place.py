@@ -27,15 +27,22 @@ WIDTHS = ladder(ASPECT)
 LEGIBLE_WIDTH = WIDTHS[len(SEARCH.heights) - 1]
 
 
-def opened(shape: Surface, rng: np.random.Generator, aspect: float = ASPECT, **asked: object) -> PlacementContext:
+def opened(
+    shape: Surface, rng: np.random.Generator, aspect: float = ASPECT, lines: int = 1, **asked: object
+) -> PlacementContext:
     parameters = Parameters.model_validate({"text": "watermark"} | asked).resolved()
     salient = saliency(shape, parameters.seed)
-    return build_context(carrier(shape), SurfaceFacts(salient), layouts(aspect), parameters, rng)
+    return build_context(carrier(shape), SurfaceFacts(salient), layouts(aspect, lines=lines), parameters, rng)
 
 
-def placed(shape: Surface, aspect: float = ASPECT, seed: int = 0, **asked: object) -> Placement:
+def placed(shape: Surface, aspect: float = ASPECT, lines: int = 1, seed: int = 0, **asked: object) -> Placement:
     rng = np.random.default_rng(seed)
-    return place(opened(shape, rng, aspect, seed=seed, **asked), rng)
+    return place(opened(shape, rng, aspect, lines, seed=seed, **asked), rng)
+
+
+def lines_of(found: Placement, aspect: float, lines: int) -> set[int]:
+    """Numbers of lines of the chosen marks."""
+    return set((1 + layouts(aspect, lines=lines).of(found.boxes.size[list(found.start)])).tolist())
 
 
 def progress(shape: Surface, **asked: Any) -> list[float]:
@@ -117,6 +124,20 @@ def test_sixty_letters_are_legible_where_there_is_room_and_smaller_where_there_i
 
 def test_long_text_runs_along_a_bar_on_which_it_would_not_be_legible_across() -> None:
     assert highest(placed(cuboid(4, 30, 4), aspect=0.015)) >= legible_height() * (1 - 1e-9)
+
+
+def test_a_long_text_has_few_lines_on_a_bar_and_many_on_a_plate() -> None:
+    assert lines_of(placed(cuboid(30, 1.6, 1.6), aspect=0.03, lines=4), 0.03, 4) <= {1, 2}
+    plate = placed(cuboid(12, 12, 1), aspect=0.03, lines=4)
+    assert lines_of(plate, 0.03, 4) <= {3, 4}
+    high = layouts(0.03, lines=4).line_height(plate.boxes.size[list(plate.start)])
+    assert high.max() > 2.5 * highest(placed(cuboid(12, 12, 1), aspect=0.03))
+
+
+def test_text_of_a_width_that_was_asked_for_has_that_width_in_every_layout() -> None:
+    found = placed(cuboid(30, 30, 30), aspect=0.03, lines=4, size=6.0)
+    assert np.allclose(found.boxes.size[:, 0], 6.0)
+    assert lines_of(found, 0.03, 4) <= {3, 4}, "whose lines are higher"
 
 
 def test_the_widths_of_any_proportions_go_down_to_those_of_a_word_in_area() -> None:

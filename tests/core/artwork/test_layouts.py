@@ -1,0 +1,28 @@
+"""A watermark may be set in several ways; the proportions of its box say in which it is."""
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from core.artwork.layouts import ALIKE, distinct_layouts
+from tests.core.placement.shapes import text
+
+
+@given(st.lists(st.floats(0.01, 3.0), min_size=1, max_size=6), st.floats(0.01, 30.0))
+def test_every_layout_is_found_again_at_any_width(aspects: list[float], width: float) -> None:
+    layouts = distinct_layouts([text(aspect) for aspect in aspects])
+    size = np.array([[width, width * artwork.aspect, 1.0] for artwork in layouts.artworks])
+    assert layouts.of(size).tolist() == list(range(len(layouts.artworks)))
+    assert np.allclose(layouts.line_height(size), size[:, 1])
+
+
+def test_of_two_layouts_that_would_serve_the_same_places_the_first_is_kept() -> None:
+    first, like, other = text(0.1), text(0.1 * (1 + ALIKE / 2)), text(0.2)
+    assert distinct_layouts([first, like, other]).artworks == (first, other)
+
+
+def test_a_line_is_as_high_as_its_share_of_the_block() -> None:
+    layouts = distinct_layouts([text(0.03), text(0.12, lines=4)])
+    assert np.allclose(
+        layouts.line_height(np.array([[10.0, 0.3, 1.0], [10.0, layouts.artworks[1].aspect * 10, 1]])), [0.3, 1.2]
+    )
