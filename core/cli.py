@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from core import __version__, process
+from core.cli_text import add_text_options
 from core.errors import ErrorCode, MeshmarkError
 from core.lab.benchmark.datasets import LAYOUTS
 from core.lab.benchmark.options import OBJECTIVE_METHODS, PAPER_ATTACKS, AttackRequest, BenchmarkOptions
-from core.parameters import Evaluate, Mode, Preset, UnmarkedCopies, parse_parameters
+from core.parameters import Evaluate, Mode, Parameters, Preset, UnmarkedCopies, parse_parameters
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
@@ -49,7 +50,7 @@ def _add_apply(commands: Commands) -> None:
     apply.set_defaults(run=_apply)
     apply.add_argument("input", type=Path, metavar="IN", help=ACCEPTED)
     apply.add_argument("output", type=Path, metavar="OUT.glb", help="the watermarked GLB")
-    apply.add_argument("--text", required=True, help="what to emboss")
+    add_text_options(apply)
     apply.add_argument("--font", type=Path, help="a TrueType or OpenType font file")
     apply.add_argument("--report", type=Path, metavar="R.json", help="write the report here")
     apply.add_argument("--preview", type=Path, metavar="P.png", help="render eight views here")
@@ -246,23 +247,10 @@ def _add_models(commands: Commands) -> None:
 
 
 def _apply(options: argparse.Namespace) -> None:
-    names = (
-        "text",
-        "preset",
-        "mode",
-        "size",
-        "relief",
-        "count",
-        "color",
-        "seed",
-        "keep_out",
-        "prefer",
-        "evaluate",
-        "unmarked_copies",
-    )
     # Without a report the metrics, which take seconds, would not be seen.
     options.evaluate = options.evaluate or (Evaluate.FULL if options.report else Evaluate.NONE).value
-    parameters = parse_parameters({name: getattr(options, name) for name in names})
+    given = {name: value for name, value in vars(options).items() if name in Parameters.model_fields}
+    parameters = parse_parameters(given)
     data = _read(options.input)
     font = _read(options.font) if options.font else None
 

@@ -14,6 +14,7 @@ import numpy as np
 from core.arrays import Bool
 from core.artwork.layouts import Layouts, distinct_layouts
 from core.artwork.outline import text_artwork
+from core.artwork.style import style_of
 from core.embossing.mesh import WorkingMesh
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
@@ -72,7 +73,19 @@ def read(data: bytes, run: Run) -> Asset:
 
 def letter(run: Run) -> Layouts:
     """Shape the text and turn it into outlines."""
-    return distinct_layouts([text_artwork(run.request.parameters.text, run.request.font)])
+    parameters, font = run.request.parameters, run.request.font
+    artwork = text_artwork(parameters.text, font, style_of(parameters))
+    run.faces = artwork.faces
+    if font is not None and len(artwork.faces) > 1:
+        others = ", ".join(face.name for face in artwork.faces[1:])
+        run.notices.append(
+            Notice(
+                NoticeCode.FONT_SUBSTITUTED,
+                f"The font that was sent lacks letters of this text; they are set in {others}.",
+                "Send a font that has all letters, or leave these out, if the marks must be in one font.",
+            )
+        )
+    return distinct_layouts([artwork])
 
 
 def place(asset: Asset, layouts: Layouts, run: Run) -> Candidates:

@@ -12,7 +12,7 @@ from core.parameters import Evaluate
 from core.rendering.pictures import PICTURE_SIZE, pictures
 from core.rendering.preview import contact_sheet
 from core.rendering.renderer import Renderer
-from core.report import Report
+from core.report import FontFacts, Report
 from core.stages import Asset, Candidates, Output, Pictures, Run
 
 log = logging.getLogger(__name__)
@@ -28,8 +28,9 @@ def report(asset: Asset, output: Output, run: Run) -> Report:
 
 
 def as_json(report: Report, run: Run) -> dict[str, Any]:
-    """The report with the notices, times and memory of the stages so far, as JSON has it."""
-    account = {"warnings": run.notices, "timings": run.timings, "memory": run.memory}
+    """The report with the fonts, notices, times and memory of the stages so far, as JSON has it."""
+    fonts = [FontFacts(name=face.name, version=face.version, thickened=face.offset) for face in run.faces]
+    account = {"fonts": fonts, "warnings": run.notices, "timings": run.timings, "memory": run.memory}
     return report.model_copy(update=account).model_dump(mode="json")
 
 

@@ -17,9 +17,11 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from core.errors import ErrorCode, MeshmarkError
+from core.languages import language_tag
 from core.validation import StrictModel, describe
 
-MAX_TEXT_LENGTH = 64
+MAX_TEXT_LENGTH = 200
+MAX_LINES = 6
 MAX_NAME_LENGTH = 256
 MAX_REGIONS = 32
 # Relief, as a share of the letters' height. OCR of uncoloured letters on twelve assets is 0.79 at 0.32, 0.80 at 0.24,
@@ -40,6 +42,21 @@ class Mode(StrEnum):
 
     EMBOSS = "emboss"
     DEBOSS = "deboss"
+
+
+class Align(StrEnum):
+    """Where lines that are shorter than the longest stand."""
+
+    LEFT = "left"
+    CENTER = "center"
+    RIGHT = "right"
+
+
+class Direction(StrEnum):
+    """How lines run."""
+
+    HORIZONTAL = "horizontal"
+    VERTICAL = "vertical"
 
 
 class Evaluate(StrEnum):
@@ -145,7 +162,28 @@ class Parameters(StrictModel):
 
     model_config = ConfigDict(frozen=True, allow_inf_nan=False)
 
-    text: Annotated[str, Field(max_length=MAX_TEXT_LENGTH, description="The word or words to emboss.")]
+    text: Annotated[str, Field(max_length=MAX_TEXT_LENGTH, description="The word or words to emboss; up to 6 lines.")]
+    align: Annotated[
+        Align,
+        Field(description="Where shorter lines of the text stand; of vertical ones, left is the top."),
+    ] = Align.CENTER
+    line_spacing: Annotated[
+        float, Field(ge=0.8, le=3.0, description="From one line to the next, in ems; more where letters would touch.")
+    ] = 1.2
+    letter_spacing: Annotated[
+        float, Field(ge=0.0, le=1.0, description="Added between letters, in ems; not where a script joins them.")
+    ] = 0.0
+    direction: Annotated[
+        Direction,
+        Field(description="Lines from left to right and back, or columns from the top down, for Chinese and the like."),
+    ] = Direction.HORIZONTAL
+    language: Annotated[
+        str | None,
+        Field(
+            description="Language of the text (BCP 47), which decides the shapes of ideographs: zh-Hans, zh-Hant, ja, "
+            "ko, ...; null: guessed."
+        ),
+    ] = None
     preset: Annotated[Preset, Field(description="Starting values for size, relief, count and solver.")] = (
         Preset.MERCHANDISE
     )
@@ -198,6 +236,21 @@ class Parameters(StrictModel):
         if not re.fullmatch(r"#[0-9a-fA-F]{6}", value):
             raise PydanticCustomError("color", 'Input should be "none" or "#" and six hexadecimal digits')
         return value.lower()
+
+    @field_validator("text")
+    @classmethod
+    def _few_lines(cls, value: str) -> str:
+        lines = value.strip("\r\n").count("\n") + 1
+        if lines > MAX_LINES:
+            raise PydanticCustomError("lines", f"Text should have at most {MAX_LINES} lines, not {lines}")
+        return value
+
+    @field_validator("language")
+    @classmethod
+    def _known_language(cls, value: str | None) -> str | None:
+        if value is None or (tag := language_tag(value)):
+            return None if value is None else tag
+        raise PydanticCustomError("language", "Input should be a language tag such as zh-Hans, zh-Hant, ja, ko or en")
 
     @model_validator(mode="after")
     def _has_letters(self) -> Self:

@@ -107,6 +107,16 @@ class CopyFacts(Section):
     ]
 
 
+class FontFacts(Section):
+    """A font that letters of the marks come from."""
+
+    name: Annotated[str, Field(description="Its full name, as it says itself.", examples=["DejaVu Sans Bold"])]
+    version: Annotated[str, Field(description="Its version, as it says itself.", examples=["2.37"])]
+    thickened: Annotated[
+        float, Field(description="How far its outlines were moved outwards, in ems: not 0 where it has no bold face.")
+    ]
+
+
 class Embossing(Section):
     """The number of places where a mark was to be cut."""
 
@@ -175,6 +185,9 @@ class Report(Section):
     copies: Annotated[list[CopyFacts], Field(description="Other copies of the asset in its file.")]
     embossing: Embossing
     metrics: Annotated[Metrics | None, Field(description="Null with `evaluate: none`.")]
+    fonts: Annotated[
+        list[FontFacts], Field(description="The fonts that the text is set in, in the order of their first letters.")
+    ]
     warnings: Annotated[list[Notice], Field(description="What did not go as asked although the job went on.")]
     timings: Annotated[dict[str, float], Field(description="Seconds that each stage took.")]
     memory: Annotated[

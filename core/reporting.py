@@ -61,6 +61,7 @@ def build_report(asset: Asset, output: Output, parameters: Parameters) -> Report
         ],
         embossing=Embossing(tried=verified + sum(refused.values()), verified=verified, refused=refused),
         metrics=metrics_of(_unmeasured()) if measured else None,
+        fonts=[],
         warnings=[],
         timings={},
         memory={},

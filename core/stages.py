@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from core.artwork.artwork import FaceUse
 from core.budgets import DEFAULT_BUDGETS, Budgets
 from core.embossing.mesh import WorkingMesh
 from core.errors import MeshmarkError
@@ -59,6 +60,7 @@ class Run:
         notices: losses and doubts so far.
         timings: seconds by stage.
         memory: the most resident bytes the process had held up to the end of each stage.
+        faces: the typefaces of the text.
     """
 
     request: Request
@@ -67,6 +69,7 @@ class Run:
     notices: list[Notice] = field(default_factory=list)
     timings: dict[str, float] = field(default_factory=dict)
     memory: dict[str, int] = field(default_factory=dict)
+    faces: tuple[FaceUse, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,12 +17,13 @@ PACKAGES = ("core", "service", "worker")
 BELOW = {
     "budgets": "",
     "refusals": "",
-    "parameters": "validation",
+    "languages": "",
+    "parameters": "languages validation",
     "geometry": "",
     "device": "geometry",
     "gltf": "geometry budgets refusals",
     "formats": "gltf geometry budgets refusals",
-    "artwork": "geometry",
+    "artwork": "geometry parameters",
     "analysis": "gltf geometry device parameters",
     "placement": "analysis artwork gltf geometry parameters process",
     "embossing": "placement analysis artwork gltf geometry parameters",
@@ -32,7 +33,7 @@ BELOW = {
     "report": "embossing parameters",
     "reporting": "report stages metrics embossing formats geometry parameters device",
     "preload": "rendering",
-    "stages": "embossing placement analysis formats gltf budgets parameters",
+    "stages": "embossing placement analysis artwork formats gltf budgets parameters",
     "marking": "stages embossing placement analysis artwork formats gltf geometry",
     "measuring": "stages report reporting metrics rendering analysis parameters",
     "pipeline": "marking measuring stages formats budgets parameters preload",
@@ -41,7 +42,8 @@ BELOW = {
         "pipeline stages report metrics rendering placement analysis artwork formats gltf geometry budgets parameters "
         "processors"
     ),
-    "cli": "lab pipeline evaluate models parameters process",
+    "cli_text": "parameters",
+    "cli": "cli_text lab pipeline evaluate models parameters process",
     "__init__": "process",
 }
 EVERYWHERE = {"arrays", "errors", "notices", "__version__"}

@@ -5,6 +5,20 @@ from dataclasses import dataclass
 from core.arrays import Float
 
 
+@dataclass(frozen=True)
+class FaceUse:
+    """A typeface that letters of an artwork come from.
+
+    Attributes:
+        name, version: as the font says itself.
+        offset: how far its outlines were moved outwards to thicken them, in ems.
+    """
+
+    name: str
+    version: str
+    offset: float
+
+
 @dataclass(frozen=True, eq=False)
 class Artwork:
     """Outlines to be embossed, their bounding box centred at the origin and exactly 1 wide.
@@ -16,6 +30,8 @@ class Artwork:
         aspect: height of the bounding box (its width is 1).
         ink: share of the bounding box that the shapes cover.
         line_height: height of one line of the text, by which its legibility goes; of all of it where there is no text.
+        lines: of the text; none where there is no text.
+        faces: the typefaces that served, in the order of their first letters.
     """
 
     label: str
@@ -23,3 +39,5 @@ class Artwork:
     aspect: float
     ink: float
     line_height: float
+    lines: tuple[str, ...] = ()
+    faces: tuple[FaceUse, ...] = ()

@@ -1,7 +1,6 @@
 """Font files: checks of uploaded ones, and the one that ships with the engine."""
 
 import struct
-from functools import lru_cache
 from pathlib import Path
 
 import uharfbuzz as hb
@@ -84,9 +83,3 @@ def load_font(data: bytes) -> hb.Font:
     if face.glyph_count == 0 or not face.unicodes:
         raise _invalid("maps no characters to glyphs")
     return hb.Font(face)
-
-
-@lru_cache(maxsize=1)
-def default_font() -> hb.Font:
-    """The bundled DejaVu Sans Bold: a bold face keeps its strokes wide enough to be cut into a coarse surface."""
-    return load_font(DEFAULT_FONT.read_bytes())

@@ -1,18 +1,21 @@
 """Text to closed polygons: glyph outlines flattened, united, cleaned and normalised to width 1."""
 
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import uharfbuzz as hb
 from fontTools.pens.recordingPen import RecordingPen
 from manifold3d import CrossSection, FillRule, JoinType, OpType
 
 from core.arrays import Float
-from core.artwork.artwork import Artwork
-from core.artwork.fonts import default_font, load_font
-from core.artwork.shaping import Glyph, shape
+from core.artwork.artwork import Artwork, FaceUse
+from core.artwork.layout import Block, set_text
+from core.artwork.shaping import Glyph
+from core.artwork.style import PLAIN, TextStyle
+from core.artwork.typeface import Typeface, uploaded_face
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.triangles import ring_area
+from core.parameters import Direction
 
 MAX_POINTS = 20_000
 
@@ -29,16 +32,16 @@ MERGE_DISTANCE = 2e-5
 MIN_AREA = 1e-7
 
 
-def text_artwork(text: str, font: bytes | None = None) -> Artwork:
-    """Outlines of ``text`` in ``font`` (the bytes of a TTF or OTF file; the bundled DejaVu Sans Bold if ``None``).
+def text_artwork(text: str, font: bytes | None = None, style: TextStyle = PLAIN) -> Artwork:
+    """Outlines of ``text`` in ``font`` (the bytes of a TTF or OTF file) and, for what it lacks, the installed ones.
 
     Raises:
         MeshmarkError: ``empty_text``, ``missing_glyphs``, ``invalid_font``, or ``invalid_parameters`` for control
-            characters and for outlines of more than 20,000 points.
+            characters, more than six lines, and outlines of more than 20,000 points.
     """
-    hb_font = default_font() if font is None else load_font(font)
-    shape_of_text = _united(_outlines(shape(text, hb_font), hb_font), text)
-    rings = [ring for ring in shape_of_text.to_polygons() if abs(ring_area(ring)) >= MIN_AREA]
+    block = set_text(text, style, None if font is None else uploaded_face(font))
+    outlines, scale = _outlines(block)
+    rings = [ring for ring in _united(outlines, text).to_polygons() if abs(ring_area(ring)) >= MIN_AREA]
     if not rings:
         raise MeshmarkError(
             ErrorCode.EMPTY_TEXT,
@@ -49,31 +52,61 @@ def text_artwork(text: str, font: bytes | None = None) -> Artwork:
     points = np.concatenate(rings)
     low, high = points.min(axis=0), points.max(axis=0)
     width, height = high - low
+    one_row = len(block.lines) == 1 and style.direction is Direction.HORIZONTAL
     return Artwork(
         label=text,
         rings=tuple((ring - (low + high) / 2) / width for ring in rings),
         aspect=float(height / width),
         ink=sum(map(ring_area, rings)) / float(width * height),
-        line_height=float(height / width),
+        line_height=float(height / width) if one_row else block.line_height * scale / float(width),
+        lines=block.lines,
+        faces=tuple(FaceUse(face.name, face.version, face.offset) for face in block.faces),
     )
 
 
-def _outlines(glyphs: list[Glyph], font: hb.Font) -> list[list[Float]]:
-    """For each visible glyph its contours as (N, 2) polygons, scaled so that the text is about 1 wide."""
-    drawn: dict[int, list[tuple[str, tuple[tuple[float, float], ...]]]] = {}
-    for glyph in glyphs:
-        if glyph.id not in drawn:
+@dataclass(frozen=True, eq=False)
+class _Outline:
+    """The contours of a glyph as (N, 2) polygons, and how far they are to be moved outwards."""
+
+    contours: list[Float]
+    offset: float
+
+
+def _outlines(block: Block) -> tuple[list[_Outline], float]:
+    """The outline of each glyph, scaled so that the text is about 1 wide, and the scale."""
+    drawn: dict[tuple[Typeface, int], list[tuple[str, tuple[tuple[float, float], ...]]]] = {}
+    for glyph in block.glyphs:
+        if (glyph.face, glyph.id) not in drawn:
             pen = RecordingPen()
-            font.draw_glyph_with_pen(glyph.id, pen)
-            drawn[glyph.id] = pen.value
-    reach = [glyph.x + point[0] for glyph in glyphs for _, points in drawn[glyph.id] for point in points]
-    width = max(reach) - min(reach) if reach else 0
+            glyph.face.font.draw_glyph_with_pen(glyph.id, pen)
+            drawn[glyph.face, glyph.id] = pen.value
+    reach = [
+        _placed(np.array(points, dtype=np.float64), glyph, block.upem)[:, 0]
+        for glyph in block.glyphs
+        for _, points in drawn[glyph.face, glyph.id]
+        if points
+    ]
+    width = max(map(np.max, reach)) - min(map(np.min, reach)) if reach else 0
     if width <= 0:
-        return []
-    finest, coarsest = (share * font.face.upem for share in EM_TOLERANCE)
-    tolerance = min(max(WIDTH_TOLERANCE * width, finest), coarsest)
-    flat = {glyph_id: _flatten(segments, tolerance) for glyph_id, segments in drawn.items()}
-    return [[(contour + np.array([glyph.x, glyph.y])) / width for contour in flat[glyph.id]] for glyph in glyphs]
+        return [], 1.0
+    finest, coarsest = EM_TOLERANCE
+    tolerance = min(max(WIDTH_TOLERANCE * width / block.upem, finest), coarsest)  # in ems
+    flat = {key: _flatten(segments, tolerance * key[0].upem) for key, segments in drawn.items()}
+    return [
+        _Outline(
+            [_placed(contour, glyph, block.upem) / width for contour in flat[glyph.face, glyph.id]],
+            glyph.face.offset * block.upem / width,
+        )
+        for glyph in block.glyphs
+    ], 1 / float(width)
+
+
+def _placed(points: Float, glyph: Glyph, upem: int) -> Float:
+    """Points (N, 2) of a glyph where it stands in its text, in the text's units."""
+    turned: Float = np.column_stack([points[:, 1], -points[:, 0]]) if glyph.sideways else points
+    origin = np.array([glyph.x, glyph.y])
+    placed: Float = turned * (upem / glyph.face.upem) + origin
+    return placed
 
 
 def _flatten(segments: list[tuple[str, tuple[tuple[float, float], ...]]], tolerance: float) -> list[Float]:
@@ -106,10 +139,10 @@ def _curve(control: Float, tolerance: float) -> Float:
     return np.array(layers[0])
 
 
-def _united(glyphs: list[list[Float]], text: str) -> CrossSection:
+def _united(outlines: list[_Outline], text: str) -> CrossSection:
     """The union of all glyphs, each filled by the non-zero rule as both outline formats demand."""
-    _require_few_points(sum(len(contour) for contours in glyphs for contour in contours), text)
-    sections = [CrossSection(contours, FillRule.NonZero) for contours in glyphs if contours]
+    _require_few_points(sum(len(contour) for outline in outlines for contour in outline.contours), text)
+    sections = [_filled(outline) for outline in outlines if outline.contours]
     union = CrossSection.batch_boolean(sections, OpType.Add).simplify(MERGE_DISTANCE)
     reach = [union.offset(sign * CLEARANCE / 2, JoinType.Miter) for sign in (-1, 1)]
     if any(_topology(section) != _topology(union) for section in reach):
@@ -117,6 +150,11 @@ def _united(glyphs: list[list[Float]], text: str) -> CrossSection:
         union = union.offset(-CLEARANCE, JoinType.Miter).offset(CLEARANCE / 2, JoinType.Miter)
         union = union.simplify(MERGE_DISTANCE)
     return union
+
+
+def _filled(outline: _Outline) -> CrossSection:
+    section = CrossSection(outline.contours, FillRule.NonZero)
+    return section.offset(outline.offset, JoinType.Miter) if outline.offset else section
 
 
 def _topology(section: CrossSection) -> tuple[int, int]:

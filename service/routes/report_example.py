@@ -28,6 +28,11 @@ REPORT: JsonDict = {
     },
     "parameters": {
         "text": "SAMPLE",
+        "align": "center",
+        "line_spacing": 1.2,
+        "letter_spacing": 0.0,
+        "direction": "horizontal",
+        "language": None,
         "preset": "merchandise",
         "mode": "emboss",
         "size": None,
@@ -129,6 +134,7 @@ REPORT: JsonDict = {
         },
         "seconds": {"placement": 0.0015, "visibility": 0.0219, "shape": 0.068, "curvature": 0.0017, "saliency": 0.0004},
     },
+    "fonts": [{"name": "DejaVu Sans Bold", "version": "2.37", "thickened": 0.0}],
     "warnings": [],
     "timings": {
         "reading": 0.0078,

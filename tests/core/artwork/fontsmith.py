@@ -3,9 +3,11 @@
 from collections.abc import Sequence
 from io import BytesIO
 
+from fontTools.feaLib.builder import addOpenTypeFeaturesFromString
 from fontTools.fontBuilder import FontBuilder
 from fontTools.pens.t2CharStringPen import T2CharStringPen
 from fontTools.pens.ttGlyphPen import TTGlyphPen
+from fontTools.ttLib import TTFont
 from fontTools.ttLib.tables.TupleVariation import TupleVariation
 
 Contour = Sequence[tuple[int, int]]
@@ -60,4 +62,15 @@ def make_font(
         builder.setupGvar({name: [_widening(outlines[name])] for name in order})
     stream = BytesIO()
     builder.save(stream)
+    return stream.getvalue()
+
+
+def growing(levels: int) -> bytes:
+    """A font whose rules make twenty of each "a", so many times over."""
+    font = TTFont(BytesIO(make_font({"a": [SQUARE]})))
+    lookups = "".join(f"lookup L{level} {{ sub uni0061 by {'uni0061 ' * 20}; }} L{level};" for level in range(levels))
+    used = "".join(f"lookup L{level};" for level in range(levels))
+    addOpenTypeFeaturesFromString(font, f"{lookups} feature ccmp {{ {used} }} ccmp;")
+    stream = BytesIO()
+    font.save(stream)
     return stream.getvalue()

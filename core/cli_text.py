@@ -1,0 +1,24 @@
+"""Options of the command line for the setting of the text."""
+
+import argparse
+
+from core.parameters import Align, Direction
+
+
+def add_text_options(command: argparse.ArgumentParser) -> None:
+    """Add the text, and how it is set."""
+    command.add_argument("--text", required=True, type=_with_line_feeds, help=r"what to emboss; \n begins a line")
+    command.add_argument("--align", choices=[align.value for align in Align], default=Align.CENTER.value)
+    command.add_argument("--line-spacing", type=float, default=1.2, metavar="EMS", help="from line to line (1.2)")
+    command.add_argument("--letter-spacing", type=float, default=0.0, metavar="EMS", help="added between letters (0)")
+    command.add_argument(
+        "--direction",
+        choices=[direction.value for direction in Direction],
+        default=Direction.HORIZONTAL.value,
+        help="of the lines; vertical is for Chinese, Japanese and Korean",
+    )
+    command.add_argument("--language", metavar="TAG", help="zh-Hans, zh-Hant, ja, ko, ...; default: guessed")
+
+
+def _with_line_feeds(text: str) -> str:
+    return text.replace(r"\n", "\n")
