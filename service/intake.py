@@ -19,8 +19,7 @@ from typing import TypeVar
 import anyio.to_thread
 import structlog
 
-from core.artwork.fonts import default_font
-from core.artwork.shaping import shape
+from core.artwork.layout import set_text
 from core.errors import ErrorCode, MeshmarkError
 from service.config import Settings
 from service.errors import error_code
@@ -93,7 +92,7 @@ class Intake:
                 ``engine_crashed`` where its process died, ``service_unavailable``.
         """
         if font is None:
-            shape(text, default_font())
+            set_text(text)
             if asset is None:
                 return
         known = {} if known is None else known

@@ -35,7 +35,7 @@ TAIL = 4000  # bytes at the end of stderr that are logged
 # them: its children handle hostile input.
 PASSED_ON = (
     *("PATH", "HOME", "LANG", "TZ", "PYTHONPATH", "VIRTUAL_ENV", "LD_LIBRARY_PATH"),
-    *("MESHMARK_MODELS", "MESHMARK_DEVICE", "WARP_CACHE_PATH"),
+    *("MESHMARK_FONTS", "MESHMARK_MODELS", "MESHMARK_DEVICE", "WARP_CACHE_PATH"),
 )
 PASSED_ON_PREFIXES = ("LC_", "XDG_", "OMP_", "MKL_", "OPENBLAS_", "CUDA_", "NVIDIA_", "TORCH_", "EGL_", "PYOPENGL_")
 # Variables that set the threads of the numeric libraries, libigl and Mesa's software renderer.

@@ -16,8 +16,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
-from core.artwork.fonts import load_font
-from core.artwork.shaping import shape
+from core.artwork.fonts import DEFAULT_FONT
+from core.artwork.installed import font_folders
+from core.artwork.layout import set_text
+from core.artwork.typeface import uploaded_face
 from core.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit
@@ -32,14 +34,14 @@ CPU_MARGIN = 5  # seconds beyond the limit, in case the API no longer enforces i
 
 
 def look(request: dict[str, Any], asset: bytes | None, font: bytes | None) -> None:
-    """Check the headers of an asset, and whether the font has the text's glyphs.
+    """Check the headers of an asset, and whether the font, or another one for what it lacks, has the text's glyphs.
 
     Raises:
         MeshmarkError: as :func:`core.formats.admission.admit` does; where there is a font, ``invalid_font``,
             ``missing_glyphs``, ``empty_text``, ``invalid_parameters``.
     """
     if font is not None:
-        shape(request["text"], load_font(font))
+        set_text(request["text"], own=uploaded_face(font))
     if asset is not None:
         admit(asset, Budgets(**request["budgets"]))
 
@@ -62,7 +64,7 @@ def answer(request: dict[str, Any]) -> MeshmarkError | None:
     """Check the upload that a request names; returns its error, or None."""
     try:
         asset, font = (Path(request[name]).read_bytes() if request[name] else None for name in ("asset", "font"))
-        in_force = sandbox.shut()
+        in_force = sandbox.shut((DEFAULT_FONT.parent, *font_folders()))
         if request["sandbox"] == "required" and not all(in_force.values()):
             raise RuntimeError(f"the sandbox is not whole: {in_force}")
         look(request, asset, font)

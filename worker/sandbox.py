@@ -72,18 +72,21 @@ def enter(folder: Path, private: Iterable[Path], writable: Iterable[Path] = ()) 
     return {"files": _restrict_files(readable, [folder, *devices, *writable]), "network": _refuse_sockets()}
 
 
-def shut() -> dict[str, bool]:
+def shut(readable: Iterable[Path] = ()) -> dict[str, bool]:
     """Give up the network, other processes, all writing, and all reading but of installed libraries, which import parts
     of themselves late. Descriptors opened before stay usable.
 
     Call it while the process has one thread.
+
+    Args:
+        readable: other folders that may be read, where they exist.
 
     Returns:
         As :func:`enter`.
     """
     if sys.platform != "linux" or libc.prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0):
         return {"network": False, "files": False}
-    return {"files": _restrict_files(map(Path, sorted(set(LIBRARIES))), []), "network": _refuse_sockets()}
+    return {"files": _restrict_files([*map(Path, sorted(set(LIBRARIES))), *readable], []), "network": _refuse_sockets()}
 
 
 def probe(folder: Path, private: Iterable[Path]) -> dict[str, bool]:

@@ -10,6 +10,7 @@ from sqlalchemy import or_, select
 from sqlalchemy.orm import Session, sessionmaker
 
 from core import __version__
+from core.artwork.layout import serving_fonts
 from service.jobs.clock import clock
 from service.jobs.idempotency import fingerprint
 from service.jobs.ledger import OUTPUTS, Content
@@ -21,7 +22,9 @@ def result_key(parameters: dict[str, Any], contents: Mapping[ArtifactKind, Conte
     if ArtifactKind.INPUT not in contents:
         return None
     inputs = {kind.value: content.sha256 for kind, content in contents.items()}
-    return fingerprint({"engine": __version__, "parameters": parameters, **inputs})
+    # Other fonts installed, other letters. The ones that stand in for a font that was sent are among these.
+    fonts = serving_fonts(parameters.get("text", ""), parameters.get("language"))
+    return fingerprint({"engine": __version__, "parameters": parameters, "fonts": fonts, **inputs})
 
 
 def find_results(sessions: sessionmaker[Session], tenant: str, key: str | None) -> dict[ArtifactKind, Content]:

@@ -18,6 +18,7 @@ import psutil
 import pytest
 
 from core.artwork.fonts import DEFAULT_FONT
+from tests.core.artwork.fontsmith import SQUARE, growing, make_font
 from tests.core.formats.samples import GLB, OBJ, OFF, PLY_ASCII, STL_ASCII, STL_BINARY, ply_binary
 from tests.service.harness import Service
 from tests.worker.waiting import wait_until
@@ -54,6 +55,8 @@ def rubble(side: int) -> bytes:
 
 
 NAN, CORNER = struct.pack("<f", float("nan")), struct.pack("<3f", -1, -1, -1)
+# A font of pictures only, as those of colour emoji are.
+BITMAPS = make_font({"a": [SQUARE]}).replace(b"glyf", b"CBDT").replace(b"loca", b"CBLC")
 HUGE = {
     "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
     "accessors": [{"componentType": 5126, "type": "VEC3", "count": 100_000_000, "min": [0, 0, 0], "max": [1, 1, 1]}],
@@ -102,9 +105,16 @@ REFUSED_AT_ONCE = {
     "request over the limit": Request("upload_too_large", 413, file=bytes(40 * MIB)),
     "empty text": Request("empty_text", params=text("")),
     "only spaces": Request("empty_text", params=text(" \t\u3000 ")),
-    "line break": Request("invalid_parameters", params=text("one\ntwo"), says="U+000A"),
+    "tabulator": Request("invalid_parameters", params=text("one\ttwo"), says="U+0009"),
+    "zero-width space": Request("invalid_parameters", params=text("one\u200btwo"), says="U+200B"),
+    "seven lines": Request("invalid_parameters", params=text("a\nb\nc\nd\ne\nf\ng"), says="text"),
+    "unknown language": with_parameter("language", '"klingon"'),
+    "unknown alignment": with_parameter("align", '"justified"'),
+    "lines that overlap": with_parameter("line_spacing", "0.1"),
+    "bitmap emoji font": Request("invalid_font", font=BITMAPS, says="bitmaps"),
+    "font bomb": Request("invalid_font", font=growing(3), params=text("a"), says="glyphs of a letter"),
     "emoji that the font lacks": Request("missing_glyphs", params=text("hi \U0001f984"), says="U+1F984"),
-    "text too long": Request("invalid_parameters", params=text("A" * 65), says="64"),
+    "text too long": Request("invalid_parameters", params=text("A" * 10_000), says="200"),
     "negative size": with_parameter("size", "-1"),
     "negative relief": with_parameter("relief", "-0.1"),
     "negative count": with_parameter("count", "-4"),

@@ -22,6 +22,7 @@ from service.intake import Intake
 from service.jobs.artifacts import Staged
 from service.jobs.tenants import Scope, create_key
 from service.template import Template
+from tests.core.artwork.fontsmith import SQUARE, make_font
 from tests.core.formats.samples import SAMPLES, zipped
 from tests.service import gates
 from tests.service.conftest import Client, client_with, gate
@@ -151,7 +152,16 @@ def test_a_font_is_looked_at_in_such_a_process_too(tmp_path: Path) -> None:
         intake.check("acme", "HI", None, staged(tmp_path, b"\0\1\0\0" + bytes(100)))
     assert caught.value.code is ErrorCode.INVALID_FONT
     with pytest.raises(MeshmarkError) as caught:
-        intake.check("acme", "\u6f22", None, None)
+        intake.check("acme", "\ue000", None, None)
+    assert caught.value.code is ErrorCode.MISSING_GLYPHS
+
+
+def test_what_a_font_lacks_is_looked_for_in_the_installed_ones_there_too(tmp_path: Path) -> None:
+    intake = Intake(Settings(data_dir=tmp_path, sandbox="required"), gate())
+    font = staged(tmp_path, make_font({"A": [SQUARE], "I": [SQUARE]}))
+    intake.check("acme", "AI\u751f\u6210", None, font)
+    with pytest.raises(MeshmarkError, match=r"U\+E000") as caught:
+        intake.check("acme", "AI\ue000", None, font)
     assert caught.value.code is ErrorCode.MISSING_GLYPHS
 
 

@@ -12,8 +12,10 @@ from sqlalchemy import update
 from core.artwork.fonts import DEFAULT_FONT
 from service.config import Settings
 from service.jobs import cache, queue
-from service.jobs.models import Job, Queue
+from service.jobs.ledger import Content
+from service.jobs.models import ArtifactKind, Job, Queue
 from service.jobs.tenants import Scope, create_key
+from tests.core.artwork.fontsmith import SQUARE, make_font
 from tests.service.conftest import Client, client_with
 from tests.worker.engines import asset
 
@@ -127,6 +129,19 @@ def test_a_cached_job_expires_by_its_own_time(settings: Settings) -> None:
         assert first["expires_at"] < again["expires_at"]
         lifetime = datetime.fromisoformat(again["expires_at"]) - datetime.fromisoformat(again["finished_at"])
         assert lifetime.total_seconds() == 100
+
+
+def test_results_in_other_fonts_are_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    contents = {ArtifactKind.INPUT: Content("0" * 64, 1)}
+
+    def keys() -> list[str | None]:
+        return [cache.result_key({"text": text, "language": None}, contents) for text in ("mark", "\u0e44\u0e17")]
+
+    latin, thai = keys()
+    (tmp_path / "NotoSansThai-Bold.ttf").write_bytes(make_font({"\u0e44": [SQUARE], "\u0e17": [SQUARE]}))
+    monkeypatch.setenv("MESHMARK_FONTS", str(tmp_path))
+    assert keys()[0] == latin
+    assert keys()[1] not in (latin, thai)
 
 
 def test_results_of_another_version_are_none(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -95,7 +95,7 @@ def test_a_file_that_is_visibly_broken_is_refused_at_once(client: Client, conten
         ('{"text": "HI", "count": 1000}', "invalid_parameters", "count"),
         ('{"text": "HI", "keep_out": [{"node": ""}]}', "invalid_parameters", "keep_out.0.node"),
         ('{"text": "HI", "seed": 9223372036854775808}', "invalid_parameters", "seed"),
-        ('{"text": "' + "A" * 65 + '"}', "invalid_parameters", "64"),
+        ('{"text": "' + "A" * 201 + '"}', "invalid_parameters", "200"),
         ('{"text": "\U0001f984"}', "missing_glyphs", "U+1F984"),
     ],
 )
