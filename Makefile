@@ -13,7 +13,7 @@ help: ## Show this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-11s %s\n", $$1, $$2}'
 
 install: $(VENV)/.service ## Install what the service needs into .venv
-	@sh docker/system-packages.sh service
+	@sh docker/system-packages.sh service fonts
 
 demo: install $(VENV)/.tests ## Watermark a real asset through the service, end to end
 	$(BIN)/python -m tests.demo
@@ -22,7 +22,7 @@ run: install ## Start the API and its worker on http://127.0.0.1:8080
 	$(BIN)/python -m service
 
 test: $(VENV)/.tests ## Run the checks and the whole test suite
-	@sh docker/system-packages.sh service tests
+	@sh docker/system-packages.sh service fonts tests
 	@npm ci --prefix tests --silent --no-audit --no-fund
 	$(MAKE) check
 	$(BIN)/python -m pytest -n auto --dist worksteal
@@ -33,7 +33,7 @@ check: $(VENV)/.tests ## Lint, check the format and the types
 	$(BIN)/mypy
 
 survey: $(VENV)/.tests ## Watermark every file of MESHES=DIR and print a table of facts
-	@sh docker/system-packages.sh service tests
+	@sh docker/system-packages.sh service fonts tests
 	@npm ci --prefix tests --silent --no-audit --no-fund
 	@$(BIN)/python -m tests.survey $(MESHES)
 
@@ -54,11 +54,11 @@ audit: $(VENV)/.tests ## Look the pinned packages up in PyPI's advisories; needs
 	@$(BIN)/python -m tests.audit
 
 faults: $(VENV)/.tests ## Let every part fail in turn while 50 jobs run, and print what came of them
-	@sh docker/system-packages.sh service tests
+	@sh docker/system-packages.sh service fonts tests
 	$(BIN)/python -m tests.faults
 
 load: $(VENV)/.tests ## Let 500 jobs, large uploads and a store that hangs come to the whole service, and print what it took
-	@sh docker/system-packages.sh service tests
+	@sh docker/system-packages.sh service fonts tests
 	$(BIN)/python -m tests.load $(LOAD)
 
 attacks: $(VENV)/.tests ## Attack an API as one tenant, and print what it answers another meanwhile
