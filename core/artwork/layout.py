@@ -13,12 +13,25 @@ from core.artwork.typeface import Typeface
 from core.errors import ErrorCode, MeshmarkError
 from core.parameters import MAX_LINES, Align, Direction
 
-LEAST_GAP = 0.12  # between the letters of two lines, in ems: closer ones run together in a coarse surface
-
 _JOINERS = "\u200c\u200d"  # zero-width (non-)joiners steer the shaping of Arabic and Indic scripts
 _REFUSED_CATEGORIES = {"Cc": "control", "Cf": "formatting", "Cs": "surrogate", "Zl": "line break", "Zp": "line break"}
 # The share of the room left in a line that stands before it.
 SHARE_BEFORE = {Align.LEFT: 0.0, Align.CENTER: 0.5, Align.RIGHT: 1.0}
+
+
+@dataclass(frozen=True)
+class LayoutOptions:
+    """Tuned values of the layout.
+
+    Attributes:
+        least_gap: between the letters of two lines, in ems: closer ones run together in a coarse surface. Ours; the
+            paper sets one line.
+    """
+
+    least_gap: float = 0.12
+
+
+OPTIONS = LayoutOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +84,7 @@ def set_text(text: str, style: TextStyle = PLAIN, own: Typeface | None = None) -
 def serving_fonts(text: str, language: str | None) -> list[str]:
     """The names and versions of the installed fonts that letters of a text come from, whatever else is in it."""
     pieces, _ = FontChain(language_of(text, language)).match(_clusters(text.splitlines()))
-    return [f"{face.name} {face.version}" for face in dict.fromkeys(face for line in pieces for _, face in line)]
+    return list(dict.fromkeys(f"{face.name} {face.version}" for line in pieces for _, face in line))
 
 
 def _clusters(lines: Iterable[str]) -> list[list[Cluster]]:
@@ -109,7 +122,7 @@ def _stacked(settings: list[Line], lines: tuple[str, ...], upem: int, style: Tex
     sides = pairwise((line.below, line.above) for line in settings)
     # Rows go down and columns to the left: the near sides are the foot of one line and the head of the next.
     needed = max((after[1] - before[0] for before, after in sides), default=0.0)
-    step = max(style.line_spacing * upem, needed + LEAST_GAP * upem)
+    step = max(style.line_spacing * upem, needed + OPTIONS.least_gap * upem)
     longest = max(line.advance for line in settings)
     glyphs: list[Glyph] = []
     for number, line in enumerate(settings):

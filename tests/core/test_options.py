@@ -9,7 +9,7 @@ import pytest
 CORE = Path(__file__).parents[2] / "core"
 RECORDS = {
     node.name: node
-    for folder in ("placement", "analysis", "embossing")
+    for folder in ("placement", "analysis", "embossing", "artwork")
     for path in sorted((CORE / folder).glob("*.py"))
     for node in ast.parse(path.read_text()).body
     if isinstance(node, ast.ClassDef) and node.name.endswith("Options") and node.name != "PlacementOptions"

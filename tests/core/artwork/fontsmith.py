@@ -20,18 +20,16 @@ def box(x: int, y: int, width: int, height: int) -> Contour:
     return [(x, y), (x, y + height), (x + width, y + height), (x + width, y)]
 
 
-def _widening(contours: Sequence[Contour]) -> TupleVariation:
+def _widening(contours: Sequence[Contour], axis: str) -> TupleVariation:
     points = [point for contour in contours for point in contour]
     phantom = [(0, 0)] * 4
-    return TupleVariation({"wdth": (0.0, 1.0, 1.0)}, [(x, 0) for x, _ in points] + phantom)
+    return TupleVariation({axis: (0.0, 1.0, 1.0)}, [(x, 0) for x, _ in points] + phantom)
 
 
-def make_font(
-    glyphs: dict[str, Sequence[Contour]], advance: int = 600, cff: bool = False, widened: bool = False
-) -> bytes:
+def make_font(glyphs: dict[str, Sequence[Contour]], advance: int = 600, cff: bool = False, widened: str = "") -> bytes:
     """A font that draws each character of ``glyphs`` as straight contours; 1000 units per em.
 
-    ``widened`` adds a variation axis that makes every glyph twice as wide; its default leaves them as they are.
+    ``widened`` names a variation axis that makes every glyph twice as wide; its default leaves them as they are.
     """
     order = [".notdef", *(f"uni{ord(character):04X}" for character in glyphs)]
     builder = FontBuilder(1000, isTTF=not cff)
@@ -58,8 +56,8 @@ def make_font(
     builder.setupOS2()
     builder.setupPost()
     if widened:
-        builder.setupFvar([("wdth", 100, 100, 200, "Width")], [])
-        builder.setupGvar({name: [_widening(outlines[name])] for name in order})
+        builder.setupFvar([(widened, 100, 100, 700, "Axis")], [])
+        builder.setupGvar({name: [_widening(outlines[name], widened)] for name in order})
     stream = BytesIO()
     builder.save(stream)
     return stream.getvalue()

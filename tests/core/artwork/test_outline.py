@@ -191,7 +191,7 @@ def test_a_font_sent_with_the_request_is_used() -> None:
 
 def test_a_variable_font_is_used_at_its_default_instance() -> None:
     plain, variable = (
-        text_artwork("ab", make_font({"a": [SQUARE], "b": [SQUARE]}, widened=on)) for on in (False, True)
+        text_artwork("ab", make_font({"a": [SQUARE], "b": [SQUARE]}, widened=axis)) for axis in ("", "wdth")
     )
     for a, b in zip(plain.rings, variable.rings, strict=True):
         np.testing.assert_array_equal(a, b)

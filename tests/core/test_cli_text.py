@@ -1,0 +1,35 @@
+import argparse
+
+import pytest
+
+from core.cli_text import add_text_options
+from core.parameters import Parameters
+
+
+def given(*options: str) -> Parameters:
+    command = argparse.ArgumentParser(exit_on_error=False)
+    add_text_options(command)
+    return Parameters(**vars(command.parse_args(options)))
+
+
+def test_the_setting_of_the_text_is_that_of_the_parameters() -> None:
+    options = "--text a\\nb --align left --line-spacing 1.5 --letter-spacing 0.1 --direction vertical --language ja"
+    assert given(*options.split()) == Parameters.model_validate(
+        {
+            "text": "a\nb",
+            "align": "left",
+            "line_spacing": 1.5,
+            "letter_spacing": 0.1,
+            "direction": "vertical",
+            "language": "ja",
+        }
+    )
+
+
+def test_without_options_the_defaults_are_those_of_the_parameters() -> None:
+    assert given("--text", "a") == Parameters(text="a")
+
+
+def test_a_direction_that_is_none_is_refused() -> None:
+    with pytest.raises(argparse.ArgumentError):
+        given("--text", "a", "--direction", "up")
