@@ -15,9 +15,11 @@ from core.formats.format import Format
 from core.gltf.document import Document
 from core.gltf.prune import unreferenced_bytes
 from core.gltf.scene import scene_of
+from core.notices import NoticeCode
 from core.parameters import Evaluate, Mode, Parameters, Preset
 from core.pipeline import STAGES, Result, watermark
 from core.report import Report
+from tests.core.artwork.fontsmith import SQUARE, make_font
 from tests.core.gltf.ktx2_samples import UASTC
 from tests.core.rendering.glb import CORNERS, CUBE_FACES, GlbWriter, plain
 from tests.validator import error_counts
@@ -250,6 +252,16 @@ def test_every_preset_marks_the_asset(preset: Preset) -> None:
     result = watermark(SPOT.read_bytes(), asked, preview=False)
     assert 1 <= len(result.report["watermarks"]) <= result.report["parameters"]["count"]
     assert result.report["metrics"]["asset_utility"]["ipe"] == 0
+
+
+def test_the_report_names_the_fonts_and_warns_where_the_one_that_was_sent_did_not_do() -> None:
+    parameters = Parameters(text="AI\n\u751f\u6210", count=1, evaluate=Evaluate.NONE)
+    font = make_font({"A": [SQUARE], "I": [SQUARE]})
+    plain, own = (watermark(SPOT.read_bytes(), parameters, font=sent, preview=False) for sent in (None, font))
+    names = [[(font["name"], font["thickened"]) for font in result.report["fonts"]] for result in (plain, own)]
+    assert names == [[(first, 0.0), ("Noto Sans CJK SC Bold", 0.0)] for first in ("DejaVu Sans Bold", "Test")]
+    warned = [[notice["code"] for notice in result.report["warnings"]] for result in (plain, own)]
+    assert [NoticeCode.FONT_SUBSTITUTED in codes for codes in warned] == [False, True]
 
 
 def test_what_is_asked_for_is_what_is_done() -> None:

@@ -89,7 +89,8 @@ def ours(rings: tuple[Float, ...], aspect: float, width: int, height: int) -> ND
         corners = (ring * [1, -1] + [0.5, aspect / 2]) * [4 * width, 4 * height / aspect]
         ImageDraw.Draw(picture).polygon([(x - 0.5, y - 0.5) for x, y in corners.tolist()], fill=1)
         black ^= np.asarray(picture)
-    return np.greater(black.reshape(height, 4, width, 4).mean(axis=(1, 3)), 0.5)
+    covered: NDArray[np.bool_] = black.reshape(height, 4, width, 4).mean(axis=(1, 3)) > 0.5
+    return covered
 
 
 def holes(black: NDArray[np.bool_]) -> int:
