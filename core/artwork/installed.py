@@ -53,7 +53,7 @@ def faces_for(script: str, region: str) -> Iterator[Typeface]:
     """
     if script in CJK:
         yield from _named((f"NotoSansCJK{region.lower()}", f"NotoSans{region}"))
-        yield from (face for face in _named(("NotoSansCJK",)) if f"Sans CJK {region} " in face.name)
+        yield from (face for face in _named(("NotoSansCJK",)) if f"Sans CJK {region} " in f"{face.name} ")
         yield from _named(RARE_HAN)
     else:
         yield from _named(_stems(script))
@@ -97,27 +97,29 @@ def _named(stems: Iterable[str]) -> Iterator[Typeface]:
 def _index(folders: tuple[Path, ...]) -> dict[str, Path]:
     """Font files by the first part of their names, as in NotoSansThai-Bold.ttf or NotoSansThai[wdth,wght].ttf.
 
-    Of each family only its best weight: bold, else variable, else regular.
+    Of each family only its best weight in the first folder that has it: bold, else variable, else regular.
     """
-    found: dict[str, dict[int, Path]] = defaultdict(dict)
-    for folder in folders:
+    found: dict[str, dict[tuple[int, int], Path]] = defaultdict(dict)
+    for number, folder in enumerate(folders):
         for path in _files(folder):
             stem, _, style = path.stem.replace("[", "-[").partition("-")
             if (rank := _rank(style.lstrip("-"))) is not None:
-                found[stem].setdefault(rank, path)
+                found[stem].setdefault((number, rank), path)
     return {stem: styles[min(styles)] for stem, styles in sorted(found.items())}
 
 
 def _rank(style: str) -> int | None:
     if style == "Bold":
         return 0
-    if "wght" in style or style == "VF":
+    if "wght" in style or style.startswith("VF"):
         return 1
     return 2 if style in ("Regular", "") else None
 
 
 @lru_cache(maxsize=8)
 def _files(folder: Path) -> tuple[Path, ...]:
-    if not folder.is_dir():
+    try:
+        found = [path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file()]
+    except OSError:  # it may be in a folder that is closed to this process
         return ()
-    return tuple(sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file()))
+    return tuple(sorted(found))

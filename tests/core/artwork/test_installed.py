@@ -45,6 +45,13 @@ def test_of_a_family_the_bold_face_is_taken(own: Path) -> None:
     assert text_artwork("\u0e01").aspect == pytest.approx(160 / 560, rel=0.01)  # thickened: its weight says regular
 
 
+def test_a_variable_font_serves_in_bold(own: Path) -> None:
+    (own / "NotoSansThai[wdth,wght].ttf").write_bytes(make_font({"\u0e01": [SQUARE]}, widened="wght"))
+    letters = text_artwork("\u0e01")
+    assert letters.aspect == pytest.approx(0.5)  # and is not thickened
+    assert [face.offset for face in letters.faces] == [0.0]
+
+
 def test_a_collection_gives_the_face_that_has_the_letter(own: Path) -> None:
     shutil.copy(SYSTEM[1] / "NotoSansCJK-Bold.ttc", own / "Brand.ttc")
     assert next(face for face in general_faces("SC") if not face.lacks("\u751f")).name.startswith("Noto Sans")

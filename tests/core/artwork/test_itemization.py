@@ -1,3 +1,6 @@
+import os
+import subprocess
+import sys
 import unicodedata
 
 import pytest
@@ -138,3 +141,22 @@ def test_every_letter_of_a_mixed_text_is_set_once_and_in_one_piece(text: str) ->
     block = set_text(text)
     assert all(glyph.id for glyph in block.glyphs)
     assert set_text(text).glyphs == block.glyphs
+
+
+def test_fonts_and_letters_are_the_same_in_every_process() -> None:
+    text = "AI \u751f\u6210\u3002 \u2605 \u0645\u0631 \u30fc (\u05d0)"
+    script = (
+        "import hashlib; from core.artwork.outline import text_artwork;"
+        f"letters = text_artwork({text!r}); print(letters.faces);"
+        "print(hashlib.sha256(b''.join(ring.tobytes() for ring in letters.rings)).hexdigest())"
+    )
+    said = {
+        subprocess.run(
+            [sys.executable, "-c", script],
+            env=os.environ | {"PYTHONHASHSEED": seed, "LANG": lang},
+            check=True,
+            capture_output=True,
+        ).stdout
+        for seed, lang in (("1", "C"), ("2", "ja_JP.UTF-8"))
+    }
+    assert len(said) == 1
