@@ -2,12 +2,13 @@
 
 import argparse
 
-from core.parameters import Align, Direction
+from core.parameters import Align, Direction, Wrap
 
 
 def add_text_options(command: argparse.ArgumentParser) -> None:
     """Add the text, and how it is set."""
     command.add_argument("--text", required=True, type=_with_line_feeds, help=r"what to emboss; \n begins a line")
+    command.add_argument("--wrap", choices=[wrap.value for wrap in Wrap], default=Wrap.AUTO.value, help=r"without \n")
     command.add_argument("--align", choices=[align.value for align in Align], default=Align.CENTER.value)
     command.add_argument("--line-spacing", type=float, default=1.2, metavar="EMS", help="from line to line (1.2)")
     command.add_argument("--letter-spacing", type=float, default=0.0, metavar="EMS", help="added between letters (0)")

@@ -13,6 +13,7 @@ import numpy as np
 
 from core.arrays import Bool
 from core.artwork.layouts import Layouts, distinct_layouts
+from core.artwork.line_breaks import line_breaks
 from core.artwork.outline import text_artwork
 from core.artwork.style import style_of
 from core.embossing.mesh import WorkingMesh
@@ -27,6 +28,7 @@ from core.gltf.textures import undecoded_textures
 from core.gltf.validate import is_beside
 from core.gltf.write import write
 from core.notices import Notice, NoticeCode
+from core.parameters import Wrap
 from core.stages import Asset, Candidates, Embossed, Output, Run
 
 if TYPE_CHECKING:
@@ -72,12 +74,15 @@ def read(data: bytes, run: Run) -> Asset:
 
 
 def letter(run: Run) -> Layouts:
-    """Shape the text and turn it into outlines."""
+    """Shape the text and turn it into outlines, in each way of setting it."""
     parameters, font = run.request.parameters, run.request.font
-    artwork = text_artwork(parameters.text, font, style_of(parameters))
-    run.faces = artwork.faces
-    if font is not None and len(artwork.faces) > 1:
-        others = ", ".join(face.name for face in artwork.faces[1:])
+    texts = [parameters.text]
+    if parameters.wrap is Wrap.AUTO:
+        texts = ["\n".join(lines) for lines in line_breaks(parameters.text)]
+    artworks = [text_artwork(text, font, style_of(parameters)) for text in texts]
+    run.faces = artworks[0].faces
+    if font is not None and len(run.faces) > 1:
+        others = ", ".join(face.name for face in run.faces[1:])
         run.notices.append(
             Notice(
                 NoticeCode.FONT_SUBSTITUTED,
@@ -85,7 +90,7 @@ def letter(run: Run) -> Layouts:
                 "Send a font that has all letters, or leave these out, if the marks must be in one font.",
             )
         )
-    return distinct_layouts([artwork])
+    return distinct_layouts(artworks)
 
 
 def place(asset: Asset, layouts: Layouts, run: Run) -> Candidates:

@@ -52,6 +52,13 @@ class Align(StrEnum):
     RIGHT = "right"
 
 
+class Wrap(StrEnum):
+    """Whether a text without line breaks may be set in several lines."""
+
+    AUTO = "auto"
+    NONE = "none"
+
+
 class Direction(StrEnum):
     """How lines run."""
 
@@ -163,6 +170,12 @@ class Parameters(StrictModel):
     model_config = ConfigDict(frozen=True, allow_inf_nan=False)
 
     text: Annotated[str, Field(max_length=MAX_TEXT_LENGTH, description="The word or words to emboss; up to 6 lines.")]
+    wrap: Annotated[
+        Wrap,
+        Field(
+            description="Set a text without line breaks in one to four lines, as each place has room, or in one only."
+        ),
+    ] = Wrap.AUTO
     align: Annotated[
         Align,
         Field(description="Where shorter lines of the text stand; of vertical ones, left is the top."),

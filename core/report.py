@@ -74,6 +74,7 @@ class Watermark(Section):
 
     id: Annotated[int, Field(description="Its number.")]
     text: Annotated[str, Field(description="What it says.")]
+    lines: Annotated[list[str], Field(description="The lines that it is set in.")]
     center: Annotated[Vector, Field(description="The centre of its box.")]
     right: Annotated[Vector, Field(description="The direction of the text, a unit vector.")]
     up: Annotated[Vector, Field(description="The direction of the letters' ascenders, a unit vector.")]

@@ -128,12 +128,15 @@ def metrics_of(measured: Measurement) -> Metrics:
 def _watermarks(surface: Surface, output: Output, parameters: Parameters) -> list[Watermark]:
     marks, placement = output.embossed.marks, output.embossed.placement
     boxes, relief = boxes_of(marks)
+    layouts = output.embossed.letters.layouts
+    layout = layouts.of(boxes.size)
     score = wps_area(surface, boxes)
     view_count = len(view_directions()[0])
     return [
         Watermark(
             id=number,
             text=parameters.text,
+            lines=list(layouts.artworks[layout[number]].lines),
             center=surface.to_world(boxes.center[number]).tolist(),
             right=boxes.axes[number, 0].tolist(),
             up=boxes.axes[number, 1].tolist(),

@@ -28,6 +28,7 @@ REPORT: JsonDict = {
     },
     "parameters": {
         "text": "SAMPLE",
+        "wrap": "auto",
         "align": "center",
         "line_spacing": 1.2,
         "letter_spacing": 0.0,
@@ -53,6 +54,7 @@ REPORT: JsonDict = {
         {
             "id": 0,
             "text": "SAMPLE",
+            "lines": ["SAMPLE"],
             "center": [-0.3008, 0.721, -0.1633],
             "right": [0.9998, -0.00275, -0.02172],
             "up": [-0.009091, 0.8503, -0.5262],

@@ -16,7 +16,7 @@ from core.gltf.document import Document
 from core.gltf.prune import unreferenced_bytes
 from core.gltf.scene import scene_of
 from core.notices import NoticeCode
-from core.parameters import Evaluate, Mode, Parameters, Preset
+from core.parameters import Evaluate, Mode, Parameters, Preset, Wrap
 from core.pipeline import STAGES, Result, watermark
 from core.report import Report
 from tests.core.artwork.fontsmith import SQUARE, make_font
@@ -279,7 +279,7 @@ def test_what_is_asked_for_is_what_is_done() -> None:
     "text", ["i", "\u00a9", "JB", "watermark", "Property of Example Studios, 2026. Do not copy it."]
 )
 def test_letters_stand_out_by_the_same_share_of_their_height_however_long_the_text(text: str) -> None:
-    asked = Parameters(text=text, count=1, evaluate=Evaluate.NONE)
+    asked = Parameters(text=text, wrap=Wrap.NONE, count=1, evaluate=Evaluate.NONE)
     report = watermark(SPOT.read_bytes(), asked, preview=False).report
     (mark,) = report["watermarks"]
     assert mark["relief"] / mark["size"][1] == pytest.approx(0.158)

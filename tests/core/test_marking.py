@@ -1,0 +1,42 @@
+"""A text is set in the ways that its places may need; the report says in which it stands."""
+
+import pytest
+import trimesh
+
+from core import marking
+from core.parameters import Evaluate, Parameters, Wrap
+from core.pipeline import watermark
+from core.stages import Request, Run
+
+SENTENCE = "Sample only - purchase the licensed model at example-market"
+
+
+def lines_of(**asked: object) -> list[tuple[str, ...]]:
+    """The lines of each way in which a text is set."""
+    run = Run(Request(Parameters.model_validate(asked).resolved()), lambda _: None, lambda *_: None)
+    return [artwork.lines for artwork in marking.letter(run).artworks]
+
+
+def test_a_long_text_may_stand_in_one_to_four_lines() -> None:
+    assert [len(lines) for lines in lines_of(text=SENTENCE)] == [1, 2, 3, 4]
+    assert {" ".join(lines) for lines in lines_of(text=SENTENCE)} == {SENTENCE}
+
+
+@pytest.mark.parametrize(
+    ("asked", "lines"),
+    [
+        ({"text": "watermark"}, ("watermark",)),
+        ({"text": SENTENCE, "wrap": Wrap.NONE}, (SENTENCE,)),
+        ({"text": "ORDER\n4711 AB"}, ("ORDER", "4711 AB")),
+    ],
+    ids=["a word", "asked for one line", "has lines of its own"],
+)
+def test_other_text_stands_as_it_was_sent(asked: dict[str, object], lines: tuple[str, ...]) -> None:
+    assert lines_of(**asked) == [lines]
+
+
+def test_the_report_says_in_which_lines_each_mark_stands() -> None:
+    block = trimesh.creation.box(extents=(30.0, 24.0, 2.0)).export(file_type="stl")
+    report = watermark(block, Parameters(text=SENTENCE, count=3, evaluate=Evaluate.NONE), preview=False).report
+    assert [" ".join(mark["lines"]) for mark in report["watermarks"]] == [SENTENCE] * len(report["watermarks"])
+    assert max(len(mark["lines"]) for mark in report["watermarks"]) > 1
