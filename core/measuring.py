@@ -87,6 +87,7 @@ def evaluate(asset: Asset, candidates: Candidates, output: Output, seen: Picture
         *boxes_of(output.embossed.marks),
         parameters.text,
         parameters.seed,
+        context.layouts,
     )
     measured = measure(pair, parameters.evaluate, run.progress)
     run.notices += measured.warnings

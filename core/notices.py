@@ -18,6 +18,8 @@ class NoticeCode(StrEnum):
     # Why a report has no value of a metric.
     NOT_REQUESTED = "not_requested"
     NOT_MEASURED = "not_measured"
+    NO_TEXT = "no_text"
+    UNREADABLE_SCRIPT = "unreadable_script"
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ BELOW = {
     "embossing": "placement analysis artwork gltf geometry parameters",
     "rendering": "gltf geometry process",
     "models": "",
-    "metrics": "placement analysis rendering geometry models parameters processors",
+    "metrics": "placement analysis artwork rendering geometry models parameters processors",
     "report": "embossing parameters",
     "reporting": "report stages metrics embossing formats geometry parameters device",
     "preload": "rendering",

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from core import models
 from core.analysis.saliency import Saliency, saliency
 from core.arrays import Float
+from core.artwork.layouts import Layouts
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
@@ -37,6 +38,9 @@ from core.parameters import Evaluate
 log = logging.getLogger(__name__)
 
 Pictures = NDArray[np.uint8]
+
+READABILITY = ("ocr", "ocr_ge_0.8", "ocr_exact")
+REMEDY = "Nothing needs to be done: a person who knows the marks can read them on the preview."
 
 
 @dataclass(eq=False)
@@ -79,8 +83,9 @@ class Pair:
         original, watermarked: in the same frame.
         boxes: the marks; may be none, and then what needs them is missing.
         relief: (B,) height of each mark's letters, size-30 units.
-        text: what the marks say; empty where nobody knows.
+        text: what the marks say; empty where nobody knows, or where they have no text.
         seed: of the samples of what was measured.
+        layouts: that the marks are set in; None where nobody knows.
     """
 
     original: Subject
@@ -89,6 +94,15 @@ class Pair:
     relief: Float
     text: str
     seed: int = 0
+    layouts: Layouts | None = None
+
+    @property
+    def settings(self) -> tuple[str, ...]:
+        """The text in each of the ways in which the marks break it into lines."""
+        if self.layouts is None or len(self.boxes) == 0:
+            return (self.text,)
+        used = np.unique(self.layouts.of(self.boxes.size))
+        return tuple("\n".join(self.layouts.artworks[number].lines) for number in used)
 
     def require_boxes(self) -> None:
         """Raise where there is no mark to measure."""
@@ -188,13 +202,31 @@ def _saliency(pair: Pair, found: Measurement) -> Values:
     return {"se": share}
 
 
-def _readability(pair: Pair, _: Measurement) -> Values:
-    if not pair.text:
+def _readability(pair: Pair, found: Measurement) -> Values:
+    if not pair.text and pair.layouts is None:
         raise MeshmarkError(
             ErrorCode.INVALID_REQUEST, "What the watermarks say was not given.", "Give the text of the watermarks."
         )
-    read = ocr(pair.watermarked.views, pair.text, _reader())
-    return {"ocr": read.ratio, "ocr_ge_0.8": read.ge_08, "ocr_exact": read.exact}
+    if reason := _unreadable(pair.text):
+        found.missing |= dict.fromkeys(READABILITY, reason)
+        return {}
+    read = ocr(pair.watermarked.views, pair.settings, _reader())
+    return dict(zip(READABILITY, (read.ratio, read.ge_08, read.exact), strict=True))
+
+
+def _unreadable(text: str) -> Notice | None:
+    """The reason why no text recognition can tell whether watermarks read well, if there is one."""
+    if not text:
+        return Notice(NoticeCode.NO_TEXT, "The watermarks have no text that could be read.", REMEDY)
+    if not (unknown := _reader().unknown(text)):
+        return None
+    listed = ", ".join(f"{one} (U+{ord(one):04X})" for one in unknown[:5])
+    return Notice(
+        NoticeCode.UNREADABLE_SCRIPT,
+        f"The text recognition does not know {listed}{' and others' if len(unknown) > 5 else ''}; it reads Latin, "
+        "Greek without accents, Chinese and Japanese.",
+        REMEDY,
+    )
 
 
 def _semantics(pair: Pair, found: Measurement) -> Values:
@@ -223,7 +255,7 @@ _GROUPS = (
     _Group("shape", ("smse", "smse_squared", "ipe"), Evaluate.GEOMETRY, _shape),
     _Group("curvature", ("lce",), Evaluate.GEOMETRY, _curvature),
     _Group("saliency", ("se",), Evaluate.GEOMETRY, _saliency),
-    _Group("readability", ("ocr", "ocr_ge_0.8", "ocr_exact"), Evaluate.FULL, _readability),
+    _Group("readability", READABILITY, Evaluate.FULL, _readability),
     _Group("semantics", ("ss",), Evaluate.FULL, _semantics),
 )
 

@@ -1,13 +1,15 @@
 """OCR Visibility (paper, supplement "OCR Visibility"; the recogniser and the shares are ours)."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from difflib import SequenceMatcher
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 
-from core.arrays import Float
-from core.metrics.recognition import Reader
+from core.arrays import Bool, Float
+from core.metrics.recognition import Line, Reader
 
 Picture = NDArray[np.uint8]
 
@@ -15,6 +17,10 @@ READABLE = 0.8  # ratio from which on the text is recognisable: one or two of ni
 MARGIN = 32  # pixels of background left around the asset
 MOST_LINES = 32  # lines a view, at most: an asset covered with writing of its own must not take minutes
 TURNS = (0, 2, 1, 3)  # quarter turns; upside down before upright
+# Parts of one text: the cosine between them, at least; and in heights of a line, at most, how far parts of one line lie
+# one above the other, how far they are apart, and how far one line is from the next: `line_spacing` goes up to 3 ems.
+PARALLEL = np.cos(np.radians(20.0))
+ROW, WORD_GAP, LINE_GAP = 0.5, 1.0, 2.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,17 +40,36 @@ class Ocr:
     per_view: Float
 
 
-def ocr(pictures: Picture, text: str, reader: Reader) -> Ocr:
-    """Readability of ``text`` in pictures of an asset.
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """A reading of a detected line."""
+
+    text: str
+    center: Float  # (2,) pixels, to the right and down
+    right: Float  # (2,) unit vector, the direction of reading
+    length: float  # pixels
+    height: float  # pixels
+
+    @property
+    def down(self) -> Float:
+        """(2,) unit vector towards the next line."""
+        return np.array([-self.right[1], self.right[0]])
+
+
+def ocr(pictures: Picture, settings: Sequence[str], reader: Reader) -> Ocr:
+    """Readability of a text in pictures of an asset.
 
     In each picture lines of text are detected, and each is read in four rotations (0, 180, 90 and 270 degrees). A
     reading scores ``difflib.SequenceMatcher(None, text, reading).ratio()``, without regard to case, and a picture
     the best of its readings, 0 where there is none. Once the text was read exactly, the picture is done. Equal
     pictures are read once. Only the :data:`MOST_LINES` most prominent lines of a picture are read.
 
+    A text of several lines is compared with the readings of neighbouring parallel lines, joined in reading order, line
+    breaks as spaces.
+
     Args:
         pictures: (V, H, W, 3) sRGB on a uniform background, which the upper left pixel shows.
-        text: of the watermark.
+        settings: the text of the watermark in each of the ways in which it is broken into lines.
         reader: made once for many calls.
     """
     distinct: dict[bytes, int] = {}
@@ -54,18 +79,77 @@ def ocr(pictures: Picture, text: str, reader: Reader) -> Ocr:
         for view, picture in enumerate(pictures[np.unique(row, return_index=True)[1]])
         for line in reader.detect(_crop(picture))[:MOST_LINES]
     ]
+    single = [text for text in settings if "\n" not in text]
+    several = [text for text in settings if "\n" in text]
     best = np.zeros(len(distinct))
+    parts: list[list[_Part]] = [[] for _ in distinct]
     for turn in TURNS:
         open_crops = [(view, line) for view, line in crops if best[view] < 1]
-        readings = reader.read([np.rot90(line, turn) for _, line in open_crops])
-        for (view, _), reading in zip(open_crops, readings, strict=True):
-            best[view] = max(best[view], _ratio(text, reading))
+        readings = reader.read([np.rot90(line.picture, turn) for _, line in open_crops])
+        for (view, line), reading in zip(open_crops, readings, strict=True):
+            parts[view].append(_part(line, turn, reading))
+            best[view] = max([best[view], *(_ratio(text, reading) for text in single)])
+    for text in several:
+        for view in np.flatnonzero(best < 1).tolist():
+            best[view] = max(best[view], _best_passage(text, parts[view]))
     per_view = best[row]
     return Ocr(float(per_view.mean()), float((per_view >= READABLE).mean()), float((per_view == 1).mean()), per_view)
 
 
 def _ratio(text: str, reading: str) -> float:
     return SequenceMatcher(None, text.casefold(), reading.casefold()).ratio()
+
+
+def _best_passage(text: str, parts: list[_Part]) -> float:
+    """The best ratio of a text to as many successive ``parts`` of a block as it has words, or fewer."""
+    words, matcher, best = text.split(), SequenceMatcher(None), 0.0
+    matcher.set_seq2(" ".join(words).casefold())
+    for block in _blocks(parts):
+        readings = [part.text.strip().casefold() for part in block]
+        for first in range(len(block)):
+            for last in range(first + 1, min(first + len(words), len(block)) + 1):
+                matcher.set_seq1(" ".join(readings[first:last]))
+                if matcher.real_quick_ratio() > best and matcher.quick_ratio() > best:
+                    best = max(best, matcher.ratio())
+    return best
+
+
+def _blocks(parts: list[_Part]) -> Iterator[list[_Part]]:
+    """Groups of neighbouring parallel parts, each in reading order."""
+    parts = [part for part in parts if part.text.strip()]
+    if not parts:
+        return
+    _, label = connected_components(_neighbours(parts), directed=False)
+    for number in range(label.max() + 1):
+        block = [part for part, mine in zip(parts, label, strict=True) if mine == number]
+        down, right = block[0].down, block[0].right
+        block.sort(key=lambda part: float(part.center @ down))
+        rows: list[list[_Part]] = []
+        for part in block:
+            if rows and (part.center - rows[-1][0].center) @ down < ROW * min(part.height, rows[-1][0].height):
+                rows[-1].append(part)
+            else:
+                rows.append([part])
+        yield [part for row in rows for part in sorted(row, key=lambda part: float(part.center @ right))]
+
+
+def _neighbours(parts: list[_Part]) -> Bool:
+    """(N, N) which of the parts run alike and stand side by side or one below the other."""
+    center, right, down = (np.array([getattr(part, name) for part in parts]) for name in ("center", "right", "down"))
+    length, height = np.array([part.length for part in parts]), np.array([part.height for part in parts])
+    offset = center[:, None] - center
+    gap, step = (np.abs(np.einsum("nmi,ni->nm", offset, axis)) for axis in (right, down))
+    gap -= (length[:, None] + length) / 2
+    step -= (height[:, None] + height) / 2
+    lower = np.minimum(height[:, None], height)
+    near: Bool = (right @ right.T > PARALLEL) & (gap < WORD_GAP * lower) & (step < LINE_GAP * lower)
+    return near
+
+
+def _part(line: Line, turn: int, reading: str) -> _Part:
+    angle = np.radians(line.angle + 90 * turn)
+    height, length = line.picture.shape[:2] if turn % 2 == 0 else line.picture.shape[1::-1]
+    return _Part(reading, np.array(line.center), np.array([np.cos(angle), np.sin(angle)]), length, height)
 
 
 def _crop(picture: Picture) -> Picture:

@@ -5,10 +5,15 @@ Its classes are left alone: they fetch what they miss from the network and write
 networks are those of Liao et al., "Real-Time Scene Text Detection with Differentiable Binarization" (AAAI 2020), and
 greedy CTC decoding (Graves et al., ICML 2006), with the constants of PaddleOCR's own configuration of each model.
 RapidOCR scales the detector's input by less than half; faint letters, raised ones without a colour, are then missed.
+
+The recogniser's 18,708 characters are letters of the Latin script (not all of Vietnamese), of Greek without
+accents, Chinese ones, kana, digits, punctuation and symbols.
 """
 
 import os
+import unicodedata
 from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any, cast
 
@@ -46,6 +51,21 @@ def available_threads() -> int:
     return int(os.environ.get("OMP_NUM_THREADS", 0)) or available_processors()
 
 
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A line of text in a picture.
+
+    Attributes:
+        picture: (H, W, 3) its pixels, turned to be horizontal.
+        center: in the whole picture, pixels to the right and down.
+        angle: of its longer side there, degrees clockwise, -90 to 90.
+    """
+
+    picture: Picture
+    center: tuple[float, float]
+    angle: float
+
+
 class Reader:
     """Finds lines of text in pictures and reads them. Loading takes 0.2 s: make one for each process.
 
@@ -72,8 +92,14 @@ class Reader:
         )
         alphabet = self._recogniser.get_modelmeta().custom_metadata_map["character"].splitlines()
         self._characters = ["", *alphabet, " "]  # CTC's blank comes first
+        self._known = frozenset("".join(self._characters).casefold())
 
-    def detect(self, picture: Picture) -> list[Picture]:
+    def unknown(self, text: str) -> list[str]:
+        """The characters of a text that can never be read, without regard to case; white space does not count."""
+        characters = dict.fromkeys(unicodedata.normalize("NFC", text))
+        return [one for one in characters if not one.isspace() and not self._known.issuperset(one.casefold())]
+
+    def detect(self, picture: Picture) -> list[Line]:
         """Detected lines of text in an (H, W, 3) sRGB picture, each cut out and turned to be horizontal.
 
         A line that leans by up to 90 degrees comes out upright, any other upside down. Sorted by area times
@@ -133,8 +159,8 @@ def _mean_inside(values: NDArray[np.float32], corners: NDArray[np.float32]) -> f
     return float(cv2.mean(part, inside)[0])
 
 
-def _cut_out(picture: Picture, center: tuple[float, float], size: tuple[float, float], angle: float) -> Picture:
-    """The pixels of a rectangle, its longer side horizontal; ``angle`` in degrees, clockwise in the picture."""
+def _cut_out(picture: Picture, center: tuple[float, float], size: tuple[float, float], angle: float) -> Line:
+    """The line in a rectangle; ``angle`` in degrees, clockwise in the picture."""
     width, height = size
     if width < height:
         width, height, angle = height, width, angle + 90
@@ -142,7 +168,8 @@ def _cut_out(picture: Picture, center: tuple[float, float], size: tuple[float, f
     turned = (max(round(width), 1), max(round(height), 1))
     move: NDArray[Any] = cv2.getRotationMatrix2D(center, angle, 1.0)
     move[:, 2] += np.array(turned) / 2 - np.array(center)
-    return np.asarray(cv2.warpAffine(picture, move, turned, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
+    pixels = cv2.warpAffine(picture, move, turned, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    return Line(np.asarray(pixels), center, angle)
 
 
 def _fill_up(line: Picture) -> Picture:

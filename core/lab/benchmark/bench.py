@@ -223,7 +223,7 @@ class AssetBench:
         if isinstance(seen, MeshmarkError) or len(seen) == 0:
             return {}
         with _timed(seconds, "coloured OCR"):
-            read = ocr(seen, self._options.text, self._reader)
+            read = ocr(seen, (self._options.text,), self._reader)
         return {"ocr_color": read.ratio, "ocr_color_ge_0.8": read.ge_08, "ocr_color_exact": read.exact}
 
     def _seen(self, glb: bytes, seconds: dict[str, float], step: str, frame: Frame | None) -> Pictures | MeshmarkError:

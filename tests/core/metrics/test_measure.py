@@ -1,15 +1,18 @@
 """All metrics of a pair of assets, and why one is missing."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from core.artwork.artwork import Artwork
+from core.artwork.layouts import Layouts
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.boxes import Boxes
 from core.geometry.surface import Surface
-from core.metrics.measure import Pair, Subject, measure
+from core.metrics.measure import READABILITY, Pair, Subject, measure
 from core.metrics.measurement import HIGHER_IS_BETTER, UNITS, Measurement
 from core.parameters import Evaluate
 from core.reporting import metrics_of
@@ -115,3 +118,32 @@ def test_weights_that_cannot_be_read_are_done_without_and_the_report_warns(
     (warning,) = found.warnings
     assert warning.code == "model_unavailable"
     assert "cannot be read" in warning.message
+
+
+def test_a_text_that_the_recognition_cannot_read_has_no_ocr_and_its_letters_are_named() -> None:
+    found = measure(pair(BLOCK, on_all_sides(), "ไทย 7"), Evaluate.FULL)
+    assert found.values["ocr"] is found.values["ocr_exact"] is None
+    assert {found.missing[name].code for name in READABILITY} == {"unreadable_script"}
+    assert "ไ (U+0E44), ท (U+0E17), ย (U+0E22);" in found.missing["ocr"].message
+
+
+def test_marks_without_a_text_have_no_ocr() -> None:
+    found = measure(replace(pair(BLOCK, on_all_sides(), ""), layouts=Layouts((plate_artwork(),))), Evaluate.FULL)
+    assert {found.missing[name].code for name in READABILITY} == {"no_text"}
+
+
+def plate_artwork() -> Artwork:
+    corners = np.array([[-0.5, -0.25], [0.5, -0.25], [0.5, 0.25], [-0.5, 0.25]])
+    return Artwork(label="a plate", rings=(corners,), aspect=0.5, ink=1.0, line_height=0.5)
+
+
+def test_the_text_is_compared_as_the_marks_break_it_into_lines() -> None:
+    wide = replace(plate_artwork(), lines=("a b",), aspect=0.1)
+    high = replace(plate_artwork(), lines=("a", "b"), aspect=0.5)
+    marks = on_all_sides()
+    low = Boxes(marks.center, marks.axes, marks.size * [1.0, 0.1 * marks.size[0, 0] / marks.size[0, 1], 1.0])
+    known = replace(pair(BLOCK, low, "a b"), layouts=Layouts((wide, high)))
+    assert known.settings == ("a b",)
+    assert replace(known, layouts=None).settings == ("a b",)
+    square = Boxes(low.center, low.axes, low.size * [1.0, 5.0, 1.0])
+    assert replace(known, boxes=Boxes.concat(low[:3], square[3:])).settings == ("a b", "a\nb")

@@ -3,15 +3,16 @@ from difflib import SequenceMatcher
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image, ImageDraw, ImageFont
 
 from core.gltf.scene import scene_of
 from core.metrics.ocr import Ocr, ocr
-from core.metrics.recognition import Reader
+from core.metrics.recognition import Line, Reader
 from core.parameters import Evaluate, Parameters
 from core.pipeline import watermark
 from core.rendering.pictures import DIRECTIONS, UPS, pictures
 from core.rendering.renderer import Renderer
-from tests.core.metrics.drawn import PAPER, SIZE, Picture, drawn
+from tests.core.metrics.drawn import FONT, PAPER, SIZE, Picture, drawn
 
 FRONT_BACK = [0, 6]  # among the 24 views
 EMPTY = np.full((SIZE, SIZE, 3), PAPER, dtype=np.uint8)
@@ -23,7 +24,7 @@ def reader() -> Reader:
 
 
 def score(reader: Reader, *shown: Picture, text: str = "watermark") -> Ocr:
-    return ocr(np.stack(shown), text, reader)
+    return ocr(np.stack(shown), (text,), reader)
 
 
 @pytest.mark.parametrize("turn", [0, 90, 180, 270])
@@ -79,7 +80,7 @@ def test_a_view_that_occurs_twice_counts_twice_but_is_read_once(
     seen: list[Picture] = []
     detect = reader.detect
 
-    def counted(picture: Picture) -> list[Picture]:
+    def counted(picture: Picture) -> list[Line]:
         seen.append(picture)
         return detect(picture)
 
@@ -108,5 +109,74 @@ def test_coloured_letters_on_a_plate_are_read_exactly_from_both_sides(reader: Re
         marked, unmarked = (
             pictures(scene_of(glb), renderer, DIRECTIONS[FRONT_BACK], UPS[FRONT_BACK]) for glb in (model, plate)
         )
-    assert ocr(marked, "watermark", reader).exact == 1
-    assert ocr(unmarked, "watermark", reader).ratio == 0
+    assert ocr(marked, ("watermark",), reader).exact == 1
+    assert ocr(unmarked, ("watermark",), reader).ratio == 0
+
+
+def page(*lines: str, height: int = 36, spacing: float = 1.2, turn: float = 0.0, align: str = "center") -> Picture:
+    """A text of several lines, its lines ``spacing`` ems apart."""
+    sheet = Image.new("RGB", (SIZE, SIZE), PAPER)
+    pen = ImageDraw.Draw(sheet)
+    font = ImageFont.truetype(FONT, height)
+    anchor, start = ("mm", SIZE / 2) if align == "center" else ("lm", 90)
+    for row, line in enumerate(lines):
+        middle = SIZE / 2 + (row - (len(lines) - 1) / 2) * spacing * height
+        pen.text((start, middle), line, fill=(40, 40, 40), font=font, anchor=anchor)
+    return np.asarray(sheet.rotate(turn, resample=Image.Resampling.BICUBIC, fillcolor=PAPER))
+
+
+@pytest.mark.parametrize("turn", [0, 20, 90, 180, 270])
+@pytest.mark.parametrize("lines", [("order", "sample"), ("Berlin", "marks", "every", "model")])
+def test_a_text_of_several_lines_is_read_exactly_in_every_rotation(
+    reader: Reader, lines: tuple[str, ...], turn: int
+) -> None:
+    assert score(reader, page(*lines, turn=turn), text="\n".join(lines)).exact == 1
+
+
+@pytest.mark.parametrize("spacing", [1.0, 3.0])
+@pytest.mark.parametrize("align", ["center", "left"])
+def test_lines_of_unlike_length_belong_together_however_they_are_set(
+    reader: Reader, spacing: float, align: str
+) -> None:
+    shown = page("a long first line", "short", "and another one", spacing=spacing, align=align)
+    assert score(reader, shown, text="a long first line\nshort\nand another one").ratio > 0.95
+
+
+def test_lines_in_the_wrong_order_are_another_text(reader: Reader) -> None:
+    assert score(reader, page("first", "second"), text="first\nsecond").exact == 1
+    assert score(reader, page("second", "first"), text="first\nsecond").ratio < 0.9
+
+
+def test_one_of_two_lines_is_half_the_text(reader: Reader) -> None:
+    half = SequenceMatcher(None, "sample order", "sample").ratio()
+    assert score(reader, page("sample"), text="sample\norder").ratio == pytest.approx(half)
+
+
+def test_two_lines_far_apart_are_not_one_text(reader: Reader) -> None:
+    apart = score(reader, page("sample", "order", spacing=8), text="sample\norder").ratio
+    assert apart == pytest.approx(SequenceMatcher(None, "sample order", "sample").ratio())
+
+
+def test_a_text_that_marks_break_in_different_ways_is_read_in_each(reader: Reader) -> None:
+    pictures = np.stack([page("mark sample"), page("mark", "sample")])
+    assert ocr(pictures, ("mark sample", "mark\nsample"), reader).exact == 1
+    assert ocr(pictures, ("mark sample",), reader).exact == 0.5
+
+
+def test_two_marks_side_by_side_are_told_apart(reader: Reader) -> None:
+    one = page("order", "sample", height=30)[128:384, 128:384]
+    assert score(reader, np.concatenate([one, one], axis=1), text="order\nsample").exact == 1
+
+
+def test_no_readings_give_no_passage(reader: Reader) -> None:
+    assert score(reader, EMPTY, text="two\nlines").ratio == 0
+
+
+def test_coloured_letters_in_two_lines_are_read_exactly() -> None:
+    plate = trimesh.creation.box(extents=(30, 14, 2)).subdivide().export(file_type="glb")
+    asked = Parameters(text="order\n4711", size=12.0, count=2, color="#d02020")
+    done = watermark(plate, asked, preview=False)
+    with Renderer(1024) as renderer:
+        shown = pictures(scene_of(done.model), renderer, DIRECTIONS[FRONT_BACK], UPS[FRONT_BACK])
+    assert ocr(shown, ("order\n4711",), Reader(threads=1)).exact == 1
+    assert done.report["metrics"]["watermark_quality"]["ocr"] > 0.15
