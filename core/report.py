@@ -137,6 +137,7 @@ class WatermarkQuality(Section):
     ray_box: Annotated[Score, Field(description="Visibility from 24 views, from the box's top, a share.")]
     coverage: Annotated[Score, Field(description="Visibility from 200 directions, a share of these.")]
     crop_survival: Annotated[Score, Field(description="Crops that leave a whole mark, a share.")]
+    match: Annotated[Score, Field(description="Likeness of the marks' relief to their artwork, 0 to 1.")]
     ocr: Annotated[Score, Field(description="Readability: similarity of what is read, 0 to 1, mean over 24 views.")]
     ocr_ge_08: Annotated[Score, Field(alias="ocr_ge_0.8", description="Share of the views that read at 0.8 or more.")]
     ocr_exact: Annotated[Score, Field(description="Share of the views that read exactly.")]

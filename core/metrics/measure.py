@@ -22,6 +22,7 @@ from core.metrics.crop_survival import crop_survival
 from core.metrics.features import Extractor, LayoutDescriptor, extractor
 from core.metrics.ipe import ipe
 from core.metrics.lce import lce
+from core.metrics.match import match
 from core.metrics.measurement import Measurement, Values
 from core.metrics.ocr import ocr
 from core.metrics.ray import ray
@@ -40,7 +41,7 @@ log = logging.getLogger(__name__)
 Pictures = NDArray[np.uint8]
 
 READABILITY = ("ocr", "ocr_ge_0.8", "ocr_exact")
-REMEDY = "Nothing needs to be done: a person who knows the marks can read them on the preview."
+REMEDY = "See `match`, which compares the relief of the watermarks with their outlines, whatever the script."
 
 
 @dataclass(eq=False)
@@ -174,6 +175,17 @@ def _visibility(pair: Pair, _: Measurement) -> Values:
     }
 
 
+def _artwork(pair: Pair, _: Measurement) -> Values:
+    pair.require_boxes()
+    if pair.layouts is None:
+        raise MeshmarkError(
+            ErrorCode.INVALID_REQUEST,
+            "The outlines of the watermarks are known only to the job that embosses them.",
+            "See the report of that job.",
+        )
+    return {"match": float(match(pair.boxes, pair.relief, pair.layouts, pair.watermarked.index).mean())}
+
+
 def _shape(pair: Pair, _: Measurement) -> Values:
     rng = np.random.default_rng(pair.seed)
     distance, squared = smse(pair.original.index, pair.watermarked.surface, rng)
@@ -252,6 +264,7 @@ class _Group:
 _GROUPS = (
     _Group("placement", ("wps", "wps_area"), Evaluate.GEOMETRY, _placement),
     _Group("visibility", ("ray", "ray_box", "coverage", "crop_survival"), Evaluate.GEOMETRY, _visibility),
+    _Group("artwork", ("match",), Evaluate.GEOMETRY, _artwork),
     _Group("shape", ("smse", "smse_squared", "ipe"), Evaluate.GEOMETRY, _shape),
     _Group("curvature", ("lce",), Evaluate.GEOMETRY, _curvature),
     _Group("saliency", ("se",), Evaluate.GEOMETRY, _saliency),

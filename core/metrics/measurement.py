@@ -15,6 +15,7 @@ HIGHER_IS_BETTER = {
         "ray_box": True,
         "coverage": True,
         "crop_survival": True,
+        "match": True,
         "ocr": True,
         "ocr_ge_0.8": True,
         "ocr_exact": True,

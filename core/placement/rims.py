@@ -3,17 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
-from PIL import Image, ImageDraw
 from scipy.spatial import cKDTree
 
 from core.arrays import Bool, Float, Int
-from core.artwork.artwork import Artwork
 from core.artwork.layouts import Layouts
+from core.artwork.raster import raster
 from core.geometry.boxes import Boxes
 from core.geometry.edges import EdgeTable
 from core.geometry.spatial import Eye, SpatialIndex
 from core.geometry.surface import Surface
-from core.geometry.triangles import ring_area
 from core.placement.filters import FACING
 
 MOST_POINTS = 1_000_000  # on all edges
@@ -91,7 +89,7 @@ def rims(surface: Surface, distinct: Bool, layouts: Layouts, options: RimOptions
     edge = np.repeat(np.arange(len(ends)), pieces)
     number = np.arange(len(edge)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     share = (number + 0.5) / pieces[edge]
-    ink = tuple(_ink(artwork, options.texels) for artwork in layouts.artworks)
+    ink = tuple(raster(artwork, options.texels) for artwork in layouts.artworks)
     return Rims(cKDTree(first[edge] + share[:, None] * along[edge]), normals[edge], layouts, ink)
 
 
@@ -103,14 +101,3 @@ def _sharp_edges(edges: EdgeTable, normals: Float, crease: float) -> tuple[Int, 
     both = np.where(joined[:, None, None], normals[edges.sides[pair] // 3], 0.0)
     sharp = np.einsum("ei,ei->e", both[:, 0], both[:, 1]) < crease
     return edges.ends[sharp], both[sharp]
-
-
-def _ink(artwork: Artwork, texels: int) -> Bool:
-    """(H, W) the letters, W ``texels`` across. Rings are disjoint, so an island in a hole is drawn after the hole."""
-    size = texels, max(round(texels * artwork.aspect), 1)
-    picture = Image.new("1", size)
-    draw = ImageDraw.Draw(picture)
-    for ring in sorted(artwork.rings, key=lambda ring: -abs(ring_area(ring))):
-        corners = (ring + np.array([0.5, artwork.aspect / 2])) * texels - 0.5
-        draw.polygon([tuple(corner) for corner in corners.tolist()], fill=int(ring_area(ring) > 0))
-    return np.asarray(picture)

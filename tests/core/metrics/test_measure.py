@@ -47,6 +47,7 @@ def test_the_report_carries_every_metric_and_says_which_way_is_better() -> None:
         "ray_box",
         "coverage",
         "crop_survival",
+        "match",
         "ocr",
         "ocr_ge_0.8",
         "ocr_exact",
@@ -78,6 +79,7 @@ def test_whatever_is_missing_has_its_reason() -> None:
     assert set(found.missing) == {name for name, value in found.values.items() if value is None}
     assert {name: reason.code for name, reason in found.missing.items()} == {
         "lce": "invalid_request",  # a block without letters has no tops
+        "match": "invalid_request",  # nobody knows the artwork
         **dict.fromkeys(("ocr", "ocr_ge_0.8", "ocr_exact", "ss"), "not_requested"),
     }
 
