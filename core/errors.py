@@ -36,6 +36,7 @@ class ErrorCode(Code):
     EMPTY_TEXT = "empty_text"
     MISSING_GLYPHS = "missing_glyphs"
     INVALID_FONT = "invalid_font"
+    INVALID_LOGO = "invalid_logo"
     UNKNOWN_REGION = "unknown_region"
     # The work itself.
     NO_PLACEMENT = "no_placement"
