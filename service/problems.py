@@ -43,6 +43,7 @@ STATUS: dict[Code, int] = {  # in the order in which openapi.yaml and the manual
     ErrorCode.EMPTY_TEXT: 422,
     ErrorCode.MISSING_GLYPHS: 422,
     ErrorCode.INVALID_FONT: 422,
+    ErrorCode.INVALID_LOGO: 422,
     ErrorCode.UNKNOWN_REGION: 422,
     ErrorCode.NO_PLACEMENT: 422,
     ErrorCode.NOT_MANIFOLD: 422,

@@ -286,7 +286,7 @@ def test_a_drawing_that_another_renderer_shows_otherwise_is_refused() -> None:
         '<linearGradient id="g"><stop/><stop offset="1"/></linearGradient>'
         f'<path d="M0 50h100" stroke="url(#g)" stroke-width="9"/>{RECT}'
     )
-    assert "another renderer" in refusal(line)
+    assert "Another renderer" in refusal(line)
 
 
 def test_the_same_file_gives_the_same_rings() -> None:
