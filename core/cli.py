@@ -59,7 +59,13 @@ def _add_apply(commands: Commands) -> None:
     apply.add_argument("--size", type=float, metavar="W", help="text width where the asset's largest side is 30")
     apply.add_argument("--relief", type=float, metavar="H", help="height of the letters, in the same units")
     apply.add_argument("--count", type=int, metavar="N", help="the most watermarks to place")
-    apply.add_argument("--color", default="none", metavar='"#rrggbb"', help='letter colour, or "none" (default)')
+    apply.add_argument(
+        "--color",
+        type=_colors,
+        default="none",
+        metavar='auto|none|"#rrggbb"[,"#rrggbb"]...',
+        help="letter colour; of several, or of a built-in list, the one that stands out best (default none)",
+    )
     apply.add_argument("--seed", type=int, default=0, help="seed of every random draw (default 0)")
     for name, meaning in (
         ("--keep-out", "where no watermark may stand"),
@@ -84,6 +90,10 @@ def _add_apply(commands: Commands) -> None:
         choices=[level.value for level in Evaluate],
         help="which metrics to measure (default: full with --report, else none)",
     )
+
+
+def _colors(text: str) -> str | list[str]:
+    return text.split(",") if "," in text else text
 
 
 def _add_evaluate(commands: Commands) -> None:

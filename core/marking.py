@@ -169,7 +169,7 @@ def emboss(asset: Asset, candidates: Candidates, run: Run) -> Embossed:
     mesh, letters = _whole(asset, context), letters_of(context.layouts)
     done = emboss_marks(mesh, context, candidates.placement, letters, candidates.rng, run.progress)
     highest = context.layouts.line_height(np.concatenate([mark.box.size for mark in done.marks.values()])).max()
-    if highest < legible_height(parameters.color) * (1 - 1e-6):
+    if highest < legible_height(bool(parameters.palette)) * (1 - 1e-6):
         sized = parameters.size is not None
         run.notices.append(
             Notice(
@@ -195,11 +195,12 @@ def write_model(asset: Asset, candidates: Candidates, embossed: Embossed, run: R
     Raises:
         MeshmarkError: ``no_placement`` where no mark is left.
     """
+    from core.analysis.contrast import low_contrast
     from core.embossing.copies import unmarked
     from core.embossing.drawn import drawn_marks
     from core.embossing.unmarked import unmarked_parts
 
-    analysis, context = asset.analysis, candidates.context
+    analysis, context, parameters = asset.analysis, candidates.context, run.request.parameters
     output = _written(asset, context, embossed)
     while True:
         edit, count = output.embossed.mesh.edit(), len(output.embossed.marks)
@@ -212,6 +213,7 @@ def write_model(asset: Asset, candidates: Candidates, embossed: Embossed, run: R
     marked = analysis.surface.face_primitive[edit.source_face[np.unique(edit.mark, return_index=True)[1]]]
     left = unmarked_parts(asset.scene, analysis.surface, context.facts.saliency, context.carrier.index, marked)
     run.notices += [left] if left else []
+    run.notices += low_contrast(output.contrast) if parameters.palette else []
     run.publish("model", output.file.data)
     return output
 
@@ -253,10 +255,10 @@ def _written(asset: Asset, context: "PlacementContext", embossed: Embossed) -> O
 
     surface, parameters = asset.analysis.surface, context.parameters
     boxes = Boxes.concat(*(mark.box for mark in embossed.marks.values()))
-    styles = letter_styles(asset.scene, surface, context.carrier.index, boxes, parameters.color)
+    styles, contrast = letter_styles(asset.scene, surface, context.carrier.index, boxes, parameters.palette)
     model = write(asset.scene, asset.analysis.with_file_winding(embossed.mesh.edit()), styles)
     marks = AssetMarks(surface, boxes, embossed.letters, styles, parameters)
     model, copies = mark_copies(model, marks)
     scene = scene_of(model)
     del model  # its bytes are in the scene, and the file takes as many
-    return Output(embossed, styles, copies, scene, WRITERS[Format.GLB](scene))
+    return Output(embossed, styles, contrast, copies, scene, WRITERS[Format.GLB](scene))

@@ -14,6 +14,7 @@ class NoticeCode(StrEnum):
     UNMARKED_PARTS = "unmarked_parts"
     SEE_THROUGH_SURFACE = "see_through_surface"
     SMALL_TEXT = "small_text"
+    LOW_CONTRAST = "low_contrast"
     FONT_SUBSTITUTED = "font_substituted"
     # Why a report has no value of a metric.
     NOT_REQUESTED = "not_requested"

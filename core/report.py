@@ -81,6 +81,10 @@ class Watermark(Section):
     normal: Annotated[Vector, Field(description="The direction it is read from, a unit vector.")]
     size: Annotated[Vector, Field(description="Width and height of the text, depth of its letters; world units.")]
     color: Annotated[str | None, Field(description='Of its letters, "#rrggbb"; null: that of the surface.')]
+    contrast: Annotated[
+        float | None,
+        Field(description="Distance of that colour from what lies under and round it, CIELAB; null without a colour."),
+    ]
     relief: Annotated[float, Field(description="Height of its letters, world units.")]
     loss: Annotated[
         float, Field(description="Mean squared distance of its outline to the surface, squared size-30 units.")

@@ -143,6 +143,7 @@ def _watermarks(surface: Surface, output: Output, parameters: Parameters) -> lis
             normal=boxes.axes[number, 2].tolist(),
             size=(boxes.size[number] / surface.scale).tolist(),
             color=output.styles[number].color,
+            contrast=None if np.isnan(output.contrast[number]) else float(output.contrast[number]),
             relief=float(relief[number] / surface.scale),
             loss=float(placement.loss[box]),
             roughness=float(placement.roughness[box]),

@@ -283,7 +283,7 @@ def _valued(
     details, busy, legible = np.zeros(len(boxes)), np.zeros(len(boxes)), np.ones(len(boxes))
     if context.facts.texture is not None:
         _, details, busy = context.facts.texture.under(boxes)
-        legible = contrast(context.facts.texture.color_under(boxes), parameters.color, objective)
+        legible = contrast(context.facts.texture.color_under(boxes), parameters.palette, objective)
     height = context.layouts.line_height(boxes.size) * legible
     terms = Terms(
         obstructed=obstructed(visible, facing(boxes, context.targets.directions), context.targets),
@@ -303,7 +303,7 @@ def _valued(
         loss=loss,
         roughness=rough,
         visible=visible,
-        likelihood=likelihood(boxes, visible, bent, height, context.targets, parameters.color, objective),
+        likelihood=likelihood(boxes, visible, bent, height, context.targets, bool(parameters.palette), objective),
         cost=cost(terms, objective),
         last_resort=((salient > objective.max_salient) | (details > objective.max_detail)) & objective.bars,
         weight=context.targets.weight,

@@ -18,16 +18,16 @@ LEGIBLE = 0.3945  # legibility below which text counts as legible from close up 
 USUAL_ASPECT, TALLEST = 0.125, 2.0
 
 
-def legibility(height: Float, color: str | None = None) -> Float:
-    """Legibility of text of a ``height`` (any shape, size-30 units) in the metrics' pictures: 0 to 1. Letters of a
-    ``color`` of their own need less height than those of the surface's (None)."""
-    readable, power = PLAIN if color is None else COLORED
+def legibility(height: Float, colored: bool = False) -> Float:
+    """Legibility of text of a ``height`` (any shape, size-30 units) in the metrics' pictures: 0 to 1. Letters
+    ``colored`` by themselves need less height than those of the surface's colour."""
+    readable, power = COLORED if colored else PLAIN
     return np.asarray(np.clip((height * PIXELS - TINY) / (readable - TINY), 0.0, 1.0) ** power)
 
 
-def legible_height(color: str | None = None) -> float:
+def legible_height(colored: bool = False) -> float:
     """The height from which on text is legible from further away than close up, size-30 units."""
-    readable, power = PLAIN if color is None else COLORED
+    readable, power = COLORED if colored else PLAIN
     return float((TINY + (readable - TINY) * LEGIBLE ** (1 / power)) / PIXELS)
 
 

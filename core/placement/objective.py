@@ -258,27 +258,29 @@ def facing(boxes: Boxes, directions: Float) -> Bool:
     return np.asarray(product(boxes.axes[:, 2], directions.T) >= FACING_VIEW)
 
 
-def contrast(ground: Float, color: str | None, objective: Objective = OBJECTIVE) -> Float:
+def contrast(ground: Float, palette: Sequence[str], objective: Objective = OBJECTIVE) -> Float:
     """(B,) contrast of letters with each colour of the ``ground`` (B, 3), linear sRGB: 0 to 1.
 
-    Letters of a ``color`` of their own ("#rrggbb") are told from the ground by the distance of the two in CIELAB.
+    Letters of a colour of their own, that of the ``palette`` ("#rrggbb") that stands out best, are told from the ground
+    by the distance of the two in CIELAB.
     Letters without one are told by their walls, one side of which is lit half as much as the other: on black ground
     neither is seen. The measure is WCAG 2's contrast ratio, whose 0.05 is the light that every screen adds.
     """
-    if color is None:
+    if not palette:
         luminance = product(ground, LUMINANCE[:, None])[:, 0]
         ratio = (luminance + 0.05) / (luminance / 2 + 0.05)
         contrast = (ratio - 1) / (1.05 / 0.55 - 1)
     else:
-        apart = np.linalg.norm(cielab(ground) - cielab(hex_linear(color)[None]), axis=1)
+        colors = cielab(np.stack([hex_linear(color) for color in palette]))
+        apart = np.linalg.norm(cielab(ground)[:, None] - colors, axis=2).max(axis=1)
         contrast = np.minimum(apart / objective.distinct, 1)
     return np.asarray(objective.min_contrast + (1 - objective.min_contrast) * contrast)
 
 
-def best_possible_coverage(height: float, cosine: Float, color: str | None, objective: Objective = OBJECTIVE) -> Float:
+def best_possible_coverage(height: float, cosine: Float, colored: bool, objective: Objective = OBJECTIVE) -> Float:
     """(D,) coverage of directions by a mark in the best case: its text has a ``height`` in size-30 units, and is turned
     away by the angles of these ``cosine`` (D,)."""
-    legible = legibility(np.array(height), color) * np.clip(cosine / objective.head_on, 0, 1)
+    legible = legibility(np.array(height), colored) * np.clip(cosine / objective.head_on, 0, 1)
     return np.asarray(objective.seen + (1 - objective.seen) * legible)
 
 
@@ -288,7 +290,7 @@ def likelihood(
     deviation: Float,
     height: Float,
     goal: Targets,
-    color: str | None = None,
+    colored: bool = False,
     objective: Objective = OBJECTIVE,
 ) -> Single:
     """(B, J) how well each box covers each target, 0 to 1.
@@ -300,14 +302,14 @@ def likelihood(
         height: (B,) of a line of text in each, size-30 units, times the contrast of letters with the ground, see
             :func:`contrast`: the two stand in for each other, fainter text has to be larger.
         goal: the targets.
-        color: of the letters, "#rrggbb"; None for that of the ground.
+        colored: letters have a colour of their own, not that of the ground.
         objective: the values of the terms.
     """
     cosine = np.clip(product(boxes.axes[:, 2], goal.directions.T), 0, 1)
     # The text is as high on the picture as its up is long there.
     upright_length = np.sqrt(np.clip(1 - product(boxes.axes[:, 1], goal.directions.T) ** 2, 0, 1))
     turned = np.minimum(1.0, cosine / objective.head_on)
-    legible = legibility(height[:, None] * upright_length, color) * turned * np.clip(1 - deviation, 0, 1)[:, None]
+    legible = legibility(height[:, None] * upright_length, colored) * turned * np.clip(1 - deviation, 0, 1)[:, None]
     # The text's right on the picture: how far along its horizontal, how far along its vertical.
     views = goal.directions[: len(goal.up)]
     along = product(boxes.axes[:, 0], np.cross(goal.up, views).T)

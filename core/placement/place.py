@@ -171,7 +171,7 @@ def _poorly_covered(context: PlacementContext, found: Placement, chosen: list[in
     """(D,) directions that the ``chosen`` boxes do not cover, or clearly worse than a line of this ``height`` could."""
     covered, _ = found.coverage(chosen)
     enough = context.options.search.covered * best_possible_coverage(
-        height, context.facing, context.parameters.color, context.options.objective
+        height, context.facing, bool(context.parameters.palette), context.options.objective
     )
     # In the views rolled text counts less, and other text would be rolled as well.
     views = len(context.targets.up)

@@ -61,6 +61,7 @@ REPORT: JsonDict = {
             "normal": [0.01991, 0.5263, 0.8501],
             "size": [0.2344, 0.04031, 0.01268],
             "color": None,
+            "contrast": None,
             "relief": 0.006369,
             "loss": 0.0003739,
             "roughness": 1.018,

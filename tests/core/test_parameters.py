@@ -4,7 +4,7 @@ from typing import Any
 import pytest
 
 from core.errors import ErrorCode, MeshmarkError
-from core.parameters import Mode, Parameters, Preset, Solver, parse_parameters
+from core.parameters import AUTO_COLORS, Mode, Parameters, Preset, Solver, parse_parameters
 
 
 def test_a_text_is_all_one_needs() -> None:
@@ -16,6 +16,13 @@ def test_json_and_mappings_mean_the_same() -> None:
     data = {"text": "ab", "preset": "paper", "mode": "deboss", "color": "#AABBCC", "seed": 7}
     assert parse_parameters(json.dumps(data)) == parse_parameters(data)
     assert parse_parameters(data).color == "#aabbcc"
+
+
+def test_letters_may_have_one_colour_one_of_a_list_or_one_of_the_built_in_ones() -> None:
+    assert Parameters(text="a").palette == Parameters.model_validate({"text": "a", "color": "none"}).palette == ()
+    assert Parameters(text="a", color="#AABBCC").palette == ("#aabbcc",)
+    assert parse_parameters('{"text": "a", "color": ["#AABBCC", "#000000"]}').palette == ("#aabbcc", "#000000")
+    assert Parameters(text="a", color="auto").palette == AUTO_COLORS
 
 
 def test_what_is_given_wins_over_the_preset() -> None:
@@ -49,6 +56,10 @@ def test_a_text_without_letters_has_its_own_code(text: str) -> None:
         ({"seed": -1}, "seed"),
         ({"color": "red"}, "color"),
         ({"color": "#12345"}, "color"),
+        ({"color": []}, "color"),
+        ({"color": ["#102030", "red"]}, "color"),
+        ({"color": ["#102030"] * 100}, "color"),
+        ({"color": 7}, "color"),
         ({"mode": "engrave"}, "mode"),
         ({"preset": ""}, "preset"),
         ({"text": "x" * 201}, "text"),

@@ -1,17 +1,21 @@
 """Marks that no shading shows get a colour, and others do not."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pytest
 
-from core.analysis.contrast import ContrastOptions, contrasting, letter_styles
+from core.analysis.contrast import ContrastOptions, contrasting, letter_styles, low_contrast, stands_out
 from core.analysis.texture import cielab, from_cielab
+from core.arrays import Float
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
 from core.gltf.colors import hex_linear, hex_srgb
 from core.gltf.edit import Style
 from core.gltf.scene import Scene, scene_of
+from core.notices import NoticeCode
+from core.parameters import AUTO_COLORS
 from tests.core.rendering.glb import QUAD, QUAD_FACES, QUAD_UV, GlbWriter, plain, png
 
 UNLIT: dict[str, Any] = {"extensions": {"KHR_materials_unlit": {}}}
@@ -19,6 +23,11 @@ UNLIT: dict[str, Any] = {"extensions": {"KHR_materials_unlit": {}}}
 
 def on(scene: Scene, *centers: tuple[float, float], asked: str | None = None) -> list[Style]:
     """The letters of marks of 8 x 1.2 at places on a square of 30 x 30."""
+    return chosen(scene, (asked,) if asked else (), *centers)[0]
+
+
+def chosen(scene: Scene, palette: Sequence[str], *centers: tuple[float, float]) -> tuple[list[Style], Float]:
+    """Likewise, of a palette, with their distances."""
     count = len(centers)
     boxes = Boxes(
         np.array([[x, y, 0.0] for x, y in centers]).reshape(-1, 3),
@@ -26,7 +35,7 @@ def on(scene: Scene, *centers: tuple[float, float], asked: str | None = None) ->
         np.tile([8.0, 1.2, 0.5], (count, 1)),
     )
     index = SpatialIndex(scene.surface.positions, scene.surface.faces)
-    return letter_styles(scene, scene.surface, index, boxes, asked)
+    return letter_styles(scene, scene.surface, index, boxes, palette)
 
 
 def square(material: dict[str, Any], image: Any = None, role: str = "emissiveTexture") -> Scene:
@@ -142,3 +151,59 @@ def test_colours_come_back_from_cielab_and_from_hexadecimal_digits() -> None:
     np.testing.assert_allclose(from_cielab(cielab(linear)), linear, atol=1e-6)
     for color in ("#000000", "#ffffff", "#0a0b0c", "#d02020"):
         assert hex_srgb(hex_linear(color)) == color
+
+
+GROUNDS = {
+    "light": (0.8, 0.8, 0.8),
+    "dark": (0.01, 0.01, 0.01),
+    "red": (0.6, 0.02, 0.02),
+    "green": (0.05, 0.4, 0.05),
+    "grey": (0.2, 0.2, 0.2),
+}
+
+
+@pytest.mark.parametrize("extra", [{}, UNLIT], ids=["lit", "unlit"])
+@pytest.mark.parametrize("ground", GROUNDS.values(), ids=GROUNDS.keys())
+def test_on_any_ground_one_of_the_automatic_colours_stands_out(
+    ground: tuple[float, float, float], extra: dict[str, Any]
+) -> None:
+    scene = square(plain((*ground, 1.0), **extra))
+    (style,), (distance,) = chosen(scene, AUTO_COLORS, (0, 0))
+    assert distance > 45
+    assert style.color in AUTO_COLORS
+    assert not low_contrast(np.array([distance]))
+
+
+def test_on_a_busy_texture_the_colour_is_far_from_all_of_it() -> None:
+    cells = np.indices((16, 16)).sum(axis=0) % 2
+    image = np.where(cells[..., None], (200, 30, 30), (40, 40, 45)).astype(np.uint8)
+    scene = square({}, image, "baseColorTexture")
+    (style,), (distance,) = chosen(scene, AUTO_COLORS, (0, 0))
+    assert style.color not in ("#101010", "#d02020")
+    assert distance > 40
+
+
+def test_of_a_brand_s_colours_each_mark_has_the_one_that_stands_out_best_there() -> None:
+    image = np.repeat(np.repeat(np.array([[[250] * 3, [10] * 3]], np.uint8), 32, axis=1), 2, axis=0)
+    scene = square({}, image, "baseColorTexture")
+    styles, distance = chosen(scene, ("#d0d0d0", "#303030"), (-8, 0), (8, 0))
+    assert {style.color for style in styles} == {"#d0d0d0", "#303030"}
+    assert (distance > 50).all()
+
+
+def test_a_colour_that_hardly_stands_out_is_noticed_with_its_distance() -> None:
+    scene = square(plain((0.6, 0.02, 0.02, 1.0)))
+    _, distance = chosen(scene, ("#d02020",), (0, 0))
+    (notice,) = low_contrast(distance)
+    assert notice.code is NoticeCode.LOW_CONTRAST
+    assert "1 of 1 marks" in notice.message
+    assert f"distance is {distance[0]:.0f}" in notice.message
+
+
+def test_letters_of_the_surface_s_colour_have_no_distance_from_it() -> None:
+    _, distance = chosen(square(plain((0.5, 0.5, 0.5, 1.0))), (), (0, 0))
+    assert np.isnan(distance).all()
+
+
+def test_of_colours_that_stand_out_alike_the_first_is_taken() -> None:
+    assert stands_out(np.array([[50.0, 0.0, 0.0]]), ("#102030", "#102030"))[0] == "#102030"

@@ -12,11 +12,13 @@ def test_text_is_read_from_four_pixels_on_and_no_better_from_twenty_four_on() ->
 
 
 def test_text_of_a_colour_of_its_own_is_read_from_nine_pixels_on() -> None:
-    assert legibility(np.array([4.0, 6.5, 9.0, 100.0]) / PIXELS, "#d02020") == pytest.approx([0, 0.5, 1, 1])
+    assert legibility(np.array([4.0, 6.5, 9.0, 100.0]) / PIXELS, colored=True) == pytest.approx([0, 0.5, 1, 1])
 
 
 def test_a_quarter_of_a_unit_is_legible_and_coloured_letters_need_less() -> None:
     assert legible_height() == pytest.approx(0.25, rel=1e-3)
-    assert legible_height("#d02020") < 0.9 * legible_height()
-    for color in (None, "#d02020"):
-        assert legibility(np.array(legible_height(color)), color) == pytest.approx(legibility(np.array(0.25)), abs=1e-3)
+    assert legible_height(colored=True) < 0.9 * legible_height()
+    for colored in (False, True):
+        assert legibility(np.array(legible_height(colored)), colored) == pytest.approx(
+            legibility(np.array(0.25)), abs=1e-3
+        )
