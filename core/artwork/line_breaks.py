@@ -11,13 +11,15 @@ MOST_LINES = 4
 
 # Widths in ems, near enough to balance lines before any font is chosen: of ideographs and their like, and of letters.
 WIDE, NARROW, SPACE = 1.0, 0.65, 0.35
+SHORTEST = 2 * WIDE  # of the longest line of a layout of several: lines of single ideographs read as columns
 
 
 def line_breaks(text: str, most: int = MOST_LINES) -> list[tuple[str, ...]]:
     """The layouts of a text in 1 to ``most`` lines, for each number of lines the one whose longest line is shortest.
 
     Lines end at spaces, after hyphens, and between ideographs and kana, as UAX 14 allows: not before closing
-    punctuation and small kana, not after opening ones. Korean is broken at its spaces only, and words never. A text
+    punctuation and small kana, not after opening ones. Korean is broken at its spaces only, and words never; some
+    line is at least two ideographs long, or lines of one would be read as columns. A text
     that has line breaks of its own keeps them, as its one layout.
 
     Returns:
@@ -27,7 +29,8 @@ def line_breaks(text: str, most: int = MOST_LINES) -> list[tuple[str, ...]]:
     if len(given) > 1:
         return [tuple(given)]
     units = _units(text.strip())
-    return [_balanced(units, count) for count in range(1, min(most, len(units)) + 1)]
+    layouts = [_balanced(units, count) for count in range(1, min(most, len(units)) + 1)]
+    return [lines for lines in layouts if len(lines) == 1 or max(map(_width, lines)) >= SHORTEST]
 
 
 def _units(text: str) -> list[str]:

@@ -14,6 +14,11 @@ def test_a_text_is_set_in_one_to_four_lines_each_as_even_as_can_be() -> None:
     ]
 
 
+def test_ideographs_are_not_stacked_one_by_one() -> None:
+    assert [len(lines) for lines in line_breaks("見本です")] == [1, 2, 3]
+    assert line_breaks("生成") == [("生成",)]
+
+
 def test_a_word_stays_whole() -> None:
     assert line_breaks("watermark") == [("watermark",)]
 
