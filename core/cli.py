@@ -262,7 +262,8 @@ def _apply(options: argparse.Namespace) -> None:
     given = {name: value for name, value in vars(options).items() if name in Parameters.model_fields}
     parameters = parse_parameters(given)
     data = _read(options.input)
-    font = _read(options.font) if options.font else None
+    font, logo = (_read(path) if path else None for path in (options.font, options.logo))
+    parameters.require_content(logo is not None)
 
     from core.pipeline import watermark  # torch and the geometry libraries take seconds: not for --help or a typo
 
@@ -270,6 +271,7 @@ def _apply(options: argparse.Namespace) -> None:
         data,
         parameters,
         font=font,
+        logo=logo,
         preview=options.preview is not None,
         progress=_show if sys.stderr.isatty() else None,
     )

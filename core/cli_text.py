@@ -1,13 +1,14 @@
 """Options of the command line for the setting of the text."""
 
 import argparse
+from pathlib import Path
 
-from core.parameters import Align, Direction, Wrap
+from core.parameters import Align, Direction, LogoPosition, Wrap
 
 
 def add_text_options(command: argparse.ArgumentParser) -> None:
-    """Add the text, and how it is set."""
-    command.add_argument("--text", required=True, type=_with_line_feeds, help=r"what to emboss; \n begins a line")
+    """Add the text, and how it is set, and what may stand beside it."""
+    command.add_argument("--text", default="", type=_with_line_feeds, help=r"what to emboss; \n begins a line")
     command.add_argument("--wrap", choices=[wrap.value for wrap in Wrap], default=Wrap.AUTO.value, help=r"without \n")
     command.add_argument("--align", choices=[align.value for align in Align], default=Align.CENTER.value)
     command.add_argument("--line-spacing", type=float, default=1.2, metavar="EMS", help="from line to line (1.2)")
@@ -17,6 +18,14 @@ def add_text_options(command: argparse.ArgumentParser) -> None:
         choices=[direction.value for direction in Direction],
         default=Direction.HORIZONTAL.value,
         help="of the lines; vertical is for Chinese, Japanese and Korean",
+    )
+    command.add_argument("--logo", type=Path, help="an SVG file, alone or beside the text")
+    command.add_argument("--qr", metavar="URL", help="a QR code in place of a logo")
+    command.add_argument(
+        "--logo-position",
+        choices=[position.value for position in LogoPosition],
+        default=LogoPosition.LEFT.value,
+        help="of logo or QR code by the text (default %(default)s)",
     )
     command.add_argument("--language", metavar="TAG", help="zh-Hans, zh-Hant, ja, ko, ...; default: guessed")
 

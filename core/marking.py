@@ -12,9 +12,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from core.arrays import Bool
+from core.artwork.artwork import Artwork
+from core.artwork.combine import beside
 from core.artwork.layouts import Layouts, distinct_layouts
 from core.artwork.line_breaks import line_breaks
 from core.artwork.outline import text_artwork
+from core.artwork.qr import qr_artwork
 from core.artwork.style import style_of
 from core.embossing.mesh import WorkingMesh
 from core.errors import ErrorCode, MeshmarkError
@@ -74,7 +77,27 @@ def read(data: bytes, run: Run) -> Asset:
 
 
 def letter(run: Run) -> Layouts:
-    """Shape the text and turn it into outlines, in each way of setting it."""
+    """Turn text, logo or QR code into outlines, the text in each way of setting it.
+
+    Raises:
+        MeshmarkError: ``empty_text``, ``invalid_parameters``, ``invalid_logo``, and as :func:`text_artwork`.
+    """
+    request, parameters = run.request, run.request.parameters
+    parameters.require_content(request.logo is not None)
+    texts = _texts(run) if parameters.text.strip() else []
+    if request.logo is not None:
+        from core.artwork.svg import logo_artwork
+
+        logo = logo_artwork(request.logo)
+    elif parameters.qr is not None:
+        logo = qr_artwork(parameters.qr, parameters.size)
+    else:
+        return distinct_layouts(texts)
+    return distinct_layouts([beside(logo, text, parameters.logo_position) for text in texts] or [logo])
+
+
+def _texts(run: Run) -> list[Artwork]:
+    """The text in each way of setting it."""
     parameters, font = run.request.parameters, run.request.font
     texts = [parameters.text]
     if parameters.wrap is Wrap.AUTO:
@@ -90,7 +113,7 @@ def letter(run: Run) -> Layouts:
                 "Send a font that has all letters, or leave these out, if the marks must be in one font.",
             )
         )
-    return distinct_layouts(artworks)
+    return artworks
 
 
 def place(asset: Asset, layouts: Layouts, run: Run) -> Candidates:

@@ -22,6 +22,7 @@ from core.validation import StrictModel, describe
 
 MAX_TEXT_LENGTH = 200
 MAX_LINES = 6
+MAX_QR_LENGTH = 300
 MAX_NAME_LENGTH = 256
 MAX_REGIONS = 32
 MAX_COLORS = 16
@@ -68,6 +69,13 @@ class Direction(StrEnum):
 
     HORIZONTAL = "horizontal"
     VERTICAL = "vertical"
+
+
+class LogoPosition(StrEnum):
+    """Where a logo stands by the text."""
+
+    LEFT = "left"
+    ABOVE = "above"
 
 
 class Evaluate(StrEnum):
@@ -181,7 +189,24 @@ class Parameters(StrictModel):
 
     model_config = ConfigDict(frozen=True, allow_inf_nan=False)
 
-    text: Annotated[str, Field(max_length=MAX_TEXT_LENGTH, description="The word or words to emboss; up to 6 lines.")]
+    text: Annotated[
+        str,
+        Field(
+            max_length=MAX_TEXT_LENGTH,
+            description="The word or words to emboss; up to 6 lines. It may be empty where there is a logo.",
+        ),
+    ] = ""
+    qr: Annotated[
+        str | None,
+        Field(
+            max_length=MAX_QR_LENGTH,
+            description="A web address, embossed as a QR code; it takes the place of a logo.",
+            examples=["https://example.com/4711"],
+        ),
+    ] = None
+    logo_position: Annotated[LogoPosition, Field(description="Where a logo or a QR code stands by the text.")] = (
+        LogoPosition.LEFT
+    )
     wrap: Annotated[
         Wrap,
         Field(
@@ -284,15 +309,31 @@ class Parameters(StrictModel):
             return None if value is None else tag
         raise PydanticCustomError("language", "Input should be a language tag such as zh-Hans, zh-Hant, ja, ko or en")
 
-    @model_validator(mode="after")
-    def _has_letters(self) -> Self:
-        if not self.text.strip():
+    @field_validator("qr")
+    @classmethod
+    def _web_address(cls, value: str | None) -> str | None:
+        if value is not None and not re.fullmatch(r"https?://[!-~]+", value):
+            raise PydanticCustomError("qr", "Input should be an address that starts with https://, in ASCII")
+        return value
+
+    def require_content(self, logo: bool) -> None:
+        """Refuse a request for nothing: without a text, a QR code and a ``logo``; or for both a QR code and a logo.
+
+        Raises:
+            MeshmarkError: ``empty_text``, ``invalid_parameters``.
+        """
+        if logo and self.qr is not None:
+            raise MeshmarkError(
+                ErrorCode.INVALID_PARAMETERS,
+                "The request has both a logo and `qr`, which takes a logo's place.",
+                "Send one of them only.",
+            )
+        if not (logo or self.qr or self.text.strip()):
             raise MeshmarkError(
                 ErrorCode.EMPTY_TEXT,
-                "The watermark text is empty or only spaces.",
-                "Send at least one visible character in `text`.",
+                "The watermark text is empty or only spaces, and there is no logo.",
+                "Send at least one visible character in `text`, or a logo.",
             )
-        return self
 
     @property
     def palette(self) -> tuple[str, ...]:

@@ -56,6 +56,7 @@ def watermark(
     parameters: Parameters,
     *,
     font: bytes | None = None,
+    logo: bytes | None = None,
     budgets: Budgets = DEFAULT_BUDGETS,
     preview: bool = True,
     progress: Progress | None = None,
@@ -67,6 +68,7 @@ def watermark(
         data: the content of a file; the format is recognised by it.
         parameters: text, style, number and the rest.
         font: a TrueType or OpenType file; None for the bundled one.
+        logo: an SVG file, to be embossed alone or beside the text.
         budgets: the most that the asset may declare before it is read.
         preview: render a contact sheet.
         progress, publish: as for :func:`run_stages`.
@@ -77,7 +79,7 @@ def watermark(
     Raises:
         MeshmarkError: where the asset cannot be watermarked; nothing was published then.
     """
-    return run_stages(data, Request(parameters.resolved(), font, budgets, preview), progress, publish)
+    return run_stages(data, Request(parameters.resolved(), font, logo, budgets, preview), progress, publish)
 
 
 def run_stages(

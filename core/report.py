@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from core.artwork.artwork import Logo
 from core.embossing.refusal import Refusal
 from core.notices import Notice
 from core.parameters import Parameters
@@ -75,6 +76,10 @@ class Watermark(Section):
     id: Annotated[int, Field(description="Its number.")]
     text: Annotated[str, Field(description="What it says.")]
     lines: Annotated[list[str], Field(description="The lines that it is set in.")]
+    logo: Annotated[
+        Logo | None,
+        Field(description="Alone or beside the text: a logo (svg) or a QR code (qr); null: neither."),
+    ]
     center: Annotated[Vector, Field(description="The centre of its box.")]
     right: Annotated[Vector, Field(description="The direction of the text, a unit vector.")]
     up: Annotated[Vector, Field(description="The direction of the letters' ascenders, a unit vector.")]

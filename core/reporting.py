@@ -137,6 +137,7 @@ def _watermarks(surface: Surface, output: Output, parameters: Parameters) -> lis
             id=number,
             text=parameters.text,
             lines=list(layouts.artworks[layout[number]].lines),
+            logo=layouts.artworks[layout[number]].logo,
             center=surface.to_world(boxes.center[number]).tolist(),
             right=boxes.axes[number, 0].tolist(),
             up=boxes.axes[number, 1].tolist(),

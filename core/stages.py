@@ -38,6 +38,7 @@ class Request:
     Attributes:
         parameters: resolved.
         font: a TrueType or OpenType file; None for the bundled one.
+        logo: an SVG file, if there is a logo.
         budgets: the most that the asset may declare before it is read.
         preview: render a contact sheet.
         options: the tuned values of placement, for ablations; None for those of the preset.
@@ -45,6 +46,7 @@ class Request:
 
     parameters: Parameters
     font: bytes | None = None
+    logo: bytes | None = None
     budgets: Budgets = DEFAULT_BUDGETS
     preview: bool = True
     options: "PlacementOptions | None" = None

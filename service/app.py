@@ -41,7 +41,7 @@ LIST_BYTES = 2**20  # of a batch, or of a notification about objects
 WITH_ASSET = re.compile("/v1/watermarks|/v1/uploads/[^/]+")
 WITH_LIST = re.compile("/v1/watermarks/batch|/v1/hooks/[^/]+")
 FORM_FIELDS = 6  # text fields of POST /v1/watermarks
-# Bytes of a form beside its asset and font: fields, part headers, boundaries.
+# Bytes of a form beside its asset, font and logo: fields, part headers, boundaries.
 FORM_OVERHEAD = (FORM_FIELDS + 1) * MAX_FIELD_BYTES
 
 
@@ -110,7 +110,7 @@ def create_app(settings: Settings, gate: Template | None = None) -> FastAPI:
         gate: template that the processes of the gate are forked from, if it is shared with others; else the
             application has one of its own.
     """
-    body_limit = settings.max_upload_bytes + settings.max_font_bytes + FORM_OVERHEAD
+    body_limit = settings.max_upload_bytes + settings.max_font_bytes + settings.max_logo_bytes + FORM_OVERHEAD
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
@@ -147,7 +147,7 @@ def create_app(settings: Settings, gate: Template | None = None) -> FastAPI:
         # One span a request, where service.tracing is asked for any.
         telemetry={"auto_configure": False, "metrics": False, "logs": False, "operation_spans": False},
         generate_unique_id_function=lambda route: route.name,  # a client generator's method names
-        form_limits={"max_files": 2, "max_fields": FORM_FIELDS, "max_part_size": MAX_FIELD_BYTES},
+        form_limits={"max_files": 3, "max_fields": FORM_FIELDS, "max_part_size": MAX_FIELD_BYTES},
     )
     app.include_router(watermarks.sending, max_body_size=body_limit)
     app.include_router(watermarks.router, max_body_size=JSON_BYTES)

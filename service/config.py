@@ -15,6 +15,7 @@ from sqlalchemy.engine import make_url
 from sqlalchemy.exc import ArgumentError
 
 from core.artwork.fonts import MAX_FONT_BYTES
+from core.artwork.svg_tree import MAX_LOGO_BYTES
 from core.budgets import DEFAULT_BUDGETS, Budgets
 from service.hooks.config import HookSource, load_hooks
 from service.outbound.policy import PORTS, Policy
@@ -144,6 +145,9 @@ class Settings(BaseSettings):
     ] = DEFAULT_BUDGETS.image_pixels
     max_font_bytes: Annotated[int, Field(gt=0, le=MAX_FONT_BYTES, description="Largest font accepted, in bytes.")] = (
         MAX_FONT_BYTES
+    )
+    max_logo_bytes: Annotated[int, Field(gt=0, le=MAX_LOGO_BYTES, description="Largest logo accepted, in bytes.")] = (
+        MAX_LOGO_BYTES
     )
     intake_concurrency: Annotated[
         int,

@@ -12,7 +12,7 @@ import socket
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import TypeVar
 
@@ -33,8 +33,8 @@ MEMORY_MARGIN = 256 * 2**20  # bytes beyond twice the limits of an upload and of
 LONGEST_ANSWER = 2**20  # bytes
 
 Result = TypeVar("Result")
-# Errors of uploads, None where there is none, by the SHA-256 of asset and font, and the text to be set in the font.
-Verdicts = dict[tuple[str | None, str | None, str], MeshmarkError | None]
+# Errors of uploads, None where there is none, by the SHA-256 of asset, font and logo, and the text in that font.
+Verdicts = dict[tuple[str | None, str | None, str | None, str], MeshmarkError | None]
 
 log = structlog.get_logger(__name__)
 
@@ -76,29 +76,39 @@ class Intake:
             return await anyio.to_thread.run_sync(function, limiter=self._threads)
 
     def check(
-        self, tenant: str, text: str, asset: Staged | None, font: Staged | None, known: Verdicts | None = None
+        self,
+        tenant: str,
+        text: str,
+        asset: Staged | None,
+        font: Staged | None,
+        known: Verdicts | None = None,
+        logo: Staged | None = None,
     ) -> None:
-        """Refuse an upload that cannot be watermarked, as far as its headers and its font tell.
+        """Refuse an upload that cannot be watermarked, as far as its headers, its font and its logo tell.
 
         Args:
             tenant: whose upload it is.
-            text: text of the watermark.
+            text: text of the watermark; may be empty.
             asset: the asset, if it is here.
             font: the font, if it is not the engine's own.
             known: verdicts of earlier calls, to which that of this one is added.
+            logo: the logo, if there is one.
 
         Raises:
             MeshmarkError: as :func:`worker.gate.look` does; ``budget_exceeded`` too where the check took too long,
                 ``engine_crashed`` where its process died, ``service_unavailable``.
         """
         if font is None:
-            set_text(text)
-            if asset is None:
+            if text.strip():
+                set_text(text)
+            if asset is None and logo is None:
                 return
         known = {} if known is None else known
-        key = (asset.sha256 if asset else None, font.sha256 if font else None, text if font else "")
+        files = {"asset": asset, "font": font, "logo": logo}
+        of_asset, of_font, of_logo = (file.sha256 if file else None for file in files.values())
+        key = (of_asset, of_font, of_logo, text if font else "")
         if key not in known:
-            known[key] = self._check(tenant, text, asset, font)
+            known[key] = self._check(tenant, text, files)
         if refusal := known[key]:
             # As a new error: it may be raised again, and the frames in its traceback hold what the request held.
             raise MeshmarkError(refusal.code, refusal.message, refusal.remedy)
@@ -108,9 +118,9 @@ class Intake:
         self._uploads.close()
         self._processes.close()
 
-    def _check(self, tenant: str, text: str, asset: Staged | None, font: Staged | None) -> MeshmarkError | None:
+    def _check(self, tenant: str, text: str, files: Mapping[str, Staged | None]) -> MeshmarkError | None:
         """Check an upload in a process of the gate; returns its error, or None."""
-        paths = {"asset": os.fspath(asset.path) if asset else None, "font": os.fspath(font.path) if font else None}
+        paths = {name: os.fspath(file.path) if file else None for name, file in files.items()}
         request = json.dumps({**self._request, **paths, "text": text}).encode() + b"\n"
         with self._processes.acquired(tenant):
             with writing():

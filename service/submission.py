@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from sqlalchemy.orm import Session
 
+from core.artwork.qr_code import qr_modules
 from core.errors import MeshmarkError
 from core.parameters import Parameters
 from service.errors import ServiceErrorCode
@@ -40,6 +41,7 @@ class Order:
         priority: order among the tenant's own waiting jobs.
         webhook: URL to notify of the job's end, if the client names one.
         font: stages the font, if there is one.
+        logo: stages the logo, if there is one.
         key: the client's idempotency key.
         cache: accept results that exist already.
     """
@@ -54,6 +56,7 @@ class Order:
     priority: Priority = Priority.NORMAL
     webhook: str | None = None
     font: AbstractContextManager[Staged] | None = None
+    logo: AbstractContextManager[Staged] | None = None
     key: str | None = None
     cache: bool = True
 
@@ -74,15 +77,18 @@ def submit(state: AppState, order: Order, known: Verdicts | None = None) -> Acce
         known: verdicts on uploads, shared by the orders of one request.
 
     Raises:
-        MeshmarkError: an error of the asset, the font, the text or the idempotency key; ``too_many_jobs``;
+        MeshmarkError: an error of the asset, the font, the logo, the text or the idempotency key; ``too_many_jobs``;
             ``quota_exceeded``.
         StoreUnavailableError: then nothing is recorded.
     """
+    order.parameters.require_content(order.logo is not None)
+    if order.parameters.qr is not None:
+        qr_modules(order.parameters.qr, order.parameters.size)
     with ExitStack() as stack:
-        parts = {ArtifactKind.INPUT: order.asset, ArtifactKind.FONT: order.font}
+        parts = {ArtifactKind.INPUT: order.asset, ArtifactKind.FONT: order.font, ArtifactKind.LOGO: order.logo}
         staged = {kind: stack.enter_context(part) for kind, part in parts.items() if part is not None}
-        asset, font = staged.get(ArtifactKind.INPUT), staged.get(ArtifactKind.FONT)
-        state.intake.check(order.tenant, order.parameters.text, asset, font, known)
+        asset, font, logo = map(staged.get, (ArtifactKind.INPUT, ArtifactKind.FONT, ArtifactKind.LOGO))
+        state.intake.check(order.tenant, order.parameters.text, asset, font, known, logo)
         wanted = order.parameters.model_dump(mode="json")
         reservation: idempotency.Reservation | None = None
         if order.key is not None:

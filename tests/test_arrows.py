@@ -30,7 +30,7 @@ BELOW = {
     "rendering": "gltf geometry process",
     "models": "",
     "metrics": "placement analysis artwork rendering geometry models parameters processors",
-    "report": "embossing parameters",
+    "report": "artwork embossing parameters",
     "reporting": "report stages metrics embossing formats geometry parameters device",
     "preload": "rendering",
     "stages": "embossing placement analysis artwork formats gltf budgets parameters",
@@ -57,6 +57,7 @@ PARAMETERS = 7
 
 # Functions of many parameters with a reason.
 WIDE_FUNCTIONS = {
+    "core/pipeline.py:watermark",  # the whole of a request
     "core/geometry/warp_kernels.py:first_hit",  # a kernel: it takes arrays and numbers, no records
 }
 

@@ -45,7 +45,7 @@ def run(engine: Engine, request: dict[str, Any], say: Callable[..., None]) -> No
 
     Args:
         engine: the engine's function.
-        request: ``input`` and ``font`` as paths, ``parameters``, ``budgets``, ``folder``.
+        request: ``input``, ``font`` and ``logo`` as paths, ``parameters``, ``budgets``, ``folder``.
         say: sends one message.
 
     Raises:
@@ -70,6 +70,7 @@ def run(engine: Engine, request: dict[str, Any], say: Callable[..., None]) -> No
         parse_parameters(request["parameters"]),
         budgets=Budgets(**request["budgets"]),
         font=Path(request["font"]).read_bytes() if request["font"] else None,
+        logo=Path(request["logo"]).read_bytes() if request["logo"] else None,
         progress=lambda stage, fraction: say(stage=stage, progress=float(fraction)),
         publish=publish,
     )

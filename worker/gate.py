@@ -19,6 +19,7 @@ from typing import Any, NoReturn
 from core.artwork.fonts import DEFAULT_FONT
 from core.artwork.installed import font_folders
 from core.artwork.layout import set_text
+from core.artwork.svg import logo_artwork
 from core.artwork.typeface import uploaded_face
 from core.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
@@ -33,15 +34,19 @@ STDERR_BYTES = 2**20  # bytes of the file that stderr is
 CPU_MARGIN = 5  # seconds beyond the limit, in case the API no longer enforces it
 
 
-def look(request: dict[str, Any], asset: bytes | None, font: bytes | None) -> None:
-    """Check the headers of an asset, and whether the font, or another one for what it lacks, has the text's glyphs.
+def look(request: dict[str, Any], asset: bytes | None, font: bytes | None, logo: bytes | None) -> None:
+    """Check the headers of an asset, a logo, and whether the font, or another one for what it lacks, has all glyphs.
 
     Raises:
         MeshmarkError: as :func:`core.formats.admission.admit` does; where there is a font, ``invalid_font``,
-            ``missing_glyphs``, ``empty_text``, ``invalid_parameters``.
+            ``missing_glyphs``, ``empty_text``, ``invalid_parameters``; where there is a logo, ``invalid_logo``.
     """
     if font is not None:
-        set_text(request["text"], own=uploaded_face(font))
+        face = uploaded_face(font)
+        if request["text"].strip():
+            set_text(request["text"], own=face)
+    if logo is not None:
+        logo_artwork(logo)
     if asset is not None:
         admit(asset, Budgets(**request["budgets"]))
 
@@ -63,11 +68,12 @@ def limit(seconds: float, memory: int) -> None:
 def answer(request: dict[str, Any]) -> MeshmarkError | None:
     """Check the upload that a request names; returns its error, or None."""
     try:
-        asset, font = (Path(request[name]).read_bytes() if request[name] else None for name in ("asset", "font"))
+        names = ("asset", "font", "logo")
+        asset, font, logo = (Path(request[name]).read_bytes() if request[name] else None for name in names)
         in_force = sandbox.shut((DEFAULT_FONT.parent, *font_folders()))
         if request["sandbox"] == "required" and not all(in_force.values()):
             raise RuntimeError(f"the sandbox is not whole: {in_force}")
-        look(request, asset, font)
+        look(request, asset, font, logo)
     except MeshmarkError as error:
         return error
     except MemoryError:

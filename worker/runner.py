@@ -41,6 +41,7 @@ class Work:
     folder: Path
     private: tuple[Path, ...] = ()
     sandbox: str = "required"
+    logo: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -99,6 +100,7 @@ def _request(work: Work, limits: Limits) -> str:
         {
             "input": os.fspath(work.input),
             "font": os.fspath(work.font) if work.font else None,
+            "logo": os.fspath(work.logo) if work.logo else None,
             "parameters": work.parameters,
             "budgets": asdict(work.budgets),
             "folder": os.fspath(work.folder),

@@ -145,13 +145,14 @@ class Worker:
             shutil.rmtree(folder, ignore_errors=True)
 
     def _work(self, job: Job, folder: Path, heartbeat: Heartbeat) -> None:
-        source, font = job.artifact(ArtifactKind.INPUT), job.artifact(ArtifactKind.FONT)
+        source, font, logo = map(job.artifact, (ArtifactKind.INPUT, ArtifactKind.FONT, ArtifactKind.LOGO))
         source = source or self._bring(job, folder, heartbeat)
         if source is None:  # canceled between the claim and here
             raise LeaseLostError
         work = Work(
             input=self._fetch(job.lease, source, folder, heartbeat),
             font=self._fetch(job.lease, font, folder, heartbeat) if font else None,
+            logo=self._fetch(job.lease, logo, folder, heartbeat) if logo else None,
             parameters=job.parameters,
             budgets=self.settings.budgets,
             folder=folder,

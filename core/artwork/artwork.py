@@ -1,8 +1,11 @@
 """Outlines to emboss, independent of their source."""
 
 from dataclasses import dataclass
+from typing import Literal, TypeAlias
 
 from core.arrays import Float
+
+Logo: TypeAlias = Literal["svg", "qr"]
 
 
 @dataclass(frozen=True)
@@ -24,7 +27,7 @@ class Artwork:
     """Outlines to be embossed, their bounding box centred at the origin and exactly 1 wide.
 
     Attributes:
-        label: the text as it was given.
+        label: the text as it was given; empty where there is none.
         rings: closed, (N, 2) float64 each, without a repeated end point; outer ones run counter-clockwise, holes
             clockwise. Rings are simple and disjoint, so every fill rule gives the same shape.
         aspect: height of the bounding box (its width is 1).
@@ -32,6 +35,7 @@ class Artwork:
         line_height: height of one line of the text, by which its legibility goes; of all of it where there is no text.
         lines: of the text; none where there is no text.
         faces: the typefaces that served, in the order of their first letters.
+        logo: "svg" for a logo, "qr" for a QR code, alone or beside the text.
     """
 
     label: str
@@ -41,3 +45,4 @@ class Artwork:
     line_height: float
     lines: tuple[str, ...] = ()
     faces: tuple[FaceUse, ...] = ()
+    logo: Logo | None = None

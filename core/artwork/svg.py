@@ -82,7 +82,7 @@ def logo_artwork(svg: bytes) -> Artwork:
     if count > LIMITS.points:
         refused(f"has outlines of {count:,} points; at most {LIMITS.points:,} can be embossed", "Simplify its paths.")
     centred, aspect, ink = normalised(rings)
-    return Artwork(label="logo", rings=centred, aspect=aspect, ink=ink, line_height=LINE_SHARE * aspect)
+    return Artwork("", centred, aspect, ink, LINE_SHARE * aspect, logo="svg")
 
 
 def _ids(root: Element) -> dict[str, Element]:

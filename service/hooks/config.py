@@ -70,7 +70,10 @@ class HookSource(BaseModel):
     @classmethod
     def _parameters(cls, given: Any) -> Any:
         try:
-            return parse_parameters(given) if isinstance(given, dict) else given
+            parameters = parse_parameters(given) if isinstance(given, dict) else given
+            if isinstance(parameters, Parameters):
+                parameters.require_content(logo=False)
+            return parameters
         except MeshmarkError as error:
             raise ValueError(error.message) from None
 

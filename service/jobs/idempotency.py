@@ -69,7 +69,7 @@ def reserve(sessions: sessionmaker[Session], tenant: str, key: str, print_: str)
     if taken.fingerprint != print_:
         raise MeshmarkError(
             ServiceErrorCode.IDEMPOTENCY_KEY_REUSED,
-            "Another request was sent with this Idempotency-Key: its file, font, parameters, metadata or webhook "
+            "Another request was sent with this Idempotency-Key: its file, font, logo, parameters, metadata or webhook "
             "differ.",
             "Take a new key for each new request; send the same request again with the key that it had.",
         )

@@ -89,6 +89,7 @@ class ArtifactKind(StrEnum):
 
     INPUT = "input"
     FONT = "font"
+    LOGO = "logo"
     MODEL = "model"
     REPORT = "report"
     PREVIEW = "preview"

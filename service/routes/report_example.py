@@ -55,6 +55,7 @@ REPORT: JsonDict = {
             "id": 0,
             "text": "SAMPLE",
             "lines": ["SAMPLE"],
+            "logo": None,
             "center": [-0.3008, 0.721, -0.1633],
             "right": [0.9998, -0.00275, -0.02172],
             "up": [-0.009091, 0.8503, -0.5262],

@@ -73,6 +73,7 @@ REFUSALS = problem_responses(
     ErrorCode.EMPTY_TEXT,
     ErrorCode.MISSING_GLYPHS,
     ErrorCode.INVALID_FONT,
+    ErrorCode.INVALID_LOGO,
     ServiceErrorCode.INVALID_METADATA,
     ServiceErrorCode.NO_WEBHOOK_SECRET,
     ServiceErrorCode.IDEMPOTENCY_KEY_IN_USE,
@@ -123,6 +124,7 @@ SourceUrlField = Annotated[
     ),
 ]
 FontPart = Annotated[UploadFile | None, File(description="A TrueType or OpenType font for the text.")]
+LogoPart = Annotated[UploadFile | None, File(description="A logo: an SVG, alone or beside the text.")]
 UploadIdField = Annotated[
     str | None,
     Form(
@@ -181,7 +183,7 @@ CacheQuery = Annotated[
     bool,
     Query(
         description="Whether results will do that exist already: where you had the same asset watermarked with the "
-        "same parameters and font, and still have the results, the new job has succeeded at once."
+        "same parameters, font and logo, and still have the results, the new job has succeeded at once."
     ),
 ]
 
@@ -198,6 +200,7 @@ async def create_watermark(
     source_url: SourceUrlField = None,
     upload_id: UploadIdField = None,
     font: FontPart = None,
+    logo: LogoPart = None,
     metadata: MetadataField = "{}",
     webhook: WebhookField = None,
     priority: PriorityField = "normal",
@@ -218,6 +221,7 @@ async def create_watermark(
             webhook=webhook,
             priority=Priority[priority.upper()],
             font=font and state.artifacts.stage(font.file, limit=state.settings.max_font_bytes, name="font"),
+            logo=logo and state.artifacts.stage(logo.file, limit=state.settings.max_logo_bytes, name="logo"),
             key=None if idempotency_key is None else parse_idempotency_key(idempotency_key),
             cache=cache,
         )

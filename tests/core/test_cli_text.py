@@ -9,7 +9,9 @@ from core.parameters import Parameters
 def given(*options: str) -> Parameters:
     command = argparse.ArgumentParser(exit_on_error=False)
     add_text_options(command)
-    return Parameters(**vars(command.parse_args(options)))
+    values = vars(command.parse_args(options))
+    assert values.pop("logo") is None
+    return Parameters(**values)
 
 
 def test_the_setting_of_the_text_is_that_of_the_parameters() -> None:

@@ -39,7 +39,7 @@ def test_relief_grows_with_the_text_unless_it_is_given_and_is_negative_when_sunk
 @pytest.mark.parametrize("text", ["", " ", "\t \n", "\u3000"])
 def test_a_text_without_letters_has_its_own_code(text: str) -> None:
     with pytest.raises(MeshmarkError) as caught:
-        parse_parameters({"text": text})
+        parse_parameters({"text": text}).require_content(logo=False)
     assert caught.value.code is ErrorCode.EMPTY_TEXT
 
 
@@ -115,8 +115,16 @@ def test_regions_come_back_as_they_were_sent() -> None:
     assert parse_parameters(json.dumps(dumped)) == asked.resolved()
 
 
-@pytest.mark.parametrize("broken", ["", "{", "[]", "null", '"text"', "{}", b"\xff", '{"text": NaN}'])
+@pytest.mark.parametrize("broken", ["", "{", "[]", "null", '"text"', b"\xff", '{"text": NaN}'])
 def test_broken_json_is_an_error_of_its_own_kind(broken: str | bytes) -> None:
     with pytest.raises(MeshmarkError) as caught:
         parse_parameters(broken)
+    assert caught.value.code is ErrorCode.INVALID_PARAMETERS
+
+
+def test_a_request_needs_a_text_or_a_logo_or_a_qr_code_and_not_both_of_these() -> None:
+    parse_parameters({}).require_content(logo=True)
+    parse_parameters({"qr": "https://a.example"}).require_content(logo=False)
+    with pytest.raises(MeshmarkError, match="both a logo and `qr`") as caught:
+        parse_parameters({"qr": "https://a.example"}).require_content(logo=True)
     assert caught.value.code is ErrorCode.INVALID_PARAMETERS

@@ -361,7 +361,7 @@ def test_the_ingress_takes_whole_what_the_service_takes_and_lets_events_through(
     (ingress,) = of_kind(overlay, "Ingress").values()
     said = {key.rpartition("/")[2]: value for key, value in ingress["metadata"]["annotations"].items()}
     assert said["proxy-request-buffering"] == "on"
-    largest = Settings().max_upload_bytes + Settings().max_font_bytes
+    largest = Settings().max_upload_bytes + Settings().max_font_bytes + Settings().max_logo_bytes
     assert largest < int(said["proxy-body-size"].removesuffix("m")) * 2**20 < 1.1 * largest
     assert min(int(said["proxy-read-timeout"]), int(said["proxy-send-timeout"])) > 2 * PING
     (rule,) = ingress["spec"]["rules"]

@@ -44,13 +44,13 @@ def _answer(request: dict[str, Any]) -> MeshmarkError | None:
     return answer(request)
 
 
-def _look(request: dict[str, Any], asset: bytes | None, font: bytes | None) -> None:
+def _look(request: dict[str, Any], asset: bytes | None, font: bytes | None, logo: bytes | None) -> None:
     assert asset is not None
     if asset.startswith(FILL):
         asset += bytes(2 * request["memory"])
     if asset.startswith(PEEK):
         raise MeshmarkError(ErrorCode.MALFORMED_FILE, json.dumps(_within_reach(Path(request["asset"]))), "")
-    look(request, asset, font)
+    look(request, asset, font, logo)
 
 
 def _within_reach(asset: Path) -> list[str]:

@@ -73,6 +73,7 @@ class Request:
     file: bytes | None = SPOT
     params: str | None = '{"text": "watermark"}'
     font: bytes | None = None
+    logo: bytes | None = None
     raw: dict[str, Any] = field(default_factory=dict)  # the whole request, where it is no proper form
     says: str = ""
 
@@ -81,12 +82,22 @@ class Request:
             return client.post("/v1/watermarks", **self.raw)
         parts = {"file": ("asset.glb", self.file)} if self.file is not None else {}
         parts |= {"font": ("font.ttf", self.font)} if self.font is not None else {}
+        parts |= {"logo": ("logo.svg", self.logo)} if self.logo is not None else {}
         data = {"params": self.params} if self.params is not None else {}
         return client.post("/v1/watermarks", files=parts or None, data=data)
 
 
 def text(value: str, **others: Any) -> str:
     return json.dumps({"text": value, **others})
+
+
+def svg(content: str) -> bytes:
+    return f"<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 9 9'>{content}</svg>".encode()
+
+
+DOUBLED = "<path id='x0' d='M0 0h9v9z'/>" + "".join(
+    f"<g id='x{n + 1}'><use href='#x{n}'/><use href='#x{n}'/></g>" for n in range(20)
+)
 
 
 def with_parameter(name: str, value: str, says: str = "") -> Request:
@@ -132,8 +143,21 @@ REFUSED_AT_ONCE = {
     "negative seed": with_parameter("seed", "-1"),
     "broken JSON": Request("invalid_parameters", params='{"text": "wat', says="JSON"),
     "JSON of another kind": Request("invalid_parameters", params='["watermark"]', says="object"),
-    "no text": Request("invalid_parameters", params="{}", says="text"),
     "no parameters": Request("invalid_request", 400, params=None, says="params"),
+    "SVG bomb": Request("invalid_logo", logo=svg(f"{DOUBLED}<use href='#x20'/>"), says="elements"),
+    "SVG with entities": Request("invalid_logo", logo=b"<!DOCTYPE svg [<!ENTITY a 'b'>]>" + svg(""), says="entities"),
+    "SVG with a script": Request("invalid_logo", logo=svg("<script/>"), says="script"),
+    "SVG of another file": Request("invalid_logo", logo=svg("<use href='http://a.example/b.svg#c'/>"), says="file"),
+    "SVG without a filled area": Request("invalid_logo", logo=svg("<path d='M0 0L9 9'/>"), says="no filled area"),
+    "no SVG": Request("invalid_logo", logo=b"Dear sir or madam", says="well-formed"),
+    "QR text too long to be read": with_parameter("qr", json.dumps("https://a.example/" + "x" * 100), "version 6"),
+    "QR text too long for its size": Request(
+        "invalid_parameters", params='{"qr": "https://a.example", "size": 1}', says="`size` of 1 "
+    ),
+    "QR text that is no address": with_parameter("qr", '"javascript:alert(1)"'),
+    "logo and QR code": Request(
+        "invalid_parameters", logo=svg("<path d='M0 0h9v9z'/>"), params='{"qr": "https://a.example"}', says="both"
+    ),
     "broken font": Request("invalid_font", font=DEFAULT_FONT.read_bytes()[:5000], says="cut off"),
     "font of another kind": Request("invalid_font", font=b"Dear sir or madam", says="TrueType"),
     "no file": Request("missing_file", file=None, says="file"),

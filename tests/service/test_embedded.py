@@ -45,7 +45,12 @@ def test_an_asset_goes_in_and_model_report_and_preview_come_out(service: Service
     job = service.wait_for(url, "succeeded")
     assert (job["progress"], job["stage"], job["attempts"], job["error"]) == (1, None, 1, None)
     assert service.client.get(job["links"]["model"]).content == b"glTF of HI"
-    assert service.client.get(job["links"]["report"]).json() == {"text": "HI", "font": False, "metrics": {"ocr": 1.0}}
+    assert service.client.get(job["links"]["report"]).json() == {
+        "text": "HI",
+        "font": False,
+        "logo": False,
+        "metrics": {"ocr": 1.0},
+    }
     assert service.client.get(job["links"]["preview"]).content == b"\x89PNG"
 
 

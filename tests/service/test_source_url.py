@@ -25,6 +25,8 @@ from worker.template import Template
 
 SECRET = "X-Signature=0123456789abcdef"
 
+LOGO = b"<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 9 9'><path d='M0 0h9v9z'/></svg>"
+
 
 def allowing(*servers: Server, **more: Any) -> dict[str, Any]:
     """Settings under which these servers on loopback may be asked."""
@@ -74,7 +76,7 @@ def _without_long_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_an_asset_at_an_address_is_watermarked_as_one_that_was_sent(tmp_path: Path) -> None:
     requests: list[tuple[bytes, bytes]] = []
     with serving(replying(response(asset()), requests=requests)) as server, client_of(server, tmp_path) as client:
-        accepted = post(client, address(server), font=("font.ttf", DEFAULT_FONT.read_bytes()))
+        accepted = post(client, address(server), font=("font.ttf", DEFAULT_FONT.read_bytes()), logo=("logo.svg", LOGO))
         assert accepted.status_code == 202
         assert accepted.json()["input"] is None
         assert requests == [], "the client is answered before anything is fetched"
@@ -85,6 +87,7 @@ def test_an_asset_at_an_address_is_watermarked_as_one_that_was_sent(tmp_path: Pa
         assert (job["input"]["filename"], job["input"]["size"]) == ("My Asset.obj", len(asset()))
         assert client.http.get(job["links"]["model"]).content == b"glTF of HI"
         assert client.http.get(job["links"]["report"]).json()["font"] is True
+        assert client.http.get(job["links"]["report"]).json()["logo"] is True
         assert requests[0][0].startswith(f"GET /shop/My%20Asset.obj?{SECRET} HTTP/1.1".encode())
         assert len(requests) == 1
 

@@ -47,6 +47,7 @@ def directed(
     *,
     budgets: Budgets,
     font: bytes | None = None,
+    logo: bytes | None = None,
     progress: Callable[[str, float], None] | None = None,
     publish: Callable[[str, bytes], None] | None = None,
 ) -> Result:
@@ -68,7 +69,7 @@ def directed(
     wait_for(order.get("wait_for_before_the_report"))
     preview = b"\x89PNG"
     publish("preview", preview)
-    told = {"text": parameters.text, "font": font is not None, "metrics": {"ocr": 1.0}}
+    told = {"text": parameters.text, "font": font is not None, "logo": logo is not None, "metrics": {"ocr": 1.0}}
     return Result(model, order.get("report", told), preview)
 
 

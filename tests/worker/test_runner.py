@@ -54,7 +54,12 @@ def test_stages_and_artifacts_arrive_in_order(template: Template, tmp_path: Path
     ]
     files = {event.kind: event.path.read_bytes() for event in events if isinstance(event, Published)}
     assert files[ArtifactKind.MODEL] == b"glTF of HI"
-    assert json.loads(files[ArtifactKind.REPORT]) == {"text": "HI", "font": False, "metrics": {"ocr": 1.0}}
+    assert json.loads(files[ArtifactKind.REPORT]) == {
+        "text": "HI",
+        "font": False,
+        "logo": False,
+        "metrics": {"ocr": 1.0},
+    }
 
 
 def test_what_native_code_prints_is_not_taken_for_an_answer(template: Template, tmp_path: Path) -> None:

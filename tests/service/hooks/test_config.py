@@ -78,7 +78,7 @@ def changed(old: str, new: str) -> str:
         (changed("kind", 'origins = ["events.example"]\nkind'), "CloudEvents"),
         (changed('kind = "s3"', 'kind = "cloudevents"\norigins = ["*"]'), "origins"),
         (changed("kind", 'access_key_id = "a"\nkind'), "go together"),
-        (changed('text = "HI"', 'txt = "HI"'), "text"),
+        (changed('text = "HI"', 'txt = "HI"'), "txt"),
         (changed('text = "HI"', 'text = ""'), "empty"),
         (changed("bucket", "buckets"), "buckets"),
     ],

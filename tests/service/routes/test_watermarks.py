@@ -84,7 +84,7 @@ def test_a_file_that_is_visibly_broken_is_refused_at_once(client: Client, conten
 @pytest.mark.parametrize(
     ("params", "code", "named"),
     [
-        ("{}", "invalid_parameters", "text"),
+        ("{}", "empty_text", "empty"),
         ("not json", "invalid_parameters", "JSON"),
         ("[]", "invalid_parameters", "object"),
         ('{"text": ""}', "empty_text", "empty"),
@@ -128,8 +128,8 @@ def test_a_body_that_is_no_form_is_refused(client: Client) -> None:
 
 
 def test_too_many_or_too_large_parts_are_refused(client: Client) -> None:
-    three = [("file", ("a", b"1")), ("file", ("b", b"1")), ("font", ("c", b"1"))]
-    refused(client, post(client, files=three), 400, "invalid_request")
+    four = [(name, (name, b"1")) for name in ("file", "file", "font", "logo")]
+    refused(client, post(client, files=four), 400, "invalid_request")
     refused(client, post(client, data=dict.fromkeys("abcdefg", "{}")), 400, "invalid_request")
     refused(client, post(client, data={"params": " " * 70_000}), 400, "invalid_request")
 

@@ -1,0 +1,37 @@
+"""A logo and a text in one mark."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from core.arrays import Float
+from core.artwork.artwork import Artwork
+from core.artwork.rings import normalised
+from core.parameters import LogoPosition
+
+GAP = 0.4  # between logo and text, in heights of a line
+# Height of a logo, in heights of a line of the text beside it or below it: at least so many, or all of the text.
+LINES_BESIDE = 1.6
+# Height of a logo above a text, in the text's widths and at most, and in heights of a line and at least.
+WIDTHS_ABOVE, LINES_ABOVE = 0.6, 2.0
+
+
+def beside(logo: Artwork, text: Artwork, position: LogoPosition) -> Artwork:
+    """The logo to the left of the text, or above it, in proportion to it, both centred on a common line.
+
+    To the left it is as high as the text, and at least 1.6 lines. Above it is as wide as the text at most, and 0.6 of
+    its width or two lines high, whichever is more.
+    """
+    line = text.line_height
+    if position is LogoPosition.LEFT:
+        height = max(text.aspect, LINES_BESIDE * line)
+        width = height / logo.aspect
+        shift = np.array([-(1 + width) / 2 - GAP * line, 0.0])
+    else:
+        height = min(max(WIDTHS_ABOVE, LINES_ABOVE * line), logo.aspect)
+        width = height / logo.aspect
+        shift = np.array([0.0, (text.aspect + height) / 2 + GAP * line])
+    placed: list[Float] = [*text.rings, *(ring * width + shift for ring in logo.rings)]
+    rings, aspect, ink = normalised(placed)
+    share = text.line_height / float(np.ptp(np.concatenate(placed)[:, 0]))
+    return replace(text, rings=rings, aspect=aspect, ink=ink, line_height=share, logo=logo.logo)

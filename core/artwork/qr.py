@@ -1,0 +1,24 @@
+"""QR codes as logos: dark modules stand out or in, a frame keeps the quiet zone free."""
+
+import numpy as np
+from manifold3d import CrossSection, OpType
+
+from core.artwork.artwork import Artwork
+from core.artwork.qr_code import FRAME, QUIET_ZONE, qr_modules
+from core.artwork.rings import clear_rings, normalised
+
+
+def qr_artwork(content: str, size: float | None = None) -> Artwork:
+    """A QR code with a frame round its quiet zone; arguments and errors as of :func:`qr_modules`."""
+    modules = np.array(qr_modules(content, size), dtype=bool)[::-1]
+    margin = QUIET_ZONE + FRAME
+    side = len(modules) + 2 * margin
+    pieces = [_square(column + margin, row + margin, 1) for row, column in np.argwhere(modules).tolist()]
+    pieces += [_square(0, 0, side) - _square(FRAME, FRAME, side - 2 * FRAME)]
+    region = CrossSection.batch_boolean(pieces, OpType.Add).scale((1 / side, 1 / side))
+    rings, aspect, ink = normalised(clear_rings(region))
+    return Artwork("", rings, aspect, ink, aspect, logo="qr")
+
+
+def _square(x: float, y: float, side: float) -> CrossSection:
+    return CrossSection.square((side, side)).translate((x, y))
