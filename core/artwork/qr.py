@@ -7,6 +7,8 @@ from core.artwork.artwork import Artwork
 from core.artwork.qr_code import FRAME, QUIET_ZONE, qr_modules
 from core.artwork.rings import clear_rings, normalised
 
+FINDER = 7  # modules; a finder pattern has to be as large as letters are to be made out
+
 
 def qr_artwork(content: str, size: float | None = None) -> Artwork:
     """A QR code with a frame round its quiet zone; arguments and errors as of :func:`qr_modules`."""
@@ -17,7 +19,7 @@ def qr_artwork(content: str, size: float | None = None) -> Artwork:
     pieces += [_square(0, 0, side) - _square(FRAME, FRAME, side - 2 * FRAME)]
     region = CrossSection.batch_boolean(pieces, OpType.Add).scale((1 / side, 1 / side))
     rings, aspect, ink = normalised(clear_rings(region))
-    return Artwork("", rings, aspect, ink, aspect, logo="qr")
+    return Artwork("", rings, aspect, ink, FINDER / side, logo="qr")
 
 
 def _square(x: float, y: float, side: float) -> CrossSection:
