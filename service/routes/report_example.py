@@ -28,6 +28,8 @@ REPORT: JsonDict = {
     },
     "parameters": {
         "text": "SAMPLE",
+        "qr": None,
+        "logo_position": "left",
         "wrap": "auto",
         "align": "center",
         "line_spacing": 1.2,

@@ -99,7 +99,7 @@ def test_fields_alone_may_come_url_encoded(client: Client) -> None:
         (multipart(PARAMS, FILE, end=b""), "ends before its last boundary"),
         (b"", "ends before its last boundary"),
         (b"Dear sir", "not multipart/form-data"),
-        (multipart(PARAMS, FILE, FILE, FILE), "too many files"),
+        (multipart(PARAMS, FILE, FILE, FILE, FILE), "too many files"),
         (multipart(FILE, *[PARAMS] * 7), "too many fields"),
         (multipart(FILE, (b'name="params"', b"x" * 70_000)), "65,536"),
         (multipart((b'filename="a.obj"', b"x")), "no name"),
