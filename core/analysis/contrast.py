@@ -40,7 +40,8 @@ class ContrastOptions:
         chroma: weight of a* and b* in the distance between letters and surface. On a painted statue auto colours are
             read with 0.71 at 1, 0.80 at 0.5, 0.58 at 0.2.
         faint: CIELAB units between letters and surface; below, recognition reads 0.37 to 0.69 of coloured marks on
-            eleven textured assets, above 0.8 to 0.9.
+            eleven textured assets, above 0.8 to 0.9. That was with chroma at its full weight, so that there is rather
+            a notice too many than one too few.
     """
 
     grid: tuple[int, int] = (48, 16)

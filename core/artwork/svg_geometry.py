@@ -201,12 +201,16 @@ def outline(element: Element, name: str, within: tuple[float, float]) -> Segment
     return [("moveTo", (points[0],)), *(("lineTo", (point,)) for point in points[1:]), last]
 
 
+# Errors of fontTools' parser on path data that is malformed: it checks nothing by itself.
+_MALFORMED = (ValueError, IndexError, TypeError, AttributeError, NotImplementedError, ZeroDivisionError, AssertionError)
+
+
 def _drawn(data: str) -> Segments:
     """Segments of path data."""
     pen = RecordingPen()
     try:
         parse_path(data, pen)
-    except (ValueError, IndexError, TypeError, AttributeError, NotImplementedError, ZeroDivisionError, AssertionError):
+    except _MALFORMED:
         refused(f"has the path {data.strip()[:40]!r}, which cannot be read")
     for _, points in pen.value:
         for point in points:
