@@ -261,9 +261,7 @@ def _caps(bases: _Bases, normal: Float, relief: float, index: SpatialIndex, opti
             points, tops = _draft_and_lift(replace(drafted, normals=along), normal, relief, index, options)
             if folded(tops, bases.triangles, normal):
                 continue
-            # Feet that the draft has shifted along the surface may lie above or below it.
-            feet = points if drafted is upright else index.closest(points)[2]
-            if not obstructed(feet, tops, relief, index):
+            if not obstructed(points, tops, relief, index):
                 return tops
             if drafted is upright:
                 return Refusal.SECOND_LAYER if relief > 0 else Refusal.THIN_WALL

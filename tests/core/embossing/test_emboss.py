@@ -109,17 +109,6 @@ def test_walls_lean_so_that_they_are_seen_from_straight_ahead(relief: float) -> 
     assert _seen_from_above(edit.position[edit.kind == Kind.CAP]).min() > -1e-6 * letters
 
 
-@pytest.mark.parametrize("bend", [0.15, -0.15])
-@pytest.mark.parametrize("relief", [0.05, -0.05])
-def test_walls_lean_on_faceted_ground_too(bend: float, relief: float) -> None:
-    flat = grid(10.0, 4.0, 8, 4)
-    bent = flat.positions + np.abs(flat.positions[:, :1]) * np.array([0.0, 0.0, bend])
-    bench = Bench(surface(bent, flat.faces))
-    bench.emboss(box_at(center=(0.0, 0.0, 0.1 * np.sign(bend)), thickness=1.0), relief)
-    edit = bench.edit()
-    assert _seen_from_above(edit.position[edit.kind == Kind.WALL]).sum() > 0.05 * 16.0 * LETTERS_AREA
-
-
 def test_where_the_surface_has_no_room_for_leaning_walls_they_are_upright(monkeypatch: pytest.MonkeyPatch) -> None:
     def fussy(tops: Float, triangles: Int, normal: Float) -> bool:
         corners = tops[triangles]
