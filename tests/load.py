@@ -1,7 +1,8 @@
 """`python -m tests.load`: jobs come at a rate of their own, whatever the answers take; prints what that cost, and whom.
 
 Real processes throughout: PostgreSQL that writes to disk, Redis, a store that speaks S3 (SeaweedFS), an API and workers
-of one job each, with the default settings. `--engine real` is Meshmark's own, on a box of 12 faces or on `--asset`;
+of one job each, with the default settings, but that the one client here stands for many: no limit to its uploads at
+once, which a slow machine would reach. `--engine real` is Meshmark's own, on a box of 12 faces or on `--asset`;
 `--engine fast` is that of the tests, which takes no time, so that the service itself is the load.
 
 After the jobs, large assets are sent to the store by presigned links, all at once, and then named as jobs; and the
@@ -190,6 +191,7 @@ def running_site(folder: Path, load: Load) -> Iterator[Site]:
             lease_seconds="15",
             shutdown_seconds="5",
             worker_concurrency="1",
+            max_uploads_at_once="0",
             s3_presign="true",
             **store.new_bucket().settings,
         )
