@@ -37,6 +37,10 @@ survey: $(VENV)/.tests ## Watermark every file of MESHES=DIR and print a table o
 	@npm ci --prefix tests --silent --no-audit --no-fund
 	@$(BIN)/python -m tests.survey $(MESHES)
 
+delivered: $(VENV)/.tests ## Mark every textured file of MESHES=DIR (COLOR=auto, none, ...) and print how far OCR reads it
+	@test -n "$(MESHES)" || { echo "usage: make delivered MESHES=DIR [COLOR=auto]"; exit 2; }
+	@$(BIN)/python -m tests.delivered $(MESHES) $(if $(COLOR),--color "$(COLOR)")
+
 benchmark: $(VENV)/.tests ## Compare all methods on the files of MESHES=DIR; the report goes to OUT=DIR
 	@sh docker/system-packages.sh service
 	$(BIN)/meshmark benchmark $(MESHES) --out $(OUT)
@@ -84,4 +88,4 @@ $(VENV)/.tests: $(VENV)/.service
 	$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable '.[test,benchmark]'
 	touch $@
 
-.PHONY: help install demo run test check survey benchmark ablation fuzz faults load attacks audit docker-test openapi clean
+.PHONY: help install demo run test check survey delivered benchmark ablation fuzz faults load attacks audit docker-test openapi clean

@@ -1,0 +1,83 @@
+"""`make delivered MESHES=DIR`: how far the marks of every textured file of a folder are read as it is delivered.
+
+Each asset is marked with default parameters, and OCR reads the pictures of the written file in its own materials.
+"""
+
+import argparse
+import multiprocessing
+import sys
+from collections import Counter
+from functools import partial
+from pathlib import Path
+
+from core.errors import MeshmarkError
+from core.formats.admission import admit, document_of
+from core.gltf.scene import flatten
+from core.parameters import Parameters
+from core.pipeline import watermark
+from tests.survey import ASSETS
+
+COLUMNS = ("file", "OCR", ">= 0.8", "marks", "least contrast", "colours", "SMSE", "IPE", "SE", "SS")
+
+
+def main() -> int:
+    """Prints a row for each asset and their mean."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--color", action="append", help="instead of the preset's; several make a list")
+    parser.add_argument("--only", action="append", help="start of a file's name; may be given several times")
+    parser.add_argument("--out", type=Path, help="also write the GLB and the preview of every asset here")
+    options = parser.parse_args()
+    color = options.color[0] if options.color and len(options.color) == 1 else options.color and tuple(options.color)
+    files = [
+        path
+        for path in sorted(options.folder.iterdir())
+        if path.suffix in ASSETS and (not options.only or path.name.startswith(tuple(options.only)))
+    ]
+    print(f"| {' | '.join(COLUMNS)} |\n|{' --- |' * len(COLUMNS)}", flush=True)
+    scores = []
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        for found in pool.imap(partial(_delivered, color=color, out=options.out), files):
+            if found is not None:
+                row, score = found
+                print(f"| {' | '.join(row)} |", flush=True)
+                scores += [] if score is None else [score]
+    if scores:
+        print(f"\n{len(scores)} assets: mean {sum(scores) / len(scores):.3f}, least {min(scores):.3f}")
+    return 0
+
+
+def _delivered(
+    path: Path, color: str | tuple[str, ...] | None, out: Path | None
+) -> tuple[list[str], float | None] | None:
+    """The row of one asset and its OCR; None where it has no texture."""
+    data = path.read_bytes()
+    scene = flatten(document_of(admit(data)))
+    if all(drawn.primitive.material.texture is None for drawn in scene.primitives):
+        return None
+    try:
+        result = watermark(data, Parameters(text="watermark", color=color), preview=out is not None)
+    except MeshmarkError as error:
+        return [path.name, f"{error.code}: {error.message}"], 0.0
+    if out is not None:
+        out.mkdir(exist_ok=True)
+        (out / f"{path.stem}.glb").write_bytes(result.model)
+        (out / f"{path.stem}.png").write_bytes(result.preview or b"")
+    marks, metrics = result.report["watermarks"], result.report["metrics"]
+    quality, utility = metrics["watermark_quality"], metrics["asset_utility"]
+    distances = [mark["contrast"] for mark in marks if mark.get("contrast") is not None]
+    colors = Counter(mark["color"] or "none" for mark in marks)
+    row = [
+        path.name,
+        f"{quality['ocr']:.3f}",
+        f"{quality['ocr_ge_0.8']:.2f}",
+        str(len(marks)),
+        f"{min(distances):.0f}" if distances else "",
+        " ".join(f"{name} {count}" for name, count in colors.most_common()),
+        *(f"{utility[name]:.4f}" for name in ("smse", "ipe", "se", "ss")),
+    ]
+    return row, quality["ocr"]
+
+
+if __name__ == "__main__":
+    sys.exit(main())
