@@ -62,9 +62,8 @@ def _add_apply(commands: Commands) -> None:
     apply.add_argument(
         "--color",
         type=_colors,
-        default="none",
         metavar='auto|none|"#rrggbb"[,"#rrggbb"]...',
-        help="letter colour; of several, or of a built-in list, the one that stands out best (default none)",
+        help="letter colour; of several, or of a built-in list, the one that stands out best (default: the preset's)",
     )
     apply.add_argument("--seed", type=int, default=0, help="seed of every random draw (default 0)")
     for name, meaning in (

@@ -26,7 +26,7 @@ MAX_QR_LENGTH = 300
 MAX_NAME_LENGTH = 256
 MAX_REGIONS = 32
 MAX_COLORS = 16
-AUTO = "auto"
+AUTO, NO_COLOR = "auto", "none"
 # Colours for letters of `color: auto`, of which one stands out from any ground: black, white, and strong hues.
 AUTO_COLORS = ("#101010", "#f8f8f8", "#d02020", "#ffd400", "#1840d0", "#00a040", "#d000a0", "#00c8e0")
 # Relief, as a share of the letters' height. OCR of uncoloured letters on twelve assets is 0.79 at 0.32, 0.80 at 0.24,
@@ -60,7 +60,7 @@ class Align(StrEnum):
 class Wrap(StrEnum):
     """Whether a text without line breaks may be set in several lines."""
 
-    AUTO = "auto"
+    AUTO, NO_COLOR = "auto", "none"
     NONE = "none"
 
 
@@ -100,12 +100,12 @@ class Solver(StrEnum):
     ADAM = "adam"
 
 
-# Text width, relief, number of watermarks, solver. "paper" repeats the supplement's implementation details (extrude
-# strength 0.05, about ten watermarks, Adam). In the other two the relief grows with the text: see `relief_at`.
+# Text width, relief, number of watermarks, solver, colour. "paper" repeats the supplement's implementation details
+# (extrude strength 0.05, about ten watermarks, Adam). In the other two the relief grows with the text: see `relief_at`.
 PRESETS: dict[Preset, dict[str, Any]] = {
-    Preset.MERCHANDISE: {"size": None, "count": 16, "solver": Solver.LEVENBERG_MARQUARDT},
-    Preset.PROVENANCE: {"size": 3.0, "count": 4, "solver": Solver.LEVENBERG_MARQUARDT},
-    Preset.PAPER: {"size": 5.5, "relief": 0.05, "count": 10, "solver": Solver.ADAM},
+    Preset.MERCHANDISE: {"size": None, "count": 16, "solver": Solver.LEVENBERG_MARQUARDT, "color": AUTO},
+    Preset.PROVENANCE: {"size": 3.0, "count": 4, "solver": Solver.LEVENBERG_MARQUARDT, "color": AUTO},
+    Preset.PAPER: {"size": 5.5, "relief": 0.05, "count": 10, "solver": Solver.ADAM, "color": NO_COLOR},
 }
 
 
@@ -258,7 +258,7 @@ class Parameters(StrictModel):
         Field(
             max_length=MAX_COLORS,
             description='Letter colour as "#rrggbb"; a list, or "auto" for a built-in one: of it each mark has the '
-            'colour that stands out best; null or "none" keeps the surface\'s material.',
+            "colour that stands out best; \"none\" keeps the surface's material; null: the preset's.",
         ),
     ] = None
     seed: Annotated[int, Field(ge=0, le=2**63 - 1, description="Seed of every random draw.")] = 0
@@ -286,8 +286,8 @@ class Parameters(StrictModel):
     @field_validator("color", mode="before")
     @classmethod
     def _hex_colors(cls, value: Any) -> Any:
-        if value is None or value == "none":
-            return None
+        if value is None or value == NO_COLOR:
+            return value
         if isinstance(value, list | tuple):
             if not 1 <= len(value) <= MAX_COLORS:
                 raise PydanticCustomError("color", f"Input should have 1 to {MAX_COLORS} colours, not {len(value)}")
@@ -338,7 +338,7 @@ class Parameters(StrictModel):
     @property
     def palette(self) -> tuple[str, ...]:
         """The colours that letters may have, "#rrggbb"; none where they keep that of the surface."""
-        if self.color is None:
+        if self.color is None or self.color == NO_COLOR:
             return ()
         if isinstance(self.color, tuple):
             return self.color

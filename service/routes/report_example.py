@@ -41,7 +41,7 @@ REPORT: JsonDict = {
         "size": None,
         "relief": None,
         "count": 1,
-        "color": None,
+        "color": "none",
         "seed": 7,
         "keep_out": [],
         "prefer": [],

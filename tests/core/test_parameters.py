@@ -19,10 +19,19 @@ def test_json_and_mappings_mean_the_same() -> None:
 
 
 def test_letters_may_have_one_colour_one_of_a_list_or_one_of_the_built_in_ones() -> None:
-    assert Parameters(text="a").palette == Parameters.model_validate({"text": "a", "color": "none"}).palette == ()
+    assert Parameters.model_validate({"text": "a", "color": "none"}).resolved().palette == ()
     assert Parameters(text="a", color="#AABBCC").palette == ("#aabbcc",)
     assert parse_parameters('{"text": "a", "color": ["#AABBCC", "#000000"]}').palette == ("#aabbcc", "#000000")
     assert Parameters(text="a", color="auto").palette == AUTO_COLORS
+
+
+@pytest.mark.parametrize(
+    ("preset", "palette"), [("merchandise", AUTO_COLORS), ("provenance", AUTO_COLORS), ("paper", ())]
+)
+def test_without_a_colour_the_preset_says_which(preset: str, palette: tuple[str, ...]) -> None:
+    asked = {"text": "a", "preset": preset}
+    assert parse_parameters(asked | {"color": None}).resolved() == parse_parameters(asked).resolved()
+    assert parse_parameters(asked).resolved().palette == palette
 
 
 def test_what_is_given_wins_over_the_preset() -> None:

@@ -16,7 +16,7 @@ from core.gltf.document import Document
 from core.gltf.prune import unreferenced_bytes
 from core.gltf.scene import scene_of
 from core.notices import NoticeCode
-from core.parameters import Evaluate, Mode, Parameters, Preset, Wrap
+from core.parameters import AUTO_COLORS, Evaluate, Mode, Parameters, Preset, Wrap
 from core.pipeline import STAGES, Result, watermark
 from core.report import Report
 from tests.core.artwork.fontsmith import SQUARE, make_font
@@ -52,8 +52,9 @@ def test_the_asset_stays_what_it_was_but_for_the_letters(spot: Result) -> None:
     assert utility["lce"] < 1e-9
     before, after = Document.from_glb(SPOT.read_bytes()), Document.from_glb(spot.model)
     assert unreferenced_bytes(after) == 0
-    for key in ("images", "textures", "samplers", "materials", "nodes", "scenes"):
+    for key in ("images", "textures", "samplers", "nodes", "scenes"):
         assert after.json[key] == before.json[key]
+    assert after.json["materials"][: len(before.json["materials"])] == before.json["materials"]
 
 
 def test_the_report_says_where_every_watermark_is(spot: Result) -> None:
@@ -163,6 +164,15 @@ def test_letters_with_a_colour_are_a_primitive_of_their_own() -> None:
     assert not error_counts(result.model)
 
 
+def test_letters_of_chosen_colours_are_no_metal_and_the_same_every_time() -> None:
+    first, second = (watermark(SPOT.read_bytes(), UNMEASURED, preview=False) for _ in range(2))
+    assert first.model == second.model
+    assert first.report["parameters"]["color"] == "auto"
+    assert all(mark["color"] in AUTO_COLORS and mark["contrast"] > 30 for mark in first.report["watermarks"])
+    letters = Document.from_glb(first.model).json["materials"][1:]
+    assert {material["pbrMetallicRoughness"]["metallicFactor"] for material in letters} == {0.0}
+
+
 def test_letters_that_no_light_would_show_get_a_colour_by_themselves() -> None:
     """Two cubes, one of them unlit: its letters are dark and unlit, those of the other have its own material."""
     writer = GlbWriter()
@@ -170,7 +180,7 @@ def test_letters_that_no_light_would_show_get_a_colour_by_themselves() -> None:
     for place in (0.0, 5.0):
         unlit: dict[str, Any] = {"extensions": {"KHR_materials_unlit": {}}} if place else {}
         writer.mesh(CORNERS, CUBE_FACES, material=plain((0.8, 0.7, 0.6, 1), **unlit), translation=[place, 0, 0])
-    result = watermark(writer.bytes(), UNMEASURED.model_copy(update={"count": 8}), preview=False)
+    result = watermark(writer.bytes(), UNMEASURED.model_copy(update={"count": 8, "color": "none"}), preview=False)
     colors = [(mark["color"], mark["center"][0] > 2.5) for mark in result.report["watermarks"]]
     assert {color is not None for color, is_unlit in colors if is_unlit} == {True}
     assert {color for color, is_unlit in colors if not is_unlit} == {None}
@@ -286,8 +296,8 @@ def test_letters_stand_out_by_the_same_share_of_their_height_however_long_the_te
     assert report["warnings"] == []
 
 
-@pytest.mark.parametrize(("color", "warned"), [(None, ["small_text"]), ("#d02020", [])])
-def test_text_too_low_to_be_read_is_warned_of_however_wide_it_is(color: str | None, warned: list[str]) -> None:
+@pytest.mark.parametrize(("color", "warned"), [("none", ["small_text"]), ("#d02020", [])])
+def test_text_too_low_to_be_read_is_warned_of_however_wide_it_is(color: str, warned: list[str]) -> None:
     asked = Parameters(text="m" * 64, size=8.0, count=1, color=color, evaluate=Evaluate.NONE)
     low = watermark(SPOT.read_bytes(), asked, preview=False).report
     assert [warning["code"] for warning in low["warnings"]] == ["small_text"]

@@ -30,7 +30,7 @@ from core.lab.plain import Mesh, plain, plain_glb
 from core.metrics.measure import Pair, Subject, measure
 from core.metrics.ocr import ocr
 from core.metrics.recognition import Reader
-from core.parameters import Evaluate, Parameters
+from core.parameters import NO_COLOR, Evaluate, Parameters
 from core.rendering.pictures import DIRECTIONS, UPS, pictures
 from core.rendering.renderer import Frame, Renderer
 
@@ -103,7 +103,7 @@ class AssetBench:
             self._prepared: Prepared = prepare(data, options.text, seed)
         self._mesh = plain(self._prepared.surface)
         self._parameters = Parameters(
-            text=options.text, size=options.size, relief=options.relief, color=options.color, seed=seed
+            text=options.text, size=options.size, relief=options.relief, color=options.color or NO_COLOR, seed=seed
         )
 
     def facts(self) -> Row:

@@ -104,7 +104,7 @@ def test_what_differs_in_anything_is_worked_on(client: Client) -> None:
 
 def test_parameters_are_the_same_in_other_words(client: Client) -> None:
     done(client)
-    assert send(client, params={"seed": 0, "color": "none"})["cached"] is True
+    assert send(client, params={"seed": 0, "color": None})["cached"] is True
 
 
 def test_what_has_not_succeeded_is_no_result(client: Client) -> None:

@@ -105,7 +105,7 @@ def test_our_own_pipeline_is_asked_for_the_colour_that_letters_are_read_in(monke
         bench = AssetBench(SPOT.read_bytes(), 0, BenchmarkOptions(Path(), Path(), color=color))
         with pytest.raises(MeshmarkError):
             bench.mark("meshmark", 4)
-    assert [one.color for one in asked] == [None, "#d02020"]
+    assert [one.color for one in asked] == ["none", "#d02020"]
 
 
 def test_a_small_benchmark_from_files_to_report(tmp_path: Path) -> None:
