@@ -218,7 +218,7 @@ def write_model(asset: Asset, candidates: Candidates, embossed: Embossed, run: R
     Raises:
         MeshmarkError: ``no_placement`` where no mark is left.
     """
-    from core.analysis.contrast import low_contrast
+    from core.analysis.contrast import low_contrast, unreadable_codes
     from core.embossing.copies import unmarked
     from core.embossing.drawn import drawn_marks
     from core.embossing.unmarked import unmarked_parts
@@ -237,6 +237,7 @@ def write_model(asset: Asset, candidates: Candidates, embossed: Embossed, run: R
     left = unmarked_parts(asset.scene, analysis.surface, context.facts.saliency, context.carrier.index, marked)
     run.notices += [left] if left else []
     run.notices += low_contrast(output.contrast) if parameters.palette else []
+    run.notices += unreadable_codes(output.styles, output.lighter) if context.layouts.logo == "qr" else []
     run.publish("model", output.file.data)
     return output
 
@@ -278,10 +279,12 @@ def _written(asset: Asset, context: "PlacementContext", embossed: Embossed) -> O
 
     surface, parameters = asset.analysis.surface, context.parameters
     boxes = Boxes.concat(*(mark.box for mark in embossed.marks.values()))
-    styles, contrast = letter_styles(asset.scene, surface, context.carrier.index, boxes, parameters.palette)
+    styles, contrast, lighter = letter_styles(
+        asset.scene, surface, context.carrier.index, boxes, parameters.palette, dark=context.layouts.logo == "qr"
+    )
     model = write(asset.scene, asset.analysis.with_file_winding(embossed.mesh.edit()), styles)
     marks = AssetMarks(surface, boxes, embossed.letters, styles, parameters)
     model, copies = mark_copies(model, marks)
     scene = scene_of(model)
     del model  # its bytes are in the scene, and the file takes as many
-    return Output(embossed, styles, contrast, copies, scene, WRITERS[Format.GLB](scene))
+    return Output(embossed, styles, contrast, lighter, copies, scene, WRITERS[Format.GLB](scene))

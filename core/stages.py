@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from core.arrays import Float
+from core.arrays import Bool, Float
 from core.artwork.artwork import FaceUse
 from core.budgets import DEFAULT_BUDGETS, Budgets
 from core.embossing.mesh import WorkingMesh
@@ -137,6 +137,7 @@ class Output:
         styles: of the letters of each mark.
         contrast: (B,) distance of their colours from what lies under and round them, CIELAB; NaN for those of the
             surface.
+        lighter: (B,) whether their colours are lighter than what lies there.
         copies: the other scenes, levels of detail and unused meshes of the file.
         scene: the marked asset, read back from the bytes of its GLB.
         file: ``scene`` as it is published.
@@ -145,6 +146,7 @@ class Output:
     embossed: Embossed
     styles: list[Style]
     contrast: Float
+    lighter: Bool
     copies: "list[MarkedCopy]"
     scene: Scene
     file: OutputFile

@@ -65,9 +65,11 @@ def letter_styles(
     boxes: Boxes,
     palette: Sequence[str],
     options: ContrastOptions = CONTRAST,
-) -> tuple[list[Style], Float]:
-    """The style of the letters of each of B marks, and its distance from the surface (B,) in CIELAB units, NaN for the
-    surface's own colour.
+    *,
+    dark: bool = False,
+) -> tuple[list[Style], Float, Bool]:
+    """The style of the letters of each of B marks, its distance from the surface (B,) in CIELAB units, NaN for the
+    surface's own colour, and whether it is lighter than the surface (B,).
 
     Letters have the colour of the palette that :func:`stands_out` best. Without one they have the surface's own where
     shading shows them. A mark counts as not shaded where a quarter of the surface in its box shows less than 5 units of
@@ -80,12 +82,13 @@ def letter_styles(
         boxes: of the marks.
         palette: the colours that letters may have, "#rrggbb"; of a single one only the emission is decided here.
         options: tuned values.
+        dark: rather a colour that is darker than the surface, where one is not ``faint``.
 
     Raises:
         MeshmarkError: as :func:`core.analysis.color.appearance`.
     """
     if not len(boxes) or not (palette or _outshines(scene)):
-        return [Style()] * len(boxes), np.full(len(boxes), np.nan)
+        return [Style()] * len(boxes), np.full(len(boxes), np.nan), np.zeros(len(boxes), dtype=bool)
     reach = options.around if palette else (1.0, 1.0)
     across = [
         share * ((np.arange(count) + 0.5) / count - 0.5) for count, share in zip(options.grid, reach, strict=True)
@@ -94,8 +97,9 @@ def letter_styles(
     offset = np.einsum("pk,bk,bki->bpi", plane, boxes.size[:, :2], boxes.axes[:, :2])
     _, face, point = index.closest((boxes.center[:, None] + offset).reshape(-1, 3))
     seen = appearance(scene, surface, point, face)
-    each = [_letter_style(seen[rows], palette, options) for rows in np.split(np.arange(len(point)), len(boxes))]
-    return [style for style, _ in each], np.array([distance for _, distance in each])
+    each = [_letter_style(seen[rows], palette, dark, options) for rows in np.split(np.arange(len(point)), len(boxes))]
+    styles, distances, lighter = zip(*each, strict=True)
+    return list(styles), np.array(distances), np.array(lighter)
 
 
 def _outshines(scene: Scene) -> bool:
@@ -104,15 +108,27 @@ def _outshines(scene: Scene) -> bool:
     return any(material.unlit or material.emission is not None for material in materials)
 
 
-def _letter_style(seen: Appearance, palette: Sequence[str], options: ContrastOptions) -> tuple[Style, float]:
-    """The style of the letters of one mark, from the appearance of the surface in its box, and its distance."""
+def _letter_style(
+    seen: Appearance, palette: Sequence[str], dark: bool, options: ContrastOptions
+) -> tuple[Style, float, bool]:
+    """The style of the letters of one mark, from the appearance of the surface in its box, its distance, and whether
+    it is lighter."""
     needed = not_shaded(seen, options).mean() >= options.flat_share
     if not palette and not needed:
-        return Style(), np.nan
+        return Style(), np.nan, False
     lab = cielab(seen.shown)
     color, distance = stands_out(lab, palette or (contrasting(lab, options),), options)
-    lighter = cielab(hex_linear(color)[None])[0, 0] > np.median(lab[:, 0])
-    return Style(color, bool(needed and lighter and not seen.unlit.all())), distance
+    if dark and (darker := [each for each in palette if not _lighter(each, lab)]):
+        dark_color, dark_distance = stands_out(lab, darker, options)
+        if dark_distance >= options.faint:
+            color, distance = dark_color, dark_distance
+    lighter = _lighter(color, lab)
+    return Style(color, bool(needed and lighter and not seen.unlit.all())), distance, lighter
+
+
+def _lighter(color: str, lab: Float) -> bool:
+    """True where a colour, "#rrggbb", is lighter than half of the CIELAB colours ``lab`` (N, 3)."""
+    return bool(cielab(hex_linear(color)[None])[0, 0] > np.median(lab[:, 0]))
 
 
 def stands_out(lab: Float, palette: Sequence[str], options: ContrastOptions = CONTRAST) -> tuple[str, float]:
@@ -136,6 +152,31 @@ def low_contrast(distance: Float, options: ContrastOptions = CONTRAST) -> list[N
             f"The colour of {faint.sum()} of {len(distance)} marks hardly stands out from the surface there: the "
             f"least distance is {distance.min():.0f} (CIELAB), and from {options.faint:g} on letters are read well.",
             'Ask for another `color`, for several, or for "auto".',
+        )
+    ]
+
+
+def unreadable_codes(styles: Sequence[Style], lighter: Bool) -> list[Notice]:
+    """The notice that QR codes, of these ``styles``, have no colour of their own, or one that is ``lighter`` (B,) than
+    the surface.
+
+    OpenCV's decoder reads a drawn code of grey 160 on 200, but none that is lighter than its ground. Of codes in the
+    surface's own colour, of which only the walls show, it read none of eight in pictures.
+    """
+    plain, inverted, count = sum(style.color is None for style in styles), int(lighter.sum()), len(styles)
+    found = [f"{plain} of {count} QR codes have the surface's own colour"] if plain else []
+    found += [f"{inverted} of {count} QR codes are lighter than the surface"] if inverted else []
+    if not found:
+        return []
+    remedies = ['Ask for `color` "auto".'] if plain else []
+    remedies += (
+        ["Ask for a `color` darker than the surface, or name its lighter parts in `prefer`."] if inverted else []
+    )
+    return [
+        Notice(
+            NoticeCode.UNREADABLE_QR,
+            f"{' and '.join(found)}: few readers will decode such codes.",
+            " ".join(remedies),
         )
     ]
 

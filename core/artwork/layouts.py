@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.arrays import Float, Int
-from core.artwork.artwork import Artwork
+from core.artwork.artwork import Artwork, Logo
 
 ALIKE = 0.02  # relative difference of two aspects, up to which the layouts would serve the same places
 
@@ -20,6 +20,11 @@ class Layouts:
     """
 
     artworks: tuple[Artwork, ...]
+
+    @property
+    def logo(self) -> Logo | None:
+        """The kind of logo that stands in all of them."""
+        return self.artworks[0].logo
 
     def of(self, size: Float) -> Int:
         """(B,) layout for each box of a ``size`` (B, 3), or (B, 2), in any unit."""

@@ -1,5 +1,7 @@
 """A text is set in the ways that its places may need; the report says in which it stands."""
 
+from typing import Any
+
 import pytest
 import trimesh
 
@@ -40,3 +42,19 @@ def test_the_report_says_in_which_lines_each_mark_stands() -> None:
     report = watermark(block, Parameters(text=SENTENCE, count=3, evaluate=Evaluate.NONE), preview=False).report
     assert [" ".join(mark["lines"]) for mark in report["watermarks"]] == [SENTENCE] * len(report["watermarks"])
     assert max(len(mark["lines"]) for mark in report["watermarks"]) > 1
+
+
+def codes(**asked: object) -> dict[str, Any]:
+    """The report of a plate, of light grey as an STL has it, with QR codes."""
+    plate = trimesh.creation.box(extents=(30.0, 24.0, 2.0)).export(file_type="stl")
+    asked |= {"qr": "https://a.example", "count": 2, "evaluate": "none"}
+    return watermark(plate, Parameters.model_validate(asked), preview=False).report
+
+
+def test_a_qr_code_without_a_colour_is_noticed_and_one_that_has_its_own_is_not() -> None:
+    (notice,) = codes(color="none")["warnings"]
+    assert notice["code"] == "unreadable_qr"
+    assert "2 of 2" in notice["message"]
+    colored = codes(color="auto")
+    assert colored["warnings"] == []
+    assert {mark["logo"] for mark in colored["watermarks"]} == {"qr"}

@@ -6,7 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from core.analysis.contrast import ContrastOptions, contrasting, letter_styles, low_contrast, stands_out
+from core.analysis.contrast import (
+    ContrastOptions,
+    contrasting,
+    letter_styles,
+    low_contrast,
+    stands_out,
+    unreadable_codes,
+)
 from core.analysis.texture import cielab, from_cielab
 from core.arrays import Float
 from core.geometry.boxes import Boxes
@@ -26,7 +33,9 @@ def on(scene: Scene, *centers: tuple[float, float], asked: str | None = None) ->
     return chosen(scene, (asked,) if asked else (), *centers)[0]
 
 
-def chosen(scene: Scene, palette: Sequence[str], *centers: tuple[float, float]) -> tuple[list[Style], Float]:
+def chosen(
+    scene: Scene, palette: Sequence[str], *centers: tuple[float, float], dark: bool = False
+) -> tuple[list[Style], Float]:
     """Likewise, of a palette, with their distances."""
     count = len(centers)
     boxes = Boxes(
@@ -35,7 +44,8 @@ def chosen(scene: Scene, palette: Sequence[str], *centers: tuple[float, float]) 
         np.tile([8.0, 1.2, 0.5], (count, 1)),
     )
     index = SpatialIndex(scene.surface.positions, scene.surface.faces)
-    return letter_styles(scene, scene.surface, index, boxes, palette)
+    styles, distance, _ = letter_styles(scene, scene.surface, index, boxes, palette, dark=dark)
+    return styles, distance
 
 
 def square(material: dict[str, Any], image: Any = None, role: str = "emissiveTexture") -> Scene:
@@ -207,3 +217,28 @@ def test_letters_of_the_surface_s_colour_have_no_distance_from_it() -> None:
 
 def test_of_colours_that_stand_out_alike_the_first_is_taken() -> None:
     assert stands_out(np.array([[50.0, 0.0, 0.0]]), ("#102030", "#102030"))[0] == "#102030"
+
+
+@pytest.mark.parametrize(
+    ("grey", "light", "dark"),
+    [(0.14, "#f8f8f8", "#101010"), (0.6, "#101010", "#101010"), (0.02, "#f8f8f8", "#f8f8f8")],
+    ids=["on grey", "on light grey", "on black, where nothing is darker"],
+)
+def test_a_code_is_rather_darker_than_the_surface_as_readers_need_it(grey: float, light: str, dark: str) -> None:
+    ground = square(plain((grey, grey, grey, 1)))
+    for rather_dark, color in ((False, light), (True, dark)):
+        (style,), _ = chosen(ground, ("#f8f8f8", "#101010"), (0, 0), dark=rather_dark)
+        assert style.color == color
+
+
+def test_codes_that_readers_will_not_decode_are_noticed_with_their_number_and_what_helps() -> None:
+    plain, colored = Style(), Style("#101010")
+    assert not unreadable_codes([colored, colored], np.array([False, False]))
+    (uncolored,) = unreadable_codes([plain, plain, colored], np.array([False, False, False]))
+    assert uncolored.code is NoticeCode.UNREADABLE_QR
+    assert uncolored.message.startswith("2 of 3 QR codes have the surface's own colour: ")
+    assert "`color`" in uncolored.remedy
+    assert "auto" in uncolored.remedy
+    (inverted,) = unreadable_codes([colored, colored, colored], np.array([False, True, False]))
+    assert inverted.message.startswith("1 of 3 QR codes are lighter than the surface: ")
+    assert "darker" in inverted.remedy
