@@ -1,7 +1,7 @@
 """Layouts of a text in several lines, broken where its writing allows it (UAX 14)."""
 
 import unicodedata
-from itertools import accumulate, pairwise
+from itertools import accumulate, pairwise, takewhile
 
 from fontTools.unicodedata import script
 from uniseg.graphemecluster import grapheme_clusters
@@ -11,16 +11,16 @@ MOST_LINES = 4
 
 # Widths in ems, near enough to balance lines before any font is chosen: of ideographs and their like, and of letters.
 WIDE, NARROW, SPACE = 1.0, 0.65, 0.35
-SHORTEST = 2 * WIDE  # of the longest line of a layout of several: lines of single ideographs read as columns
+SHORTEST = 2 * WIDE  # of the longest line of a layout of several
 
 
 def line_breaks(text: str, most: int = MOST_LINES) -> list[tuple[str, ...]]:
     """The layouts of a text in 1 to ``most`` lines, for each number of lines the one whose longest line is shortest.
 
     Lines end at spaces, after hyphens, and between ideographs and kana, as UAX 14 allows: not before closing
-    punctuation and small kana, not after opening ones. Korean is broken at its spaces only, and words never; some
-    line is at least two ideographs long, or lines of one would be read as columns. A text
-    that has line breaks of its own keeps them, as its one layout.
+    punctuation and small kana, not after opening ones. Korean is broken at its spaces only, and words never; lines of
+    ideographs are not more than the longest of them is long, or they would be read as columns, and columns as lines. A
+    text that has line breaks of its own keeps them, as its one layout.
 
     Returns:
         The lines of each layout, without spaces at their ends; fewer layouts where the text has fewer places to break.
@@ -30,7 +30,12 @@ def line_breaks(text: str, most: int = MOST_LINES) -> list[tuple[str, ...]]:
         return [tuple(given)]
     units = _units(text.strip())
     layouts = [_balanced(units, count) for count in range(1, min(most, len(units)) + 1)]
-    return [lines for lines in layouts if len(lines) == 1 or max(map(_width, lines)) >= SHORTEST]
+    return list(takewhile(lambda lines: len(lines) == 1 or max(map(_width, lines)) >= _shortest(lines), layouts))
+
+
+def _shortest(lines: tuple[str, ...]) -> float:
+    """Width of the longest of several ``lines``, in ems, at least."""
+    return max(SHORTEST, len(lines) * WIDE if any(_is_wide(line[-1]) for line in lines) else 0.0)
 
 
 def _units(text: str) -> list[str]:
@@ -75,4 +80,8 @@ def _width(line: str) -> float:
 def _advance(character: str) -> float:
     if character.isspace():
         return SPACE
-    return WIDE if unicodedata.east_asian_width(character) in "WF" else NARROW
+    return WIDE if _is_wide(character) else NARROW
+
+
+def _is_wide(character: str) -> bool:
+    return unicodedata.east_asian_width(character) in "WF"

@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter
 from core.errors import MeshmarkError
 from core.formats.admission import admit, document_of
 from core.gltf.scene import Scene, flatten
-from core.parameters import Evaluate, Parameters
+from core.parameters import Evaluate, parse_parameters
 from core.pipeline import watermark
 from core.rendering.cavity import cavity
 from core.rendering.renderer import Frame, Renderer
@@ -28,7 +28,7 @@ SUPERSAMPLING = 2  # samples a pixel and axis
 CAPTION = 34  # pixels; height of the strip with a case's label, two lines
 COLUMNS = 4  # cases side by side
 GAP = 6  # pixels between cases
-AROUND = 1.1  # radius of a mark's picture over half the diagonal of its front
+AROUND = 1.25  # radius of a mark's picture over half the diagonal of its front
 LINE = 40  # characters of an error's message side by side
 PAPER, INK = (255, 255, 255), (20, 20, 20)
 
@@ -40,6 +40,7 @@ class Case(BaseModel):
         label: below its pictures.
         asset: a file of any accepted format.
         parameters: of the job; its metrics are not measured.
+        logo: an SVG file that is embossed, too.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -47,6 +48,12 @@ class Case(BaseModel):
     label: str
     asset: Path
     parameters: dict[str, Any]
+    logo: Path | None = None
+
+    def within(self, folder: Path) -> "Case":
+        """The same case, with paths relative to a ``folder``."""
+        logo = None if self.logo is None else folder / self.logo
+        return self.model_copy(update={"asset": folder / self.asset, "logo": logo})
 
 
 def sheet(cases: list[Case]) -> bytes:
@@ -73,8 +80,9 @@ def _tile(case: Case, renderer: Renderer) -> Image.Image:
     tile = Image.new("RGB", (2 * TILE, TILE + CAPTION), PAPER)
     pen = ImageDraw.Draw(tile)
     try:
-        asked = Parameters.model_validate(case.parameters | {"evaluate": Evaluate.NONE})
-        made = watermark(case.asset.read_bytes(), asked, preview=False)
+        asked = parse_parameters(case.parameters | {"evaluate": Evaluate.NONE})
+        logo = None if case.logo is None else case.logo.read_bytes()
+        made = watermark(case.asset.read_bytes(), asked, logo=logo, preview=False)
     except MeshmarkError as error:
         pen.multiline_text((8, 8), "\n".join(wrap(f"{error.code}: {error}", 2 * LINE)), fill=INK)
         pen.text((4, TILE + 4), case.label, fill=INK)
@@ -110,7 +118,7 @@ def main() -> None:
     options = parser.parse_args()
     listed = TypeAdapter(list[Case]).validate_json(options.cases.read_bytes())
     folder = options.cases.parent
-    options.out.write_bytes(sheet([case.model_copy(update={"asset": folder / case.asset}) for case in listed]))
+    options.out.write_bytes(sheet([case.within(folder) for case in listed]))
 
 
 if __name__ == "__main__":

@@ -15,8 +15,12 @@ def test_a_text_is_set_in_one_to_four_lines_each_as_even_as_can_be() -> None:
 
 
 def test_ideographs_are_not_stacked_one_by_one() -> None:
-    assert [len(lines) for lines in line_breaks("見本です")] == [1, 2, 3]
     assert line_breaks("生成") == [("生成",)]
+
+
+def test_lines_of_ideographs_are_read_as_lines_and_columns_as_columns() -> None:
+    assert [len(lines) for lines in line_breaks("見本です")] == [1, 2]
+    assert [len(lines) for lines in line_breaks("見本透かしです")] == [1, 2, 3]
 
 
 def test_a_word_stays_whole() -> None:
