@@ -12,13 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from core.arrays import Bool
-from core.artwork.artwork import Artwork
-from core.artwork.combine import beside
-from core.artwork.layouts import Layouts, distinct_layouts
-from core.artwork.line_breaks import line_breaks
-from core.artwork.outline import text_artwork
-from core.artwork.qr import qr_artwork
-from core.artwork.style import style_of
+from core.artwork.layouts import Layouts
+from core.artwork.lettering import layouts_of
 from core.embossing.mesh import WorkingMesh
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
@@ -31,7 +26,6 @@ from core.gltf.textures import undecoded_textures
 from core.gltf.validate import is_beside
 from core.gltf.write import write
 from core.notices import Notice, NoticeCode
-from core.parameters import Wrap
 from core.stages import Asset, Candidates, Embossed, Output, Run
 
 if TYPE_CHECKING:
@@ -80,31 +74,12 @@ def letter(run: Run) -> Layouts:
     """Turn text, logo or QR code into outlines, the text in each way of setting it.
 
     Raises:
-        MeshmarkError: ``empty_text``, ``invalid_parameters``, ``invalid_logo``, and as :func:`text_artwork`.
+        MeshmarkError: as :func:`core.artwork.lettering.layouts_of`.
     """
-    request, parameters = run.request, run.request.parameters
-    parameters.require_content(request.logo is not None)
-    texts = _texts(run) if parameters.text.strip() else []
-    if request.logo is not None:
-        from core.artwork.svg import logo_artwork
-
-        logo = logo_artwork(request.logo)
-    elif parameters.qr is not None:
-        logo = qr_artwork(parameters.qr, parameters.size)
-    else:
-        return distinct_layouts(texts)
-    return distinct_layouts([beside(logo, text, parameters.logo_position) for text in texts] or [logo])
-
-
-def _texts(run: Run) -> list[Artwork]:
-    """The text in each way of setting it."""
-    parameters, font = run.request.parameters, run.request.font
-    texts = [parameters.text]
-    if parameters.wrap is Wrap.AUTO:
-        texts = ["\n".join(lines) for lines in line_breaks(parameters.text)]
-    artworks = [text_artwork(text, font, style_of(parameters)) for text in texts]
-    run.faces = artworks[0].faces
-    if font is not None and len(run.faces) > 1:
+    request = run.request
+    layouts = layouts_of(request.parameters, request.font, request.logo)
+    run.faces = layouts.artworks[0].faces
+    if request.font is not None and len(run.faces) > 1:
         others = ", ".join(face.name for face in run.faces[1:])
         run.notices.append(
             Notice(
@@ -113,7 +88,7 @@ def _texts(run: Run) -> list[Artwork]:
                 "Send a font that has all letters, or leave these out, if the marks must be in one font.",
             )
         )
-    return artworks
+    return layouts
 
 
 def place(asset: Asset, layouts: Layouts, run: Run) -> Candidates:

@@ -21,6 +21,7 @@ import structlog
 
 from core.artwork.layout import set_text
 from core.errors import ErrorCode, MeshmarkError
+from core.parameters import Parameters
 from service.config import Settings
 from service.errors import error_code
 from service.fair_semaphore import FairSemaphore
@@ -33,7 +34,7 @@ MEMORY_MARGIN = 256 * 2**20  # bytes beyond twice the limits of an upload and of
 LONGEST_ANSWER = 2**20  # bytes
 
 Result = TypeVar("Result")
-# Errors of uploads, None where there is none, by the SHA-256 of asset, font and logo, and the text in that font.
+# Errors of uploads, None where there is none, by the SHA-256 of asset, font and logo, and what else decides on them.
 Verdicts = dict[tuple[str | None, str | None, str | None, str], MeshmarkError | None]
 
 log = structlog.get_logger(__name__)
@@ -78,7 +79,7 @@ class Intake:
     def check(
         self,
         tenant: str,
-        text: str,
+        parameters: Parameters,
         asset: Staged | None,
         font: Staged | None,
         known: Verdicts | None = None,
@@ -88,7 +89,7 @@ class Intake:
 
         Args:
             tenant: whose upload it is.
-            text: text of the watermark; may be empty.
+            parameters: of the engine.
             asset: the asset, if it is here.
             font: the font, if it is not the engine's own.
             known: verdicts of earlier calls, to which that of this one is added.
@@ -98,17 +99,21 @@ class Intake:
             MeshmarkError: as :func:`worker.gate.look` does; ``budget_exceeded`` too where the check took too long,
                 ``engine_crashed`` where its process died, ``service_unavailable``.
         """
+        text = parameters.text.strip()
+        lettering = ""
+        if font or (text and parameters.qr):  # by the outlines of the text goes how large a code beside it is
+            lettering = parameters.model_dump_json(exclude={"keep_out", "prefer"})
         if font is None:
-            if text.strip():
-                set_text(text)
-            if asset is None and logo is None:
+            if text:
+                set_text(parameters.text)
+            if asset is None and logo is None and not lettering:
                 return
         known = {} if known is None else known
         files = {"asset": asset, "font": font, "logo": logo}
         of_asset, of_font, of_logo = (file.sha256 if file else None for file in files.values())
-        key = (of_asset, of_font, of_logo, text if font else "")
+        key = (of_asset, of_font, of_logo, lettering)
         if key not in known:
-            known[key] = self._check(tenant, text, files)
+            known[key] = self._check(tenant, lettering, files)
         if refusal := known[key]:
             # As a new error: it may be raised again, and the frames in its traceback hold what the request held.
             raise MeshmarkError(refusal.code, refusal.message, refusal.remedy)
@@ -118,10 +123,10 @@ class Intake:
         self._uploads.close()
         self._processes.close()
 
-    def _check(self, tenant: str, text: str, files: Mapping[str, Staged | None]) -> MeshmarkError | None:
+    def _check(self, tenant: str, lettering: str, files: Mapping[str, Staged | None]) -> MeshmarkError | None:
         """Check an upload in a process of the gate; returns its error, or None."""
         paths = {name: os.fspath(file.path) if file else None for name, file in files.items()}
-        request = json.dumps({**self._request, **paths, "text": text}).encode() + b"\n"
+        request = json.dumps({**self._request, **paths, "lettering": lettering}).encode() + b"\n"
         with self._processes.acquired(tenant):
             with writing():
                 stderr = tempfile.TemporaryFile()  # noqa: SIM115  # it is closed below

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from sqlalchemy.orm import Session
 
-from core.artwork.qr_code import qr_modules
+from core.artwork.qr_code import check_code
 from core.errors import MeshmarkError
 from core.parameters import Parameters
 from service.errors import ServiceErrorCode
@@ -82,13 +82,12 @@ def submit(state: AppState, order: Order, known: Verdicts | None = None) -> Acce
         StoreUnavailableError: then nothing is recorded.
     """
     order.parameters.require_content(order.logo is not None)
-    if order.parameters.qr is not None:
-        qr_modules(order.parameters.qr, order.parameters.size)
+    check_code(order.parameters)
     with ExitStack() as stack:
         parts = {ArtifactKind.INPUT: order.asset, ArtifactKind.FONT: order.font, ArtifactKind.LOGO: order.logo}
         staged = {kind: stack.enter_context(part) for kind, part in parts.items() if part is not None}
         asset, font, logo = map(staged.get, (ArtifactKind.INPUT, ArtifactKind.FONT, ArtifactKind.LOGO))
-        state.intake.check(order.tenant, order.parameters.text, asset, font, known, logo)
+        state.intake.check(order.tenant, order.parameters, asset, font, known, logo)
         wanted = order.parameters.model_dump(mode="json")
         reservation: idempotency.Reservation | None = None
         if order.key is not None:

@@ -34,7 +34,7 @@ BELOW = {
     "reporting": "report stages metrics embossing formats geometry parameters device",
     "preload": "rendering",
     "stages": "embossing placement analysis artwork formats gltf budgets parameters",
-    "marking": "stages embossing placement analysis artwork formats gltf geometry parameters",
+    "marking": "stages embossing placement analysis artwork formats gltf geometry",
     "measuring": "stages report reporting metrics rendering analysis parameters",
     "pipeline": "marking measuring stages formats budgets parameters preload",
     "evaluate": "report reporting metrics rendering analysis formats gltf geometry budgets parameters",

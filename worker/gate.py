@@ -18,12 +18,13 @@ from typing import Any, NoReturn
 
 from core.artwork.fonts import DEFAULT_FONT
 from core.artwork.installed import font_folders
-from core.artwork.layout import set_text
+from core.artwork.lettering import layouts_of
 from core.artwork.svg import logo_artwork
 from core.artwork.typeface import uploaded_face
 from core.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit
+from core.parameters import parse_parameters
 from service.template import serve
 from worker import sandbox
 from worker.child import CHANNEL, die_with_parent, keep_only
@@ -35,17 +36,17 @@ CPU_MARGIN = 5  # seconds beyond the limit, in case the API no longer enforces i
 
 
 def look(request: dict[str, Any], asset: bytes | None, font: bytes | None, logo: bytes | None) -> None:
-    """Check the headers of an asset, a logo, and whether the font, or another one for what it lacks, has all glyphs.
+    """Check the headers of an asset, a font, a logo, and the outlines of parameters that the request has for it.
 
     Raises:
-        MeshmarkError: as :func:`core.formats.admission.admit` does; where there is a font, ``invalid_font``,
-            ``missing_glyphs``, ``empty_text``, ``invalid_parameters``; where there is a logo, ``invalid_logo``.
+        MeshmarkError: as :func:`core.formats.admission.admit` does; ``invalid_font``; ``invalid_logo``; and as
+            :func:`core.artwork.lettering.layouts_of`.
     """
     if font is not None:
-        face = uploaded_face(font)
-        if request["text"].strip():
-            set_text(request["text"], own=face)
-    if logo is not None:
+        uploaded_face(font)
+    if request["lettering"]:
+        layouts_of(parse_parameters(request["lettering"]).resolved(), font, logo)
+    elif logo is not None:
         logo_artwork(logo)
     if asset is not None:
         admit(asset, Budgets(**request["budgets"]))

@@ -36,6 +36,7 @@ class Artwork:
         lines: of the text; none where there is no text.
         faces: the typefaces that served, in the order of their first letters.
         logo: "svg" for a logo, "qr" for a QR code, alone or beside the text.
+        least_width: below which its QR code cannot be read, where the asset's largest side is 30; 0 without one.
     """
 
     label: str
@@ -46,3 +47,4 @@ class Artwork:
     lines: tuple[str, ...] = ()
     faces: tuple[FaceUse, ...] = ()
     logo: Logo | None = None
+    least_width: float = 0.0

@@ -4,22 +4,21 @@ import numpy as np
 from manifold3d import CrossSection, OpType
 
 from core.artwork.artwork import Artwork
-from core.artwork.qr_code import FRAME, QUIET_ZONE, qr_modules
+from core.artwork.qr_code import FRAME, MIN_MODULE, QUIET_ZONE, qr_modules, side_of
 from core.artwork.rings import clear_rings, normalised
 
 FINDER = 7  # modules; a finder pattern has to be as large as letters are to be made out
 
 
-def qr_artwork(content: str, size: float | None = None) -> Artwork:
-    """A QR code with a frame round its quiet zone; arguments and errors as of :func:`qr_modules`."""
-    modules = np.array(qr_modules(content, size), dtype=bool)[::-1]
-    margin = QUIET_ZONE + FRAME
-    side = len(modules) + 2 * margin
+def qr_artwork(content: str) -> Artwork:
+    """A QR code with a frame round its quiet zone; errors as of :func:`qr_modules`."""
+    modules = np.array(qr_modules(content), dtype=bool)[::-1]
+    margin, side = QUIET_ZONE + FRAME, side_of(modules.tolist())
     pieces = [_square(column + margin, row + margin, 1) for row, column in np.argwhere(modules).tolist()]
     pieces += [_square(0, 0, side) - _square(FRAME, FRAME, side - 2 * FRAME)]
     region = CrossSection.batch_boolean(pieces, OpType.Add).scale((1 / side, 1 / side))
     rings, aspect, ink = normalised(clear_rings(region))
-    return Artwork("", rings, aspect, ink, FINDER / side, logo="qr")
+    return Artwork("", rings, aspect, ink, FINDER / side, logo="qr", least_width=MIN_MODULE * side)
 
 
 def _square(x: float, y: float, side: float) -> CrossSection:

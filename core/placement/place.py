@@ -22,15 +22,16 @@ from core.placement.selection import select
 Step = list[tuple[Artwork, float]]  # layouts, and their widths in size-30 units, whose lines are about equally high
 
 
-def ladder(line_height: float, options: SearchOptions = SEARCH) -> list[float]:
-    """Text widths to try, from the widest on, size-30 units; the height of a line is ``line_height`` times the
-    width."""
+def ladder(line_height: float, options: SearchOptions = SEARCH, least: float = 0.0) -> list[float]:
+    """Text widths to try, from the widest on and down to the ``least``, size-30 units; the height of a line is
+    ``line_height`` times the width."""
     widths = [text_width(height, line_height) for height in (*options.heights, options.small, options.last_resort)]
     # Of as much area as a word of the lowest height.
     narrowest = options.last_resort * legible_height() / float(np.sqrt(line_height * USUAL_ASPECT))
     while widths[-1] > options.narrower * narrowest:
         widths.append(widths[-1] / options.narrower)
-    return widths
+    wider = [width for width in widths if width > least]
+    return wider if len(wider) == len(widths) else [*wider, least]
 
 
 def _steps(context: PlacementContext) -> list[Step]:
@@ -41,7 +42,8 @@ def _steps(context: PlacementContext) -> list[Step]:
     """
     asked, artworks = context.parameters.size, context.layouts.artworks
     ladders = [
-        [asked] if asked is not None else ladder(artwork.line_height, context.options.search) for artwork in artworks
+        [asked] if asked is not None else ladder(artwork.line_height, context.options.search, artwork.least_width)
+        for artwork in artworks
     ]
     # Letters need as much surface as they cover. An asset with less consists of needles, on which searches for the
     # closest point take forever.

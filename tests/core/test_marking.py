@@ -6,6 +6,8 @@ import pytest
 import trimesh
 
 from core import marking
+from core.artwork.lettering import layouts_of
+from core.errors import ErrorCode, MeshmarkError
 from core.parameters import Evaluate, Parameters, Wrap
 from core.pipeline import watermark
 from core.stages import Request, Run
@@ -44,9 +46,9 @@ def test_the_report_says_in_which_lines_each_mark_stands() -> None:
     assert max(len(mark["lines"]) for mark in report["watermarks"]) > 1
 
 
-def codes(**asked: object) -> dict[str, Any]:
+def codes(extents: tuple[float, float, float] = (30.0, 24.0, 2.0), **asked: object) -> dict[str, Any]:
     """The report of a plate, of light grey as an STL has it, with QR codes."""
-    plate = trimesh.creation.box(extents=(30.0, 24.0, 2.0)).export(file_type="stl")
+    plate = trimesh.creation.box(extents=extents).export(file_type="stl")
     asked |= {"qr": "https://a.example", "count": 2, "evaluate": "none"}
     return watermark(plate, Parameters.model_validate(asked), preview=False).report
 
@@ -58,3 +60,14 @@ def test_a_qr_code_without_a_colour_is_noticed_and_one_that_has_its_own_is_not()
     colored = codes(color="auto")
     assert colored["warnings"] == []
     assert {mark["logo"] for mark in colored["watermarks"]} == {"qr"}
+
+
+@pytest.mark.parametrize(("text", "slats"), [("", 3.2), ("AB", 3.5)])
+def test_where_there_is_little_room_a_qr_code_becomes_no_smaller_than_it_can_be_read(text: str, slats: float) -> None:
+    marks = codes((30.0, slats, 1.0), text=text)["watermarks"]
+    assert marks
+    (layout,) = layouts_of(Parameters(text=text, qr="https://a.example")).artworks
+    assert min(mark["size"][0] for mark in marks) >= layout.least_width * (1 - 1e-6)
+    with pytest.raises(MeshmarkError) as caught:
+        codes((30.0, 1.5, 1.0), text=text)
+    assert caught.value.code is ErrorCode.NO_PLACEMENT

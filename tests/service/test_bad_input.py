@@ -154,6 +154,14 @@ REFUSED_AT_ONCE = {
     "QR text too long for its size": Request(
         "invalid_parameters", params='{"qr": "https://a.example", "size": 1}', says="`size` of 1 "
     ),
+    "QR code too small beside a text": Request(
+        "invalid_parameters", params=text("watermark", qr="https://a.example", size=5), says="`size` of 5."
+    ),
+    "QR code too small in the size of a preset": Request(
+        "invalid_parameters",
+        params=text("", qr="https://a.example/" + "x" * 80, preset="provenance"),
+        says="`size` of 3 ",
+    ),
     "QR text that is no address": with_parameter("qr", '"javascript:alert(1)"'),
     "logo and QR code": Request(
         "invalid_parameters", logo=svg("<path d='M0 0h9v9z'/>"), params='{"qr": "https://a.example"}', says="both"

@@ -17,6 +17,7 @@ import pytest
 
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit
+from core.parameters import Parameters
 from service.config import Settings
 from service.intake import Intake
 from service.jobs.artifacts import Staged
@@ -57,7 +58,7 @@ def staged(folder: Path, content: bytes) -> Staged:
 def refusal(folder: Path, content: bytes, template: Template, **settings: Any) -> MeshmarkError:
     intake = Intake(Settings(data_dir=folder, **settings), template)
     with pytest.raises(MeshmarkError) as caught:
-        intake.check("acme", "HI", staged(folder, content), None)
+        intake.check("acme", Parameters(text="HI"), staged(folder, content), None)
     return caught.value
 
 
@@ -69,7 +70,7 @@ def children(template: Template) -> list[psutil.Process]:
 @pytest.mark.parametrize("name", SAMPLES)
 def test_every_format_is_looked_through_without_files_network_and_imports(name: str, tmp_path: Path) -> None:
     intake = Intake(Settings(data_dir=tmp_path, sandbox="required"), gate())
-    intake.check("acme", "HI", staged(tmp_path, SAMPLES[name]), None)
+    intake.check("acme", Parameters(text="HI"), staged(tmp_path, SAMPLES[name]), None)
     for length in (10, 40):
         damaged = SAMPLES[name][:length]
         with pytest.raises(MeshmarkError) as expected:
@@ -89,7 +90,7 @@ def test_the_service_itself_holds_nothing_of_a_hostile_upload(hostile: bytes, tm
     tracemalloc.start()
     try:
         with pytest.raises(MeshmarkError) as caught:
-            intake.check("acme", "HI", path, None)
+            intake.check("acme", Parameters(text="HI"), path, None)
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
@@ -101,7 +102,7 @@ def test_an_upload_that_crashes_the_gate_is_refused_and_the_next_one_is_not(obed
     crash = refusal(tmp_path, gates.CRASH + NO_FACE, obedient)
     assert crash.code is ErrorCode.ENGINE_CRASHED
     assert "SIGSEGV" in crash.message
-    Intake(Settings(data_dir=tmp_path), obedient).check("acme", "HI", staged(tmp_path, asset()), None)
+    Intake(Settings(data_dir=tmp_path), obedient).check("acme", Parameters(text="HI"), staged(tmp_path, asset()), None)
     assert children(obedient) == []
 
 
@@ -149,19 +150,19 @@ def test_an_upload_that_takes_too_much_memory_is_refused_for_it(obedient: Templa
 def test_a_font_is_looked_at_in_such_a_process_too(tmp_path: Path) -> None:
     intake = Intake(Settings(data_dir=tmp_path, sandbox="required"), gate())
     with pytest.raises(MeshmarkError) as caught:
-        intake.check("acme", "HI", None, staged(tmp_path, b"\0\1\0\0" + bytes(100)))
+        intake.check("acme", Parameters(text="HI"), None, staged(tmp_path, b"\0\1\0\0" + bytes(100)))
     assert caught.value.code is ErrorCode.INVALID_FONT
     with pytest.raises(MeshmarkError) as caught:
-        intake.check("acme", "\ue000", None, None)
+        intake.check("acme", Parameters(text="\ue000"), None, None)
     assert caught.value.code is ErrorCode.MISSING_GLYPHS
 
 
 def test_what_a_font_lacks_is_looked_for_in_the_installed_ones_there_too(tmp_path: Path) -> None:
     intake = Intake(Settings(data_dir=tmp_path, sandbox="required"), gate())
     font = staged(tmp_path, make_font({"A": [SQUARE], "I": [SQUARE]}))
-    intake.check("acme", "AI\u751f\u6210", None, font)
+    intake.check("acme", Parameters(text="AI\u751f\u6210"), None, font)
     with pytest.raises(MeshmarkError, match=r"U\+E000") as caught:
-        intake.check("acme", "AI\ue000", None, font)
+        intake.check("acme", Parameters(text="AI\ue000"), None, font)
     assert caught.value.code is ErrorCode.MISSING_GLYPHS
 
 

@@ -6,8 +6,9 @@ from core.artwork.artwork import Artwork
 from core.artwork.combine import beside
 from core.artwork.outline import text_artwork
 from core.artwork.qr import qr_artwork
+from core.artwork.qr_code import check_code
 from core.errors import ErrorCode, MeshmarkError
-from core.parameters import LogoPosition
+from core.parameters import LogoPosition, Parameters
 
 
 def read(mark: Artwork, pixels: int = 600) -> str:
@@ -40,9 +41,9 @@ def test_a_text_too_long_to_be_read_is_refused() -> None:
 
 def test_a_code_too_small_to_be_read_is_refused_with_the_least_size() -> None:
     with pytest.raises(MeshmarkError, match="35 modules") as caught:
-        qr_artwork("https://a.example", size=2.0)
-    assert "2.1" in caught.value.remedy
-    qr_artwork("https://a.example", size=2.1)
+        check_code(Parameters(qr="https://a.example", size=2.0))
+    assert "`size` of 2.1 or more" in caught.value.remedy
+    check_code(Parameters(qr="https://a.example", size=2.1))
 
 
 @pytest.mark.parametrize("position", LogoPosition)

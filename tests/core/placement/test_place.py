@@ -149,6 +149,13 @@ def test_the_widths_of_any_proportions_go_down_to_those_of_a_word_in_area() -> N
         assert widths[-1] ** 2 * aspect <= 2.25 * WIDTHS[-1] ** 2 * ASPECT * 4
 
 
+def test_no_width_is_below_that_in_which_a_code_can_be_read() -> None:
+    least = 0.7 * LEGIBLE_WIDTH
+    assert ladder(ASPECT, least=least) == [*(width for width in WIDTHS if width > least), least]
+    assert ladder(ASPECT, least=1.5 * WIDTHS[0]) == [1.5 * WIDTHS[0]]
+    assert ladder(ASPECT, least=WIDTHS[-1] / 2) == WIDTHS
+
+
 def test_the_heights_of_the_options_are_the_first_widths() -> None:
     assert ladder(ASPECT, SearchOptions(heights=(2.0,)))[0] == pytest.approx(2.0 * legible_height() / ASPECT)
 
