@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from core.arrays import Bool
+from core.artwork.advice import plainer, subject
 from core.artwork.layouts import Layouts
 from core.artwork.lettering import layouts_of
 from core.embossing.mesh import WorkingMesh
@@ -124,8 +125,9 @@ def place(asset: Asset, layouts: Layouts, run: Run) -> Candidates:
     run.notices.append(
         Notice(
             NoticeCode.SEE_THROUGH_SURFACE,
-            "Nothing opaque has room for the text; it stands on what is seen through, where it may be hard to see.",
-            "Make the materials opaque, or use a shorter text.",
+            f"Nothing opaque has room for the {subject(layouts)}; it stands on what is seen through, where it may be "
+            "hard to see.",
+            f"Make the materials opaque, or use {plainer(layouts)}.",
         )
     )
     return found
@@ -168,17 +170,21 @@ def emboss(asset: Asset, candidates: Candidates, run: Run) -> Embossed:
     done = emboss_marks(mesh, context, candidates.placement, letters, candidates.rng, run.progress)
     highest = context.layouts.line_height(np.concatenate([mark.box.size for mark in done.marks.values()])).max()
     if highest < legible_height(bool(parameters.palette)) * (1 - 1e-6):
-        sized = parameters.size is not None
-        run.notices.append(
-            Notice(
-                NoticeCode.SMALL_TEXT,
-                f"No text on this asset reads well: the highest is {highest:.2g} high where the asset's "
-                "largest side is 30, and is legible only from close up."
-                + ("" if sized else " Nothing higher has room."),
-                "Ask for a larger `size`, or use a shorter text." if sized else "Use a shorter text.",
-            )
-        )
+        run.notices.append(_small(highest, context.layouts, parameters.size))
     return Embossed(mesh, letters, done.placement, done.marks, done.refusals)
+
+
+def _small(highest: float, layouts: Layouts, size: float | None) -> Notice:
+    """The notice that no text reads well, whose lines, or a logo, whose details are so high at most (size-30 units)."""
+    text = bool(layouts.artworks[0].label)
+    use = "use a shorter text" if text else "use a simpler logo"
+    return Notice(
+        NoticeCode.SMALL_TEXT,
+        f"No {'text' if text else 'logo'} on this asset reads well: {'the highest is' if text else 'its details are'} "
+        f"{highest:.2g} high where the asset's largest side is 30, and legible only from close up."
+        + (" Nothing higher has room." if size is None else ""),
+        f"{use.capitalize()}." if size is None else f"Ask for a larger `size`, or {use}.",
+    )
 
 
 def _whole(asset: Asset, context: "PlacementContext") -> WorkingMesh:

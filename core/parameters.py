@@ -26,6 +26,7 @@ MAX_QR_LENGTH = 300
 MAX_NAME_LENGTH = 256
 MAX_REGIONS = 32
 MAX_COLORS = 16
+MIN_SIZE = 0.5
 AUTO, NO_COLOR = "auto", "none"
 # Colours for letters of `color: auto`, of which one stands out from any ground: black, white, and strong hues.
 AUTO_COLORS = ("#101010", "#f8f8f8", "#d02020", "#ffd400", "#1840d0", "#00a040", "#d000a0", "#00c8e0")
@@ -241,7 +242,9 @@ class Parameters(StrictModel):
     size: Annotated[
         float | None,
         Field(
-            ge=0.5, le=30.0, description="Text width where the asset's largest side is 30; null: the largest that fits."
+            ge=MIN_SIZE,
+            le=30.0,
+            description="Text width where the asset's largest side is 30; null: the largest that fits.",
         ),
     ] = None
     relief: Annotated[

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.arrays import Float
+from core.artwork.advice import smaller, subject
 from core.embossing.emboss import EMBOSS, EmbossOptions, Mark, emboss
 from core.embossing.islands import Letters
 from core.embossing.mesh import WorkingMesh
@@ -159,7 +160,7 @@ def emboss_marks(
         last = value
         placement = search_again(context, placement, list(marks), rejected | doubtful, rng)
     if not marks:
-        raise _nothing_embossed(refusals)
+        raise _nothing_embossed(refusals, context)
     return Marks(placement, marks, refusals)
 
 
@@ -185,13 +186,13 @@ def _over(boxes: Boxes, obstacles: tuple[Float, Float], same_side: float) -> set
     return set(beside[inside].tolist())
 
 
-def _nothing_embossed(refusals: Counter[str]) -> MeshmarkError:
+def _nothing_embossed(refusals: Counter[str], context: PlacementContext) -> MeshmarkError:
     worst, times = refusals.most_common(1)[0]
     reason, remedy = EXPLAINED[Refusal(worst)]
     tried = refusals.total()
     return MeshmarkError(
         ErrorCode.NO_PLACEMENT,
-        f"The text could not be cut into any of the {tried} places found, "
+        f"The {subject(context.layouts)} could not be cut into any of the {tried} places found, "
         f"{'' if times == tried else f'most of them ({times}) '}because {reason}.",
-        remedy,
+        remedy.format(smaller=smaller(context.layouts, context.parameters.size)),
     )

@@ -29,7 +29,7 @@ class Refusal(StrEnum):
 CHEAP = (Refusal.NOT_WHOLE,)
 """Refusals that come before any costly work."""
 
-SMALLER = "Ask for a smaller `size`, or use a shorter text."
+SMALLER = "{smaller}"
 EXPLAINED: dict[Refusal, tuple[str, str]] = {
     Refusal.NOT_WHOLE: ("a letter would cross an edge of the surface, of a part, or a fold", SMALLER),
     Refusal.CUT_FAILED: ("the surface there has no clean cut along the letters", SMALLER),
@@ -59,4 +59,5 @@ EXPLAINED: dict[Refusal, tuple[str, str]] = {
         "Turn the faces outwards (recalculate the normals), or make the material double-sided.",
     ),
 }
-"""What to tell of each: why letters cannot stand there, and what helps."""
+"""What to tell of each: why letters cannot stand there, and what helps; ``{smaller}`` stands for the remedy of
+:func:`core.artwork.advice.smaller`."""

@@ -7,7 +7,9 @@ from itertools import pairwise, zip_longest
 import numpy as np
 
 from core.arrays import Bool
+from core.artwork.advice import plainer, smaller, subject
 from core.artwork.artwork import Artwork
+from core.artwork.layouts import Layouts
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.boxes import Boxes
 from core.geometry.surface import MODEL_SIZE
@@ -62,7 +64,7 @@ def _steps(context: PlacementContext) -> list[Step]:
         raise MeshmarkError(
             ErrorCode.NO_PLACEMENT,
             f"The surface of this asset has an area of {area:.3g} where its largest side is {MODEL_SIZE:g}: "
-            "less than the text would cover.",
+            f"less than the {subject(context.layouts)} would cover.",
             "Check for vertices far away from the others, or use a smaller `size`.",
         )
     return steps
@@ -90,7 +92,7 @@ def place(
     steps = _steps(context)
     found, left = _search(context, steps, None, (), (), rng, progress)
     if found is None or len(found.boxes) == 0:
-        raise _no_placement(sorted(width for step in steps for _, width in step), left)
+        raise _no_placement(context.layouts, sorted(width for step in steps for _, width in step), left)
     return found
 
 
@@ -197,7 +199,7 @@ def _merge(one: Placement, other: Placement) -> Placement:
     )
 
 
-def _no_placement(widths: list[float], left: list[dict[Stage, int]]) -> MeshmarkError:
+def _no_placement(layouts: Layouts, widths: list[float], left: list[dict[Stage, int]]) -> MeshmarkError:
     removed = dict.fromkeys(REASONS, 0)
     for counts in left:
         for before, after in pairwise(counts):
@@ -210,14 +212,14 @@ def _no_placement(widths: list[float], left: list[dict[Stage, int]]) -> Meshmark
     if tried == 0:
         return MeshmarkError(
             ErrorCode.NO_PLACEMENT,
-            "No place for the text was found on this asset: its faces look inwards or lie inside it, and none is seen "
-            "from any direction.",
+            f"No place for the {subject(layouts)} was found on this asset: its faces look inwards or lie inside it, "
+            "and none is seen from any direction.",
             "Turn the faces outwards (recalculate the normals).",
         )
     sizes = " to ".join(f"{width:.3g}" for width in sorted({widths[0], widths[-1]}, reverse=True))
     return MeshmarkError(
         ErrorCode.NO_PLACEMENT,
-        f"No place for the text was found on this asset: {tried} boxes of width {sizes} were tried, and "
+        f"No place for the {subject(layouts)} was found on this asset: {tried} boxes of width {sizes} were tried, and "
         f"{'the last' if worst is Stage.THICK else 'most'} ({removed[worst]}) were dropped because {reason}.",
-        remedy.format(narrowest=min(widths)),
+        remedy.format(smaller=smaller(layouts, min(widths)), plainer=plainer(layouts)),
     )

@@ -30,10 +30,10 @@ class Stage(StrEnum):
     """Visible from at least one direction."""
 
 
-SMALLER = "Ask for a `size` below {narrowest:.3g}, or use a shorter text."
+SMALLER = "{smaller}"
 REASONS: dict[Stage, tuple[str, str]] = {
     Stage.ALIGNED: ("the surface bends away from it or ends under it", SMALLER),
-    Stage.FREE: ("it reaches into a `keep_out` region", "Keep less of the asset out, or use a shorter text."),
+    Stage.FREE: ("it reaches into a `keep_out` region", "Keep less of the asset out, or use {plainer}."),
     Stage.COVERED: ("it hangs over an edge, a hole or a second layer", SMALLER),
     Stage.WHOLE: ("a letter would cross a sharp edge, a crack or a fold", SMALLER),
     Stage.OPAQUE: ("it lies over holes or glass", SMALLER),
@@ -48,4 +48,5 @@ REASONS: dict[Stage, tuple[str, str]] = {
         "Turn the faces outwards (recalculate the normals), or use a smaller `size`.",
     ),
 }
-"""What to tell of boxes that a stage dropped: why, and what helps. Copies are dropped for no fault of the surface."""
+"""What to tell of boxes that a stage dropped: why, and what helps; names in braces stand for functions of
+:mod:`core.artwork.advice`. Copies are dropped for no fault of the surface."""

@@ -71,3 +71,15 @@ def test_where_there_is_little_room_a_qr_code_becomes_no_smaller_than_it_can_be_
     with pytest.raises(MeshmarkError) as caught:
         codes((30.0, 1.5, 1.0), text=text)
     assert caught.value.code is ErrorCode.NO_PLACEMENT
+    assert caught.value.message.startswith(f"No place for the QR code{' with the text' if text else ''} was found")
+    assert caught.value.remedy == f"Use a shorter {'text or ' if text else ''}address."
+
+
+def test_a_logo_that_is_small_everywhere_is_noticed_as_one() -> None:
+    plate = trimesh.creation.box(extents=(30.0, 24.0, 2.0)).export(file_type="stl")
+    logo = b"<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 9 9'><path d='M0 0h9v9H0z M3 3v3h3V3z'/></svg>"
+    asked = Parameters(size=0.6, count=1, evaluate=Evaluate.NONE)
+    (notice,) = watermark(plate, asked, logo=logo, preview=False).report["warnings"]
+    assert notice["code"] == "small_text"
+    assert notice["message"].startswith("No logo on this asset reads well: its details are 0.15 high")
+    assert notice["remedy"] == "Ask for a larger `size`, or use a simpler logo."
