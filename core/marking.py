@@ -161,12 +161,19 @@ def emboss(asset: Asset, candidates: Candidates, run: Run) -> Embossed:
     Raises:
         MeshmarkError: ``no_placement`` where every cut was refused.
     """
+    from core.analysis.contrast import CODES, CONTRAST, looks_of_letters
     from core.embossing.islands import letters_of
     from core.embossing.marks import emboss_marks
     from core.placement.legibility import legible_height
 
     context, parameters = candidates.context, run.request.parameters
-    mesh, letters = _whole(asset, context), letters_of(context.layouts)
+    scene, surface, index = asset.scene, asset.analysis.surface, context.carrier.index
+    options = CODES if context.layouts.logo == "qr" else CONTRAST
+    letters = letters_of(
+        context.layouts,
+        lambda boxes: looks_of_letters(scene, surface, index, boxes, parameters.palette, options),
+    )
+    mesh = _whole(asset, context)
     done = emboss_marks(mesh, context, candidates.placement, letters, candidates.rng, run.progress)
     highest = context.layouts.line_height(np.concatenate([mark.box.size for mark in done.marks.values()])).max()
     if highest < legible_height(bool(parameters.palette)) * (1 - 1e-6):
@@ -217,8 +224,9 @@ def write_model(asset: Asset, candidates: Candidates, embossed: Embossed, run: R
     marked = analysis.surface.face_primitive[edit.source_face[np.unique(edit.mark, return_index=True)[1]]]
     left = unmarked_parts(asset.scene, analysis.surface, context.facts.saliency, context.carrier.index, marked)
     run.notices += [left] if left else []
-    run.notices += low_contrast(output.contrast) if parameters.palette else []
-    run.notices += unreadable_codes(output.styles, output.lighter) if context.layouts.logo == "qr" else []
+    looks = [mark.look for mark in output.embossed.marks.values()]
+    run.notices += low_contrast(looks) if parameters.palette else []
+    run.notices += unreadable_codes(looks) if context.layouts.logo == "qr" else []
     run.publish("model", output.file.data)
     return output
 
@@ -237,7 +245,8 @@ def _without(unseen: set[int], asset: Asset, context: "PlacementContext", emboss
     mesh, marks = _whole(asset, context), dict[int, Mark]()
     if kept := {box: mark for box, mark in embossed.marks.items() if box not in unseen}:
         boxes = Boxes.concat(*(mark.box for mark in kept.values()))
-        outcomes = emboss_boxes(mesh, boxes, embossed.letters, context.parameters, context.carrier.index)
+        looks = [mark.look for mark in kept.values()]
+        outcomes = emboss_boxes(mesh, boxes, looks, embossed.letters, context.parameters, context.carrier.index)
         for box, outcome in zip(kept, outcomes, strict=True):
             if isinstance(outcome, Mark):
                 marks[box] = outcome
@@ -255,17 +264,15 @@ def _without(unseen: set[int], asset: Asset, context: "PlacementContext", emboss
 
 def _written(asset: Asset, context: "PlacementContext", embossed: Embossed) -> Output:
     """The model with these marks, and with those of its other scenes and levels of detail."""
-    from core.analysis.contrast import letter_styles
     from core.embossing.copies import AssetMarks, mark_copies
 
     surface, parameters = asset.analysis.surface, context.parameters
     boxes = Boxes.concat(*(mark.box for mark in embossed.marks.values()))
-    styles, contrast, lighter = letter_styles(
-        asset.scene, surface, context.carrier.index, boxes, parameters.palette, dark=context.layouts.logo == "qr"
-    )
+    looks = [mark.look for mark in embossed.marks.values()]
+    styles = [look.style for look in looks]
     model = write(asset.scene, asset.analysis.with_file_winding(embossed.mesh.edit()), styles)
-    marks = AssetMarks(surface, boxes, embossed.letters, styles, parameters)
+    marks = AssetMarks(surface, boxes, looks, embossed.letters, parameters)
     model, copies = mark_copies(model, marks)
     scene = scene_of(model)
     del model  # its bytes are in the scene, and the file takes as many
-    return Output(embossed, styles, contrast, lighter, copies, scene, WRITERS[Format.GLB](scene))
+    return Output(embossed, copies, scene, WRITERS[Format.GLB](scene))

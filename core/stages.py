@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from core.arrays import Bool, Float
 from core.artwork.artwork import FaceUse
 from core.budgets import DEFAULT_BUDGETS, Budgets
 from core.embossing.mesh import WorkingMesh
 from core.errors import MeshmarkError
 from core.formats.format import Format, OutputFile
-from core.gltf.edit import Style
 from core.gltf.scene import Scene
 from core.notices import Notice
 from core.parameters import Parameters
@@ -134,19 +132,12 @@ class Output:
 
     Attributes:
         embossed: the marks that it shows.
-        styles: of the letters of each mark.
-        contrast: (B,) distance of their colours from what lies under and round them, CIELAB; NaN for those of the
-            surface.
-        lighter: (B,) whether their colours are lighter than what lies there.
         copies: the other scenes, levels of detail and unused meshes of the file.
         scene: the marked asset, read back from the bytes of its GLB.
         file: ``scene`` as it is published.
     """
 
     embossed: Embossed
-    styles: list[Style]
-    contrast: Float
-    lighter: Bool
     copies: "list[MarkedCopy]"
     scene: Scene
     file: OutputFile

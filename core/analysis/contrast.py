@@ -27,7 +27,7 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # weights of linear sRGB (ITU-R 
 
 @dataclass(frozen=True)
 class ContrastOptions:
-    """Values of :func:`letter_styles`: all ours; the paper gives letters no colour.
+    """Values of :func:`looks_of_letters`: all ours; the paper gives letters no colour.
 
     Attributes:
         grid: points under each box and round it, along the text and across it.
@@ -56,20 +56,36 @@ class ContrastOptions:
 
 
 CONTRAST = ContrastOptions()
+CODES = ContrastOptions(chroma=0.0)  # readers of codes see light and dark
 
 
-def letter_styles(
+@dataclass(frozen=True)
+class Look:
+    """Colour of the letters of a mark, and how it shows.
+
+    Attributes:
+        style: their colour, if they have one.
+        contrast: distance of that colour from what lies under and round them, CIELAB; None for the surface's own.
+        lighter: whether it is lighter than what lies there.
+    """
+
+    style: Style
+    contrast: float | None = None
+    lighter: bool = False
+
+
+OWN = Look(Style())  # the surface's own colour
+
+
+def looks_of_letters(
     scene: Scene,
     surface: Surface,
     index: SpatialIndex,
     boxes: Boxes,
     palette: Sequence[str],
     options: ContrastOptions = CONTRAST,
-    *,
-    dark: bool = False,
-) -> tuple[list[Style], Float, Bool]:
-    """The style of the letters of each of B marks, its distance from the surface (B,) in CIELAB units, NaN for the
-    surface's own colour, and whether it is lighter than the surface (B,).
+) -> list[Look]:
+    """The look of the letters of each of the ``boxes``.
 
     Letters have the colour of the palette that :func:`stands_out` best. Without one they have the surface's own where
     shading shows them. A mark counts as not shaded where a quarter of the surface in its box shows less than 5 units of
@@ -81,14 +97,13 @@ def letter_styles(
         index: over the faces that count.
         boxes: of the marks.
         palette: the colours that letters may have, "#rrggbb"; of a single one only the emission is decided here.
-        options: tuned values.
-        dark: rather a colour that is darker than the surface, where one is not ``faint``.
+        options: tuned values; those of codes are :data:`CODES`.
 
     Raises:
         MeshmarkError: as :func:`core.analysis.color.appearance`.
     """
     if not len(boxes) or not (palette or _outshines(scene)):
-        return [Style()] * len(boxes), np.full(len(boxes), np.nan), np.zeros(len(boxes), dtype=bool)
+        return [OWN] * len(boxes)
     reach = options.around if palette else (1.0, 1.0)
     across = [
         share * ((np.arange(count) + 0.5) / count - 0.5) for count, share in zip(options.grid, reach, strict=True)
@@ -97,9 +112,7 @@ def letter_styles(
     offset = np.einsum("pk,bk,bki->bpi", plane, boxes.size[:, :2], boxes.axes[:, :2])
     _, face, point = index.closest((boxes.center[:, None] + offset).reshape(-1, 3))
     seen = appearance(scene, surface, point, face)
-    each = [_letter_style(seen[rows], palette, dark, options) for rows in np.split(np.arange(len(point)), len(boxes))]
-    styles, distances, lighter = zip(*each, strict=True)
-    return list(styles), np.array(distances), np.array(lighter)
+    return [_look(seen[rows], palette, options) for rows in np.split(np.arange(len(point)), len(boxes))]
 
 
 def _outshines(scene: Scene) -> bool:
@@ -108,27 +121,15 @@ def _outshines(scene: Scene) -> bool:
     return any(material.unlit or material.emission is not None for material in materials)
 
 
-def _letter_style(
-    seen: Appearance, palette: Sequence[str], dark: bool, options: ContrastOptions
-) -> tuple[Style, float, bool]:
-    """The style of the letters of one mark, from the appearance of the surface in its box, its distance, and whether
-    it is lighter."""
+def _look(seen: Appearance, palette: Sequence[str], options: ContrastOptions) -> Look:
+    """The look of the letters of one mark, from the appearance of the surface in its box."""
     needed = not_shaded(seen, options).mean() >= options.flat_share
     if not palette and not needed:
-        return Style(), np.nan, False
+        return OWN
     lab = cielab(seen.shown)
     color, distance = stands_out(lab, palette or (contrasting(lab, options),), options)
-    if dark and (darker := [each for each in palette if not _lighter(each, lab)]):
-        dark_color, dark_distance = stands_out(lab, darker, options)
-        if dark_distance >= options.faint:
-            color, distance = dark_color, dark_distance
-    lighter = _lighter(color, lab)
-    return Style(color, bool(needed and lighter and not seen.unlit.all())), distance, lighter
-
-
-def _lighter(color: str, lab: Float) -> bool:
-    """True where a colour, "#rrggbb", is lighter than half of the CIELAB colours ``lab`` (N, 3)."""
-    return bool(cielab(hex_linear(color)[None])[0, 0] > np.median(lab[:, 0]))
+    lighter = bool(cielab(hex_linear(color)[None])[0, 0] > np.median(lab[:, 0]))
+    return Look(Style(color, bool(needed and lighter and not seen.unlit.all())), distance, lighter)
 
 
 def stands_out(lab: Float, palette: Sequence[str], options: ContrastOptions = CONTRAST) -> tuple[str, float]:
@@ -141,42 +142,33 @@ def stands_out(lab: Float, palette: Sequence[str], options: ContrastOptions = CO
     return palette[best], float(apart[best])
 
 
-def low_contrast(distance: Float, options: ContrastOptions = CONTRAST) -> list[Notice]:
-    """The notice that some of the marks, whose colours have a ``distance`` (B,) from the surface, hardly stand out."""
-    faint = distance < options.faint
-    if not faint.any():
+def low_contrast(looks: Sequence[Look], options: ContrastOptions = CONTRAST) -> list[Notice]:
+    """The notice that the colours of some marks hardly stand out from the surface there."""
+    distances = [look.contrast for look in looks if look.contrast is not None]
+    faint = sum(distance < options.faint for distance in distances)
+    if not faint:
         return []
     return [
         Notice(
             NoticeCode.LOW_CONTRAST,
-            f"The colour of {faint.sum()} of {len(distance)} marks hardly stands out from the surface there: the "
-            f"least distance is {distance.min():.0f} (CIELAB), and from {options.faint:g} on letters are read well.",
+            f"The colour of {faint} of {len(looks)} marks hardly stands out from the surface there: the "
+            f"least distance is {min(distances):.0f} (CIELAB), and from {options.faint:g} on letters are read well.",
             'Ask for another `color`, for several, or for "auto".',
         )
     ]
 
 
-def unreadable_codes(styles: Sequence[Style], lighter: Bool) -> list[Notice]:
-    """The notice that QR codes, of these ``styles``, have no colour of their own, or one that is ``lighter`` (B,) than
-    the surface.
-
-    OpenCV's decoder reads a drawn code of grey 160 on 200, but none that is lighter than its ground. Of codes in the
-    surface's own colour, of which only the walls show, it read none of eight in pictures.
-    """
-    plain, inverted, count = sum(style.color is None for style in styles), int(lighter.sum()), len(styles)
-    found = [f"{plain} of {count} QR codes have the surface's own colour"] if plain else []
-    found += [f"{inverted} of {count} QR codes are lighter than the surface"] if inverted else []
-    if not found:
+def unreadable_codes(looks: Sequence[Look]) -> list[Notice]:
+    """The notice that QR codes have the surface's own colour: of such, of which only the walls show, OpenCV's decoder
+    read none of eight in pictures."""
+    plain = sum(look.style.color is None for look in looks)
+    if not plain:
         return []
-    remedies = ['Ask for `color` "auto".'] if plain else []
-    remedies += (
-        ["Ask for a `color` darker than the surface, or name its lighter parts in `prefer`."] if inverted else []
-    )
     return [
         Notice(
             NoticeCode.UNREADABLE_QR,
-            f"{' and '.join(found)}: few readers will decode such codes.",
-            " ".join(remedies),
+            f"{plain} of {len(looks)} QR codes have the surface's own colour: few readers will decode such codes.",
+            'Ask for `color` "auto".',
         )
     ]
 

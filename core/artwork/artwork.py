@@ -37,6 +37,7 @@ class Artwork:
         faces: the typefaces that served, in the order of their first letters.
         logo: "svg" for a logo, "qr" for a QR code, alone or beside the text.
         least_width: below which its QR code cannot be read, where the asset's largest side is 30; 0 without one.
+        light: the rings for letters lighter than the ground, where these are others: a QR code is dark on light.
     """
 
     label: str
@@ -48,3 +49,4 @@ class Artwork:
     faces: tuple[FaceUse, ...] = ()
     logo: Logo | None = None
     least_width: float = 0.0
+    light: tuple[Float, ...] | None = None

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from core.arrays import Float
 from core.artwork.artwork import Artwork
 from core.artwork.rings import normalised
 from core.parameters import LogoPosition
@@ -34,7 +33,9 @@ def beside(logo: Artwork, text: Artwork, position: LogoPosition) -> Artwork:
         height = min(max(WIDTHS_ABOVE, LINES_ABOVE * line), logo.aspect)
         width = height / logo.aspect
         shift = np.array([0.0, (text.aspect + height) / 2 + GAP * line])
-    placed: list[Float] = [*text.rings, *(ring * width + shift for ring in logo.rings)]
+    placed, light = (
+        [*text.rings, *(ring * width + shift for ring in rings)] for rings in (logo.rings, logo.light or ())
+    )
     rings, aspect, ink = normalised(placed)
     whole = float(np.ptp(np.concatenate(placed)[:, 0]))
     return replace(
@@ -45,4 +46,5 @@ def beside(logo: Artwork, text: Artwork, position: LogoPosition) -> Artwork:
         line_height=line / whole,
         logo=logo.logo,
         least_width=logo.least_width * whole / width,
+        light=normalised(light)[0] if logo.light else None,
     )

@@ -1,4 +1,5 @@
-"""QR codes as logos: dark modules stand out or in, a frame keeps the quiet zone free."""
+"""QR codes as logos: dark modules stand out or in, and a frame keeps the quiet zone free; on dark ground the light
+modules do, with the quiet zone as a plate round them."""
 
 import numpy as np
 from manifold3d import CrossSection, OpType
@@ -11,14 +12,17 @@ FINDER = 7  # modules; a finder pattern has to be as large as letters are to be 
 
 
 def qr_artwork(content: str) -> Artwork:
-    """A QR code with a frame round its quiet zone; errors as of :func:`qr_modules`."""
+    """A QR code with a frame round its quiet zone, and in light the plate that its dark modules are cut out of;
+    errors as of :func:`qr_modules`."""
     modules = np.array(qr_modules(content), dtype=bool)[::-1]
     margin, side = QUIET_ZONE + FRAME, side_of(modules.tolist())
-    pieces = [_square(column + margin, row + margin, 1) for row, column in np.argwhere(modules).tolist()]
-    pieces += [_square(0, 0, side) - _square(FRAME, FRAME, side - 2 * FRAME)]
-    region = CrossSection.batch_boolean(pieces, OpType.Add).scale((1 / side, 1 / side))
-    rings, aspect, ink = normalised(clear_rings(region))
-    return Artwork("", rings, aspect, ink, FINDER / side, logo="qr", least_width=MIN_MODULE * side)
+    squares = [_square(column + margin, row + margin, 1) for row, column in np.argwhere(modules).tolist()]
+    dark, plate = CrossSection.batch_boolean(squares, OpType.Add), _square(0, 0, side)
+    frame = plate - _square(FRAME, FRAME, side - 2 * FRAME)
+    framed, cut_out = (clear_rings(region.scale((1 / side, 1 / side))) for region in (dark + frame, plate - dark))
+    rings, aspect, ink = normalised(framed)
+    light = normalised(cut_out)[0]
+    return Artwork("", rings, aspect, ink, FINDER / side, logo="qr", least_width=MIN_MODULE * side, light=light)
 
 
 def _square(x: float, y: float, side: float) -> CrossSection:

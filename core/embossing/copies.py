@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from core.analysis.analyse import analyse
+from core.analysis.contrast import Look
 from core.embossing.emboss import Mark
 from core.embossing.islands import Letters
 from core.embossing.marks import emboss_boxes
@@ -14,7 +15,6 @@ from core.geometry.boxes import Boxes
 from core.geometry.surface import Surface
 from core.gltf.copies import Copy, find_copies, leave_out, scene_of
 from core.gltf.document import Document
-from core.gltf.edit import Style
 from core.gltf.hierarchy import hidden_nodes, scene_nodes
 from core.gltf.write import write
 from core.notices import Notice, NoticeCode
@@ -45,15 +45,15 @@ class AssetMarks:
     Attributes:
         surface: the asset's, whose size-30 frame the boxes are in.
         boxes: of its marks.
+        looks: of their letters.
         letters: in each layout.
-        styles: as for :func:`core.gltf.write.write`, by number of the box.
         parameters: relief, mode, and the policy for copies that cannot be marked.
     """
 
     surface: Surface
     boxes: Boxes
+    looks: Sequence[Look]
     letters: Letters
-    styles: Sequence[Style]
     parameters: Parameters
 
 
@@ -112,12 +112,11 @@ def _embossed(document: Document, copy: Copy, marks: AssetMarks) -> tuple[Docume
         return document, 0
     mesh = WorkingMesh(analysis.surface, analysis.cuttable, analysis.coincident, analysis.resolution)
     index = analysis.index if analysis.opaque.any() else analysis.glazed
-    outcomes = list(emboss_boxes(mesh, marks.boxes, marks.letters, marks.parameters, index))
-    embossed = [number for number, outcome in enumerate(outcomes) if isinstance(outcome, Mark)]
-    if not embossed:
+    outcomes = list(emboss_boxes(mesh, marks.boxes, marks.looks, marks.letters, marks.parameters, index))
+    styles = [outcome.look.style for outcome in outcomes if isinstance(outcome, Mark)]
+    if not styles:
         return document, 0
-    styles = [marks.styles[number] for number in embossed]
-    return Document.from_glb(write(scene, analysis.with_file_winding(mesh.edit()), styles)), len(embossed)
+    return Document.from_glb(write(scene, analysis.with_file_winding(mesh.edit()), styles)), len(styles)
 
 
 def unmarked(copies: Sequence[MarkedCopy]) -> list[Notice]:

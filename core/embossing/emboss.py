@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from manifold3d import CrossSection
 
+from core.analysis.contrast import OWN, Look
 from core.arrays import Float, Int
 from core.embossing.check import is_closed
 from core.embossing.cut_arrange import arrange
@@ -59,6 +60,7 @@ class Mark:
         faces: number of triangles added, less those replaced.
         relief: height of its letters, size-30 units; negative where they are sunken.
         bounds: the box without its room above and below the letters, where the other side of a thin wall may be.
+        look: of its letters.
     """
 
     box: Boxes
@@ -66,6 +68,7 @@ class Mark:
     faces: int
     relief: float
     bounds: Boxes
+    look: Look = OWN
 
 
 def emboss(

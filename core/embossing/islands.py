@@ -1,10 +1,12 @@
 """The letters as manifold3d's cross-sections, one an island, with sample points to find the surface under it."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from manifold3d import CrossSection, FillRule
 
+from core.analysis.contrast import OWN, Look
 from core.arrays import Bool, Float, Int
 from core.artwork.artwork import Artwork
 from core.artwork.layouts import Layouts
@@ -14,6 +16,8 @@ from core.embossing.refusal import Refusal
 from core.geometry.boxes import Boxes
 from core.geometry.products import product
 from core.geometry.spatial import Eye, SpatialIndex
+
+Looks = Callable[[Boxes], list[Look]]
 
 CLEARANCE = 0.032  # line heights between an outline and the boundary of its patch, so that outlines never cross one
 LOST_AREA = 1e-9  # square text widths: rounding of the clipper, far smaller than a letter's serif
@@ -55,20 +59,28 @@ class Letters:
 
     Attributes:
         layouts: of the text.
-        islands: of each layout.
+        dark, light: islands of each layout, those for letters lighter than the ground apart.
+        looks: of the letters at boxes.
     """
 
     layouts: Layouts
-    islands: tuple[LetterIslands, ...]
+    dark: tuple[LetterIslands, ...]
+    light: tuple[LetterIslands, ...]
+    looks: Looks
 
-    def of(self, box: Boxes) -> LetterIslands:
-        """The letters for the one ``box``."""
-        return self.islands[int(self.layouts.of(box.size)[0])]
+    def of(self, box: Boxes, look: Look) -> LetterIslands:
+        """The letters for the one ``box``, where they have this ``look``."""
+        return (self.light if look.lighter else self.dark)[int(self.layouts.of(box.size)[0])]
 
 
-def letters_of(layouts: Layouts) -> Letters:
-    """The letters of all ``layouts``."""
-    return Letters(layouts, tuple(letter_islands(artwork) for artwork in layouts.artworks))
+def letters_of(layouts: Layouts, looks: Looks = lambda boxes: [OWN] * len(boxes)) -> Letters:
+    """The letters of all ``layouts``, of the surface's own colour unless ``looks`` say otherwise."""
+    dark = tuple(letter_islands(artwork) for artwork in layouts.artworks)
+    light = tuple(
+        islands if artwork.light is None else letter_islands(replace(artwork, rings=artwork.light))
+        for artwork, islands in zip(layouts.artworks, dark, strict=True)
+    )
+    return Letters(layouts, dark, light, looks)
 
 
 def assign_to_patches(

@@ -1,11 +1,12 @@
 """All watermarks of an asset: places are chosen, cut, chosen again where a cut is refused, and searched for again."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from core.analysis.contrast import Look
 from core.arrays import Float
 from core.artwork.advice import smaller, subject
 from core.embossing.emboss import EMBOSS, EmbossOptions, Mark, emboss
@@ -70,6 +71,7 @@ class Marks:
 def emboss_boxes(
     mesh: WorkingMesh,
     boxes: Boxes,
+    looks: Sequence[Look],
     letters: Letters,
     parameters: Parameters,
     index: SpatialIndex,
@@ -80,6 +82,7 @@ def emboss_boxes(
     Args:
         mesh: changed by each watermark that succeeds.
         boxes: their widths are the texts' widths; size-30 frame.
+        looks: of the letters at each.
         letters: in each layout.
         parameters: relief and mode.
         index: of the mesh's original surface.
@@ -88,7 +91,8 @@ def emboss_boxes(
     for number in range(len(boxes)):
         box = boxes[np.array([number])]
         relief = parameters.relief_at(float(letters.layouts.line_height(box.size)[0]))
-        yield emboss(mesh, box, letters.of(box), relief, index, options)
+        outcome = emboss(mesh, box, letters.of(box, looks[number]), relief, index, options)
+        yield replace(outcome, look=looks[number]) if isinstance(outcome, Mark) else outcome
 
 
 def emboss_marks(
@@ -141,7 +145,8 @@ def emboss_marks(
                 doubting = True
                 continue
             boxes, index = placement.boxes[fresh], context.carrier.index
-            outcomes = emboss_boxes(mesh, boxes, letters, context.parameters, index, options.emboss)
+            looks = letters.looks(boxes)
+            outcomes = emboss_boxes(mesh, boxes, looks, letters, context.parameters, index, options.emboss)
             for box, outcome in zip(fresh.tolist(), outcomes, strict=True):
                 if isinstance(outcome, Mark):
                     marks[box] = outcome

@@ -7,15 +7,18 @@ import numpy as np
 import pytest
 
 from core.analysis.contrast import (
+    CODES,
+    CONTRAST,
+    OWN,
     ContrastOptions,
+    Look,
     contrasting,
-    letter_styles,
+    looks_of_letters,
     low_contrast,
     stands_out,
     unreadable_codes,
 )
 from core.analysis.texture import cielab, from_cielab
-from core.arrays import Float
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
 from core.gltf.colors import hex_linear, hex_srgb
@@ -30,13 +33,13 @@ UNLIT: dict[str, Any] = {"extensions": {"KHR_materials_unlit": {}}}
 
 def on(scene: Scene, *centers: tuple[float, float], asked: str | None = None) -> list[Style]:
     """The letters of marks of 8 x 1.2 at places on a square of 30 x 30."""
-    return chosen(scene, (asked,) if asked else (), *centers)[0]
+    return [look.style for look in chosen(scene, (asked,) if asked else (), *centers)]
 
 
 def chosen(
-    scene: Scene, palette: Sequence[str], *centers: tuple[float, float], dark: bool = False
-) -> tuple[list[Style], Float]:
-    """Likewise, of a palette, with their distances."""
+    scene: Scene, palette: Sequence[str], *centers: tuple[float, float], options: ContrastOptions = CONTRAST
+) -> list[Look]:
+    """Likewise, of a palette."""
     count = len(centers)
     boxes = Boxes(
         np.array([[x, y, 0.0] for x, y in centers]).reshape(-1, 3),
@@ -44,8 +47,7 @@ def chosen(
         np.tile([8.0, 1.2, 0.5], (count, 1)),
     )
     index = SpatialIndex(scene.surface.positions, scene.surface.faces)
-    styles, distance, _ = letter_styles(scene, scene.surface, index, boxes, palette, dark=dark)
-    return styles, distance
+    return looks_of_letters(scene, scene.surface, index, boxes, palette, options)
 
 
 def square(material: dict[str, Any], image: Any = None, role: str = "emissiveTexture") -> Scene:
@@ -178,67 +180,60 @@ def test_on_any_ground_one_of_the_automatic_colours_stands_out(
     ground: tuple[float, float, float], extra: dict[str, Any]
 ) -> None:
     scene = square(plain((*ground, 1.0), **extra))
-    (style,), (distance,) = chosen(scene, AUTO_COLORS, (0, 0))
-    assert distance > 45
-    assert style.color in AUTO_COLORS
-    assert not low_contrast(np.array([distance]))
+    (look,) = chosen(scene, AUTO_COLORS, (0, 0))
+    assert look.contrast is not None
+    assert look.contrast > 45
+    assert look.style.color in AUTO_COLORS
+    assert not low_contrast([look])
 
 
 def test_on_a_busy_texture_the_colour_is_far_from_all_of_it() -> None:
     cells = np.indices((16, 16)).sum(axis=0) % 2
     image = np.where(cells[..., None], (200, 30, 30), (40, 40, 45)).astype(np.uint8)
     scene = square({}, image, "baseColorTexture")
-    (style,), (distance,) = chosen(scene, AUTO_COLORS, (0, 0))
-    assert style.color not in ("#101010", "#d02020")
-    assert distance > 40
+    (look,) = chosen(scene, AUTO_COLORS, (0, 0))
+    assert look.style.color not in ("#101010", "#d02020")
+    assert look.contrast is not None
+    assert look.contrast > 40
 
 
 def test_of_a_brand_s_colours_each_mark_has_the_one_that_stands_out_best_there() -> None:
     image = np.repeat(np.repeat(np.array([[[250] * 3, [10] * 3]], np.uint8), 32, axis=1), 2, axis=0)
     scene = square({}, image, "baseColorTexture")
-    styles, distance = chosen(scene, ("#d0d0d0", "#303030"), (-8, 0), (8, 0))
-    assert {style.color for style in styles} == {"#d0d0d0", "#303030"}
-    assert (distance > 50).all()
+    looks = chosen(scene, ("#d0d0d0", "#303030"), (-8, 0), (8, 0))
+    assert [look.style.color for look in looks] == ["#303030", "#d0d0d0"]
+    assert [look.lighter for look in looks] == [False, True]
+    assert all(look.contrast is not None and look.contrast > 50 for look in looks)
 
 
 def test_a_colour_that_hardly_stands_out_is_noticed_with_its_distance() -> None:
     scene = square(plain((0.6, 0.02, 0.02, 1.0)))
-    _, distance = chosen(scene, ("#d02020",), (0, 0))
-    (notice,) = low_contrast(distance)
+    (look,) = chosen(scene, ("#d02020",), (0, 0))
+    (notice,) = low_contrast([look])
     assert notice.code is NoticeCode.LOW_CONTRAST
     assert "1 of 1 marks" in notice.message
-    assert f"distance is {distance[0]:.0f}" in notice.message
+    assert f"distance is {look.contrast:.0f}" in notice.message
 
 
 def test_letters_of_the_surface_s_colour_have_no_distance_from_it() -> None:
-    _, distance = chosen(square(plain((0.5, 0.5, 0.5, 1.0))), (), (0, 0))
-    assert np.isnan(distance).all()
+    assert chosen(square(plain((0.5, 0.5, 0.5, 1.0))), (), (0, 0)) == [OWN]
 
 
 def test_of_colours_that_stand_out_alike_the_first_is_taken() -> None:
     assert stands_out(np.array([[50.0, 0.0, 0.0]]), ("#102030", "#102030"))[0] == "#102030"
 
 
-@pytest.mark.parametrize(
-    ("grey", "light", "dark"),
-    [(0.14, "#f8f8f8", "#101010"), (0.6, "#101010", "#101010"), (0.02, "#f8f8f8", "#f8f8f8")],
-    ids=["on grey", "on light grey", "on black, where nothing is darker"],
-)
-def test_a_code_is_rather_darker_than_the_surface_as_readers_need_it(grey: float, light: str, dark: str) -> None:
-    ground = square(plain((grey, grey, grey, 1)))
-    for rather_dark, color in ((False, light), (True, dark)):
-        (style,), _ = chosen(ground, ("#f8f8f8", "#101010"), (0, 0), dark=rather_dark)
-        assert style.color == color
+def test_of_colours_for_a_code_the_one_farthest_in_lightness_is_taken_as_readers_see_no_hue() -> None:
+    orange, blue, black = square(plain((0.6, 0.2, 0.01, 1.0))), "#1840d0", "#101010"
+    (text,), (code,) = (chosen(orange, (blue, black), (0, 0), options=options) for options in (CONTRAST, CODES))
+    assert (text.style.color, code.style.color) == (blue, black)
 
 
-def test_codes_that_readers_will_not_decode_are_noticed_with_their_number_and_what_helps() -> None:
-    plain, colored = Style(), Style("#101010")
-    assert not unreadable_codes([colored, colored], np.array([False, False]))
-    (uncolored,) = unreadable_codes([plain, plain, colored], np.array([False, False, False]))
-    assert uncolored.code is NoticeCode.UNREADABLE_QR
-    assert uncolored.message.startswith("2 of 3 QR codes have the surface's own colour: ")
-    assert "`color`" in uncolored.remedy
-    assert "auto" in uncolored.remedy
-    (inverted,) = unreadable_codes([colored, colored, colored], np.array([False, True, False]))
-    assert inverted.message.startswith("1 of 3 QR codes are lighter than the surface: ")
-    assert "darker" in inverted.remedy
+def test_codes_of_the_surface_s_colour_are_noticed_with_their_number_and_what_helps() -> None:
+    colored = Look(Style("#101010"), 60.0)
+    assert not unreadable_codes([colored, colored])
+    (notice,) = unreadable_codes([OWN, OWN, colored])
+    assert notice.code is NoticeCode.UNREADABLE_QR
+    assert notice.message.startswith("2 of 3 QR codes have the surface's own colour: ")
+    assert "`color`" in notice.remedy
+    assert "auto" in notice.remedy

@@ -11,24 +11,27 @@ from core.errors import ErrorCode, MeshmarkError
 from core.parameters import LogoPosition, Parameters
 
 
-def read(mark: Artwork, pixels: int = 600) -> str:
-    """What OpenCV decodes from the rings of a mark, drawn black on white."""
-    picture = np.full((int(pixels * mark.aspect) + 40, pixels + 40), 255, np.uint8)
+def read(mark: Artwork, pixels: int = 600, *, light: bool = False) -> str:
+    """What OpenCV decodes from the rings of a mark, drawn black on white, or of its ``light`` ones, white on black."""
+    ground, color = (0, 255) if light else (255, 0)
+    picture = np.full((int(pixels * mark.aspect) + 40, pixels + 40), ground, np.uint8)
     centre = np.array([0.5, mark.aspect / 2])
-    rings = [np.round((ring * [1, -1] + centre) * pixels + 20).astype(np.int32) for ring in mark.rings]
-    cv2.fillPoly(picture, rings, 0)
+    rings = (mark.light or ()) if light else mark.rings
+    cv2.fillPoly(picture, [np.round((ring * [1, -1] + centre) * pixels + 20).astype(np.int32) for ring in rings], color)
     return cv2.QRCodeDetector().detectAndDecode(picture)[0]
 
 
+@pytest.mark.parametrize("light", [False, True], ids=["dark", "light"])
 @pytest.mark.parametrize("content", ["https://a.example", "https://shop.example/order/4711?" + "x" * 74])
-def test_a_qr_code_is_decoded_from_its_rings(content: str) -> None:
-    assert read(qr_artwork(content)) == content
+def test_a_qr_code_is_decoded_from_its_rings(content: str, light: bool) -> None:
+    assert read(qr_artwork(content), light=light) == content
 
 
+@pytest.mark.parametrize("light", [False, True], ids=["dark", "light"])
 @pytest.mark.parametrize("position", LogoPosition)
-def test_a_qr_code_is_decoded_beside_a_text(position: LogoPosition) -> None:
+def test_a_qr_code_is_decoded_beside_a_text(position: LogoPosition, light: bool) -> None:
     mark = beside(qr_artwork("https://a.example"), text_artwork("Order\n4711"), position)
-    assert read(mark, 1200) == "https://a.example"
+    assert read(mark, 1200, light=light) == "https://a.example"
     assert mark.lines == ("Order", "4711")
     assert mark.logo == "qr"
 
