@@ -22,7 +22,8 @@ def beside(logo: Artwork, text: Artwork, position: LogoPosition) -> Artwork:
     """The logo to the left of the text, or above it, in proportion to it, both centred on a common line.
 
     To the left it is as high as the text, and at least 1.6 lines, a QR code 4. Above it is as wide as the text at
-    most, and 0.6 of its width or two lines high, whichever is more.
+    most, and 0.6 of its width or two lines high, whichever is more. Legibility and relief go by the lower of a line and
+    the finder pattern of a code.
     """
     line = text.line_height
     if position is LogoPosition.LEFT:
@@ -43,7 +44,7 @@ def beside(logo: Artwork, text: Artwork, position: LogoPosition) -> Artwork:
         rings=rings,
         aspect=aspect,
         ink=ink,
-        line_height=line / whole,
+        line_height=(min(line, logo.line_height * width) if logo.logo == "qr" else line) / whole,
         logo=logo.logo,
         least_width=logo.least_width * whole / width,
         light=normalised(light)[0] if logo.light else None,

@@ -29,7 +29,7 @@ def test_a_code_is_decoded_from_the_front(grey: float, text: str) -> None:
     assert result.report["warnings"] == []
     scene = scene_of(result.model)
     x, y, z = ((np.array(mark["center"]) - scene.surface.offset) * scene.surface.scale).tolist()
-    with Renderer(512) as renderer:
+    with Renderer(1024) as renderer:
         renderer.load(scene, Frame((x, y, z), 0.7 * mark["size"][0] * scene.surface.scale))
         front = renderer.render(mark["normal"], mark["up"])
     assert cv2.QRCodeDetector().detectAndDecode(front)[0] == ADDRESS

@@ -60,5 +60,6 @@ def test_a_mark_of_logo_and_text_is_one_wide_and_neither_overlaps_the_other(posi
     code = np.concatenate(mark.rings[len(text.rings) :])
     axis = 0 if position is LogoPosition.LEFT else 1
     apart = letters[:, 0].min() - code[:, 0].max() if axis == 0 else code[:, 1].min() - letters[:, 1].max()
-    assert apart == pytest.approx(0.4 * mark.line_height)
-    assert mark.line_height == pytest.approx(np.ptp(letters[:, 1]))
+    line, finder = np.ptp(letters[:, 1]), logo.line_height * np.ptp(code[:, 1])
+    assert apart == pytest.approx(0.4 * line)
+    assert mark.line_height == pytest.approx(min(line, finder))
