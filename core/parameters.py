@@ -70,6 +70,7 @@ class Direction(StrEnum):
 
     HORIZONTAL = "horizontal"
     VERTICAL = "vertical"
+    AUTO = "auto"
 
 
 class LogoPosition(StrEnum):
@@ -226,7 +227,10 @@ class Parameters(StrictModel):
     ] = 0.0
     direction: Annotated[
         Direction,
-        Field(description="Lines from left to right and back, or columns from the top down, for Chinese and the like."),
+        Field(
+            description="Lines from left to right and back, or columns from the top down, for Chinese and the like; "
+            "auto: as each place has room."
+        ),
     ] = Direction.HORIZONTAL
     language: Annotated[
         str | None,

@@ -3,6 +3,7 @@
 from core.artwork.artwork import Artwork
 from core.artwork.combine import beside
 from core.artwork.layouts import Layouts, distinct_layouts
+from core.artwork.line import has_upright
 from core.artwork.line_breaks import line_breaks
 from core.artwork.outline import text_artwork
 from core.artwork.qr import qr_artwork
@@ -10,7 +11,7 @@ from core.artwork.qr_code import check_code, round_up
 from core.artwork.style import style_of
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.surface import MODEL_SIZE
-from core.parameters import LogoPosition, Parameters, Wrap
+from core.parameters import Direction, LogoPosition, Parameters, Wrap
 
 
 def layouts_of(parameters: Parameters, font: bytes | None = None, logo: bytes | None = None) -> Layouts:
@@ -40,11 +41,14 @@ def layouts_of(parameters: Parameters, font: bytes | None = None, logo: bytes | 
 
 
 def _texts(parameters: Parameters, font: bytes | None) -> list[Artwork]:
-    """The text in each way of setting it."""
+    """The text in each way of setting it, rows before columns."""
     texts = [parameters.text]
     if parameters.wrap is Wrap.AUTO:
         texts = ["\n".join(lines) for lines in line_breaks(parameters.text)]
-    return [text_artwork(text, font, style_of(parameters)) for text in texts]
+    directions = [parameters.direction]
+    if parameters.direction is Direction.AUTO:
+        directions = [Direction.HORIZONTAL, *([Direction.VERTICAL] if has_upright(parameters.text) else [])]
+    return [text_artwork(text, font, style_of(parameters, direction)) for direction in directions for text in texts]
 
 
 def _readable(marks: list[Artwork], parameters: Parameters) -> list[Artwork]:

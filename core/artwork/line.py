@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 from itertools import groupby
 from unicodedata import east_asian_width
 
+from fontTools.unicodedata import script
+
 from core.artwork.installed import CJK
 from core.artwork.itemization import Piece, runs_of, text_of
 from core.artwork.shaping import Glyph, Spacing, shape
@@ -29,6 +31,11 @@ class Line:
     advance: float
     below: float
     above: float
+
+
+def has_upright(text: str) -> bool:
+    """True where letters of a text are made to stand one below the other."""
+    return any(script(character) in UPRIGHT for character in text)
 
 
 def row(pieces: Sequence[Piece], spacing: Spacing) -> Line:

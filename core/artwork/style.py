@@ -13,7 +13,7 @@ class TextStyle:
         align: of lines that are shorter than the longest; in vertical setting, left is the top and right the bottom.
         line_spacing: distance from one line to the next, in ems; more where letters would come too close.
         letter_spacing: added between letters, in ems; not within scripts whose letters are joined.
-        direction: of the lines.
+        direction: of the lines, not ``auto``.
         language: BCP 47 tag, which decides the shapes of ideographs; None: guessed from the text.
     """
 
@@ -27,7 +27,7 @@ class TextStyle:
 PLAIN = TextStyle()
 
 
-def style_of(parameters: Parameters) -> TextStyle:
-    """The setting that a request asks for."""
+def style_of(parameters: Parameters, direction: Direction) -> TextStyle:
+    """The setting that a request asks for, in one ``direction``."""
     wanted = parameters
-    return TextStyle(wanted.align, wanted.line_spacing, wanted.letter_spacing, wanted.direction, wanted.language)
+    return TextStyle(wanted.align, wanted.line_spacing, wanted.letter_spacing, direction, wanted.language)

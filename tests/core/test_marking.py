@@ -8,7 +8,7 @@ import trimesh
 from core import marking
 from core.artwork.lettering import layouts_of
 from core.errors import ErrorCode, MeshmarkError
-from core.parameters import Evaluate, Parameters, Wrap
+from core.parameters import Direction, Evaluate, Parameters, Wrap
 from core.pipeline import watermark
 from core.stages import Request, Run
 
@@ -83,3 +83,16 @@ def test_a_logo_that_is_small_everywhere_is_noticed_as_one() -> None:
     assert notice["code"] == "small_text"
     assert notice["message"].startswith("No logo on this asset reads well: its details are 0.15 high")
     assert notice["remedy"] == "Ask for a larger `size`, or use a simpler logo."
+
+
+@pytest.mark.parametrize(
+    ("extents", "tall"), [((2.0, 30.0, 2.0), True), ((30.0, 2.0, 30.0), False)], ids=["a pillar", "a slab"]
+)
+def test_ideographs_stand_in_columns_where_the_place_is_tall_and_in_rows_where_it_is_wide(
+    extents: tuple[float, float, float], tall: bool
+) -> None:
+    block = trimesh.creation.box(extents=extents).export(file_type="stl")
+    asked = Parameters(text="見本透かし", direction=Direction.AUTO, count=2, evaluate=Evaluate.NONE)
+    marks = watermark(block, asked, preview=False).report["watermarks"]
+    assert [mark["size"][1] > mark["size"][0] for mark in marks] == [tall] * len(marks)
+    assert all(mark["up"][1] > 0.9 or abs(mark["normal"][1]) > 0.9 for mark in marks)

@@ -9,7 +9,7 @@ from core.artwork.artwork import Artwork
 from core.artwork.lettering import layouts_of
 from core.artwork.qr_code import MIN_MODULE
 from core.errors import ErrorCode, MeshmarkError
-from core.parameters import LogoPosition, Parameters
+from core.parameters import Direction, LogoPosition, Parameters
 
 ADDRESS = "https://a.example"  # 35 modules with its frame
 LONG = "https://shop.example/order/4711?" + "x" * 70
@@ -78,3 +78,14 @@ def test_a_mark_of_the_least_width_has_modules_of_the_least_size(position: LogoP
 
 def test_without_a_code_any_width_will_do() -> None:
     assert [mark.least_width for mark in layouts_of(Parameters(text="watermark")).artworks] == [0]
+
+
+def test_texts_in_scripts_that_are_written_in_columns_may_stand_in_rows_and_columns() -> None:
+    japanese, latin = (layouts_of(Parameters(text=text, direction=Direction.AUTO)) for text in ("見本透かし", "sample"))
+    assert [(one.lines, one.aspect > 1) for one in japanese.artworks] == [
+        (("見本透かし",), False),
+        (("見本", "透かし"), False),
+        (("見本透かし",), True),
+        (("見本", "透かし"), True),
+    ]
+    assert [one.aspect > 1 for one in latin.artworks] == [False]
