@@ -27,6 +27,7 @@ MAX_NAME_LENGTH = 256
 MAX_REGIONS = 32
 MAX_COLORS = 16
 MIN_SIZE = 0.5
+NO_LOGO = "Send the logo as a file with the asset; a batch and an upload hook take none: use `qr`, or a text alone."
 AUTO, NO_COLOR = "auto", "none"
 # Colours for letters of `color: auto`, of which one stands out from any ground: black, white, and strong hues.
 AUTO_COLORS = ("#101010", "#f8f8f8", "#d02020", "#ffd400", "#1840d0", "#00a040", "#d000a0", "#00c8e0")
@@ -324,7 +325,8 @@ class Parameters(StrictModel):
         return value
 
     def require_content(self, logo: bool) -> None:
-        """Refuse a request for nothing: without a text, a QR code and a ``logo``; or for both a QR code and a logo.
+        """Refuse a request for nothing: without a text, a QR code and a ``logo``; for both a QR code and a logo; or for
+        the place of a logo that is not there.
 
         Raises:
             MeshmarkError: ``empty_text``, ``invalid_parameters``.
@@ -339,7 +341,13 @@ class Parameters(StrictModel):
             raise MeshmarkError(
                 ErrorCode.EMPTY_TEXT,
                 "The watermark text is empty or only spaces, and there is no logo.",
-                "Send at least one visible character in `text`, or a logo.",
+                "Send at least one visible character in `text`, an address in `qr`, or a logo.",
+            )
+        if self.logo_position is not LogoPosition.LEFT and not (logo or self.qr):
+            raise MeshmarkError(
+                ErrorCode.INVALID_PARAMETERS,
+                f'The request has a `logo_position` of "{self.logo_position}", but neither a logo nor `qr`.',
+                NO_LOGO,
             )
 
     @property
@@ -373,8 +381,9 @@ def parse_parameters(data: dict[str, Any] | str | bytes) -> Parameters:
             return Parameters.model_validate(data)
         return Parameters.model_validate_json(data)
     except ValidationError as error:
+        correct = "Correct the named fields; the manual's page on parameters has each with its range."
         raise MeshmarkError(
             ErrorCode.INVALID_PARAMETERS,
             f"The parameters are not valid: {describe(error.errors(), 'params')}.",
-            "Correct the named fields; the manual's page on parameters has each with its range.",
+            NO_LOGO if any(fault["loc"] == ("logo",) for fault in error.errors()) else correct,
         ) from None

@@ -34,8 +34,8 @@ MEMORY_MARGIN = 256 * 2**20  # bytes beyond twice the limits of an upload and of
 LONGEST_ANSWER = 2**20  # bytes
 
 Result = TypeVar("Result")
-# Errors of uploads, None where there is none, by the SHA-256 of asset, font and logo, and what else decides on them.
-Verdicts = dict[tuple[str | None, str | None, str | None, str], MeshmarkError | None]
+# Errors of uploads, None where there is none, by what is lettered with them, and the SHA-256 of each by its kind.
+Verdicts = dict[tuple[str, ...], MeshmarkError | None]
 
 log = structlog.get_logger(__name__)
 
@@ -99,19 +99,20 @@ class Intake:
             MeshmarkError: as :func:`worker.gate.look` does; ``budget_exceeded`` too where the check took too long,
                 ``engine_crashed`` where its process died, ``service_unavailable``.
         """
-        text = parameters.text.strip()
-        lettering = ""
+        text, lettering = parameters.text.strip(), ""
+        if font is None and text:
+            set_text(parameters.text)
         if font or (text and parameters.qr):  # by the outlines of the text goes how large a code beside it is
             lettering = parameters.model_dump_json(exclude={"keep_out", "prefer"})
-        if font is None:
-            if text:
-                set_text(parameters.text)
-            if asset is None and logo is None and not lettering:
-                return
         known = {} if known is None else known
-        files = {"asset": asset, "font": font, "logo": logo}
-        of_asset, of_font, of_logo = (file.sha256 if file else None for file in files.values())
-        key = (of_asset, of_font, of_logo, lettering)
+        if lettering or logo:
+            self._look(tenant, known, lettering, font=font, logo=logo)
+        if asset:  # by itself, since a batch may name it often
+            self._look(tenant, known, "", asset=asset)
+
+    def _look(self, tenant: str, known: Verdicts, lettering: str, **files: Staged | None) -> None:
+        """Refuse files, or what is to be lettered with them, by the verdict of the gate, which is asked once."""
+        key = (lettering, *(f"{name} {file.sha256}" for name, file in files.items() if file))
         if key not in known:
             known[key] = self._check(tenant, lettering, files)
         if refusal := known[key]:
@@ -125,8 +126,8 @@ class Intake:
 
     def _check(self, tenant: str, lettering: str, files: Mapping[str, Staged | None]) -> MeshmarkError | None:
         """Check an upload in a process of the gate; returns its error, or None."""
-        paths = {name: os.fspath(file.path) if file else None for name, file in files.items()}
-        request = json.dumps({**self._request, **paths, "lettering": lettering}).encode() + b"\n"
+        paths = dict.fromkeys(("asset", "font", "logo")) | {name: file.path for name, file in files.items() if file}
+        request = json.dumps({**self._request, **paths, "lettering": lettering}, default=os.fspath).encode() + b"\n"
         with self._processes.acquired(tenant):
             with writing():
                 stderr = tempfile.TemporaryFile()  # noqa: SIM115  # it is closed below

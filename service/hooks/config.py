@@ -19,6 +19,7 @@ from pydantic import (
     model_validator,
 )
 
+from core.artwork.qr_code import check_code
 from core.errors import MeshmarkError
 from core.parameters import Parameters, parse_parameters
 from service.jobs.models import DEFAULT_TENANT
@@ -73,9 +74,10 @@ class HookSource(BaseModel):
             parameters = parse_parameters(given) if isinstance(given, dict) else given
             if isinstance(parameters, Parameters):
                 parameters.require_content(logo=False)
+                check_code(parameters)
             return parameters
         except MeshmarkError as error:
-            raise ValueError(error.message) from None
+            raise ValueError(f"{error.message} {error.remedy}") from None
 
     @field_validator("suffixes")
     @classmethod

@@ -137,3 +137,19 @@ def test_a_request_needs_a_text_or_a_logo_or_a_qr_code_and_not_both_of_these() -
     with pytest.raises(MeshmarkError, match="both a logo and `qr`") as caught:
         parse_parameters({"qr": "https://a.example"}).require_content(logo=True)
     assert caught.value.code is ErrorCode.INVALID_PARAMETERS
+
+
+def test_the_place_of_a_logo_that_is_not_there_is_refused_unless_it_is_the_usual_one() -> None:
+    above = parse_parameters({"text": "HI", "logo_position": "above"})
+    above.require_content(logo=True)
+    parse_parameters({"text": "HI", "qr": "https://a.example", "logo_position": "above"}).require_content(logo=False)
+    parse_parameters({"text": "HI", "logo_position": "left"}).require_content(logo=False)
+    with pytest.raises(MeshmarkError, match="`logo_position`") as caught:
+        above.require_content(logo=False)
+    assert caught.value.code is ErrorCode.INVALID_PARAMETERS
+
+
+def test_a_logo_among_the_parameters_is_told_to_be_a_file() -> None:
+    with pytest.raises(MeshmarkError, match="logo") as caught:
+        parse_parameters({"text": "HI", "logo": "logo.svg"})
+    assert caught.value.remedy.startswith("Send the logo as a file")

@@ -95,6 +95,7 @@ def svg(content: str) -> bytes:
     return f"<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 9 9'>{content}</svg>".encode()
 
 
+SQUARES = f"<path d='{''.join(f'M{x / 8} {y / 8}h.1v.1h-.1z' for x in range(71) for y in range(71))}'/>"
 DOUBLED = "<path id='x0' d='M0 0h9v9z'/>" + "".join(
     f"<g id='x{n + 1}'><use href='#x{n}'/><use href='#x{n}'/></g>" for n in range(20)
 )
@@ -149,6 +150,7 @@ REFUSED_AT_ONCE = {
     "SVG with a script": Request("invalid_logo", logo=svg("<script/>"), says="script"),
     "SVG of another file": Request("invalid_logo", logo=svg("<use href='http://a.example/b.svg#c'/>"), says="file"),
     "SVG without a filled area": Request("invalid_logo", logo=svg("<path d='M0 0L9 9'/>"), says="no filled area"),
+    "SVG of too many points": Request("invalid_logo", logo=svg(SQUARES), says="20,164 points; at most 20,000"),
     "no SVG": Request("invalid_logo", logo=b"Dear sir or madam", says="well-formed"),
     "QR text too long to be read": with_parameter("qr", json.dumps("https://a.example/" + "x" * 100), "version 6"),
     "QR text too long for its size": Request(

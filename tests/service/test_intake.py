@@ -214,9 +214,11 @@ def test_an_upload_that_a_batch_names_often_is_looked_through_once(obedient: Tem
     with client_with(Settings(data_dir=tmp_path), obedient) as client:
         bad, good = upload(client, gates.noted(started, go)), upload(client)
         results = send(client, *(item(each, text) for text in ("ONE", "TWO", "THREE") for each in (bad, good)))
-    assert [result["status"] for result in results] == [422, 202] * 3
+        codes = [{"text": text, "qr": "https://a.example"} for text in ("ONE", "TWO")]
+        results += send(client, *({"upload_id": each, "parameters": code} for code in codes for each in (bad, good)))
+    assert [result["status"] for result in results] == [422, 202] * 5
     assert {result["problem"]["code"] for result in results[::2]} == {"no_faces"}
-    assert len(list(started.iterdir())) == 1
+    assert len(list(started.iterdir())) == 2, "once for each batch"
 
 
 @pytest.mark.parametrize("how", ["terminate", "kill"])

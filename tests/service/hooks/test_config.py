@@ -80,6 +80,9 @@ def changed(old: str, new: str) -> str:
         (changed("kind", 'access_key_id = "a"\nkind'), "go together"),
         (changed('text = "HI"', 'txt = "HI"'), "txt"),
         (changed('text = "HI"', 'text = ""'), "empty"),
+        (changed('text = "HI"', 'text = "HI", logo = "logo.svg"'), "logo: .* use `qr`"),
+        (changed('text = "HI"', 'text = "HI", logo_position = "above"'), "logo_position.* use `qr`"),
+        (changed('text = "HI"', 'qr = "https://a.example", size = 1'), "too small to be read"),
         (changed("bucket", "buckets"), "buckets"),
     ],
 )

@@ -93,6 +93,26 @@ def test_what_is_wrong_with_one_item_stops_no_other(client: Client) -> None:
     assert len(client.http.get("/v1/watermarks").json()["items"]) == 1
 
 
+@pytest.mark.parametrize(
+    "asked",
+    [{"text": "HI", "logo": "<svg/>"}, {"text": "HI", "logo_position": "above"}],
+    ids=["a logo among the parameters", "the place of a logo"],
+)
+def test_an_item_that_wants_a_logo_is_told_that_a_batch_has_none(client: Client, asked: dict[str, Any]) -> None:
+    [result] = send(client, {"upload_id": upload(client), "parameters": asked})
+    assert outcome(result) == (422, "invalid_parameters")
+    assert "logo" in result["problem"]["detail"]
+    assert "a batch and an upload hook take none: use `qr`" in result["problem"]["remedy"]
+
+
+def test_a_batch_of_qr_codes_beside_texts_refuses_those_that_could_not_be_read(client: Client) -> None:
+    name, code = upload(client), {"text": "HI", "qr": "https://a.example"}
+    sizes = (None, 2.0, 5.0)
+    results = send(client, *({"upload_id": name, "parameters": code | {"size": size}} for size in sizes))
+    assert [outcome(result) for result in results] == [(202, None), (422, "invalid_parameters"), (202, None)]
+    assert "`size` of 2." in results[1]["problem"]["detail"]
+
+
 def test_a_batch_sent_again_makes_no_job_twice(client: Client) -> None:
     name = upload(client)
     items = [item(name, text, idempotency_key=text) for text in ("ONE", "TWO")]
