@@ -10,7 +10,7 @@ from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
 from core.geometry.surface import Surface
 from core.gltf.scene import flatten
-from core.parameters import Mode, Parameters, Preset
+from core.parameters import NO_COLOR, Mode, Parameters, Preset
 from core.placement.candidates import upright
 from core.placement.context import PlacementContext, build_context
 from core.placement.filters import overlapping
@@ -127,8 +127,8 @@ def test_long_text_runs_along_a_bar_on_which_it_would_not_be_legible_across() ->
 
 
 def test_a_long_text_has_fewer_lines_on_narrow_places_and_is_higher_for_it_on_wide_ones() -> None:
-    assert lines_of(placed(cuboid(30, 1.6, 1.6), aspect=0.03, lines=4), 0.03, 4) <= {1, 2}
-    plate = placed(cuboid(12, 12, 1), aspect=0.03, lines=4)
+    assert lines_of(placed(cuboid(30, 1.6, 1.6), aspect=0.03, lines=4, color=NO_COLOR), 0.03, 4) <= {1, 2}
+    plate = placed(cuboid(12, 12, 1), aspect=0.03, lines=4, color=NO_COLOR)
     boxes, kinds = plate.boxes[np.array(plate.start)], layouts(0.03, lines=4)
     on_face, count = np.abs(boxes.axes[:, 2, 2]) > 0.9, 1 + kinds.of(boxes.size)
     assert count[on_face].min() >= 3 > count[~on_face].max()
@@ -136,7 +136,7 @@ def test_a_long_text_has_fewer_lines_on_narrow_places_and_is_higher_for_it_on_wi
 
 
 def test_text_of_a_width_that_was_asked_for_has_that_width_in_every_layout() -> None:
-    found = placed(cuboid(30, 30, 30), aspect=0.03, lines=4, size=6.0)
+    found = placed(cuboid(30, 30, 30), aspect=0.03, lines=4, size=6.0, color=NO_COLOR)
     assert np.allclose(found.boxes.size[:, 0], 6.0)
     assert lines_of(found, 0.03, 4) <= {3, 4}, "whose lines are higher"
 
