@@ -94,6 +94,7 @@ def evaluate(
     shown, written, frame = eye_index(first, surface), eye_index(second, surface), second.surface.in_frame_of(surface)
     boxes, relief = to_boxes(watermarks, surface)
     text = text or next((mark.text for mark in watermarks if mark.text), "")
+    settings = tuple(dict.fromkeys("\n".join(mark.lines) for mark in watermarks if mark.text == text and mark.lines))
     views = _views(first, second) if level is Evaluate.FULL else (None, None)
     pair = Pair(
         Subject(*shown, views[0], seed),
@@ -102,6 +103,7 @@ def evaluate(
         relief,
         text,
         seed,
+        settings=settings,
     )
     measured = measure(pair, level)
     report = EvaluationReport(

@@ -81,13 +81,16 @@ def evaluate(asset: Asset, candidates: Candidates, output: Output, seen: Picture
     before, after = seen.views if isinstance(seen.views, tuple) else (seen.views, seen.views)
     context = candidates.context
     written, index = eye_index(output.scene, asset.scene.surface, through=candidates.opaque > 0)
+    boxes, relief = boxes_of(output.embossed.marks)
     pair = Pair(
         Subject(asset.analysis.surface, context.carrier.index, before, parameters.seed, context.facts.saliency),
         Subject(written, index, after),
-        *boxes_of(output.embossed.marks),
+        boxes,
+        relief,
         parameters.text,
         parameters.seed,
         context.layouts,
+        context.layouts.settings(boxes.size),
     )
     measured = measure(pair, parameters.evaluate, run.progress)
     run.notices += measured.warnings

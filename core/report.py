@@ -220,6 +220,7 @@ class Place(BaseModel):
     size: Annotated[Vector, Field(description="Width and height of the text, depth of its letters; world units.")]
     relief: Annotated[float, Field(description="Height of the letters above the surface, world units.")]
     text: str = ""
+    lines: Annotated[list[str], Field(description="The lines that the text is set in; none: as it is.")] = []
 
 
 class Places(BaseModel):

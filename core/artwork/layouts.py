@@ -31,6 +31,10 @@ class Layouts:
         aspect = np.array([artwork.aspect for artwork in self.artworks])
         return np.asarray(np.abs(np.log(size[:, 1:2] / size[:, :1]) - np.log(aspect)).argmin(axis=1))
 
+    def settings(self, size: Float) -> tuple[str, ...]:
+        """The text in each of the ways in which boxes of a ``size`` (B, 3) break it into lines."""
+        return tuple("\n".join(self.artworks[number].lines) for number in np.unique(self.of(size)))
+
     def line_height(self, size: Float) -> Float:
         """(B,) height of a line of text in each box of a ``size`` (B, 3), in its unit."""
         share = np.array([artwork.line_height / artwork.aspect for artwork in self.artworks])

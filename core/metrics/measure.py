@@ -87,6 +87,7 @@ class Pair:
         text: what the marks say; empty where nobody knows, or where they have no text.
         seed: of the samples of what was measured.
         layouts: that the marks are set in; None where nobody knows.
+        settings: the text in each of the ways in which the marks break it into lines; none: as it is.
     """
 
     original: Subject
@@ -96,14 +97,7 @@ class Pair:
     text: str
     seed: int = 0
     layouts: Layouts | None = None
-
-    @property
-    def settings(self) -> tuple[str, ...]:
-        """The text in each of the ways in which the marks break it into lines."""
-        if self.layouts is None or len(self.boxes) == 0:
-            return (self.text,)
-        used = np.unique(self.layouts.of(self.boxes.size))
-        return tuple("\n".join(self.layouts.artworks[number].lines) for number in used)
+    settings: tuple[str, ...] = ()
 
     def require_boxes(self) -> None:
         """Raise where there is no mark to measure."""
@@ -222,7 +216,7 @@ def _readability(pair: Pair, found: Measurement) -> Values:
     if reason := _unreadable(pair.text):
         found.missing |= dict.fromkeys(READABILITY, reason)
         return {}
-    read = ocr(pair.watermarked.views, pair.settings, _reader())
+    read = ocr(pair.watermarked.views, pair.settings or (pair.text,), _reader())
     return dict(zip(READABILITY, (read.ratio, read.ge_08, read.exact), strict=True))
 
 

@@ -44,6 +44,15 @@ def test_a_pair_measures_as_it_did_in_the_job_that_made_it_save_for_the_artwork(
     assert json.dumps(EvaluationReport.model_validate(again).model_dump(mode="json")) == json.dumps(again)
 
 
+def test_a_text_in_lines_is_read_as_the_report_has_them() -> None:
+    plate = cast(bytes, trimesh.creation.box(extents=(2, 1.2, 0.2)).export(file_type="stl"))
+    asked = Parameters(text="Example Studios order 4711", count=2, evaluate=Evaluate.NONE)
+    result = watermark(plate, asked, preview=False)
+    assert len(result.report["watermarks"][0]["lines"]) > 1
+    places = parse_watermarks(json.dumps(result.report).encode())
+    assert evaluate(plate, result.model, places)["metrics"]["watermark_quality"]["ocr_ge_0.8"] > 0.3
+
+
 def test_files_of_other_tools_are_measured_with_places_from_a_list() -> None:
     """A slab stands where letters would: on the front of a plate, 0.1 high, written as STL and OBJ."""
     slab = trimesh.creation.box(extents=(1.0, 0.5, 0.1))

@@ -1,5 +1,7 @@
 """A watermark may be set in several ways; the proportions of its box say in which it is."""
 
+from dataclasses import replace
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -26,3 +28,11 @@ def test_a_line_is_as_high_as_its_share_of_the_block() -> None:
     assert np.allclose(
         layouts.line_height(np.array([[10.0, 0.3, 1.0], [10.0, layouts.artworks[1].aspect * 10, 1]])), [0.3, 1.2]
     )
+
+
+def test_marks_say_in_which_ways_they_break_the_text() -> None:
+    row, block = replace(text(0.1), lines=("a b",)), replace(text(0.5), lines=("a", "b"))
+    layouts = distinct_layouts([row, block])
+    assert layouts.settings(np.array([[10.0, 1.0, 1.0]])) == ("a b",)
+    assert layouts.settings(np.array([[10.0, 5.0, 1.0], [10.0, 1.0, 1.0], [5.0, 2.5, 1.0]])) == ("a b", "a\nb")
+    assert layouts.settings(np.empty((0, 3))) == ()

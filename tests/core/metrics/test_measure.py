@@ -137,15 +137,3 @@ def test_marks_without_a_text_have_no_ocr() -> None:
 def plate_artwork() -> Artwork:
     corners = np.array([[-0.5, -0.25], [0.5, -0.25], [0.5, 0.25], [-0.5, 0.25]])
     return Artwork(label="a plate", rings=(corners,), aspect=0.5, ink=1.0, line_height=0.5)
-
-
-def test_the_text_is_compared_as_the_marks_break_it_into_lines() -> None:
-    wide = replace(plate_artwork(), lines=("a b",), aspect=0.1)
-    high = replace(plate_artwork(), lines=("a", "b"), aspect=0.5)
-    marks = on_all_sides()
-    low = Boxes(marks.center, marks.axes, marks.size * [1.0, 0.1 * marks.size[0, 0] / marks.size[0, 1], 1.0])
-    known = replace(pair(BLOCK, low, "a b"), layouts=Layouts((wide, high)))
-    assert known.settings == ("a b",)
-    assert replace(known, layouts=None).settings == ("a b",)
-    square = Boxes(low.center, low.axes, low.size * [1.0, 5.0, 1.0])
-    assert replace(known, boxes=Boxes.concat(low[:3], square[3:])).settings == ("a b", "a\nb")
