@@ -12,6 +12,7 @@ from core.artwork.advice import smaller, subject
 from core.embossing.emboss import EMBOSS, EmbossOptions, Mark, emboss
 from core.embossing.islands import Letters
 from core.embossing.mesh import WorkingMesh
+from core.embossing.other_side import hold_other_side
 from core.embossing.patch import patches
 from core.embossing.refusal import CHEAP, EXPLAINED, Refusal
 from core.errors import ErrorCode, MeshmarkError
@@ -107,8 +108,9 @@ def emboss_marks(
     """Embosses the best choice of boxes.
 
     Where one is refused, the choice is made again among those not tried yet, and of these first among boxes without
-    an edge that was in a refused one. When these are used up, more are searched for in directions without coverage,
-    while much of the target objective is missing and each search recovers some of it.
+    an edge that was in a refused one, and without the other side of a thin wall in their bounds. When these are used
+    up, more are searched for in directions without coverage, while much of the target objective is missing and each
+    search recovers some of it.
 
     Args:
         mesh: the asset, changed in place.
@@ -133,7 +135,9 @@ def emboss_marks(
     enough, worthwhile = hoped - (1 - options.accepted_share) * abs(hoped), options.min_improvement * abs(hoped)
     for searches in range(options.max_searches + 1):
         chosen = list(placement.start)
-        doubtful = {box for each in obstacles for box in _over(placement.boxes, each, options.same_side)} - marks.keys()
+        doubtful = set(np.flatnonzero(hold_other_side(placement.boxes, context)).tolist())
+        doubtful |= {box for each in obstacles for box in _over(placement.boxes, each, options.same_side)}
+        doubtful -= marks.keys()
         doubting, doubts_left = False, options.doubts * count
         while cuts_left > 0:
             chosen = select(placement, count, list(marks), rejected | doubtful, chosen, context.options.selection)

@@ -8,6 +8,7 @@ import trimesh
 from manifold3d import Manifold, OpType
 
 from core import marking
+from core.arrays import Bool
 from core.embossing import emboss, marks
 from core.embossing.emboss import Mark
 from core.embossing.islands import letters_of
@@ -75,6 +76,20 @@ def test_where_all_places_on_a_side_are_refused_more_are_searched_for(monkeypatc
     sides, searches = cube_marks(monkeypatch, refused=10_000, pooled=True)
     assert len(sides) == 6
     assert searches == 1
+
+
+def test_places_over_thin_walls_are_left_to_others_that_cover_as_much(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = {tuple(mark["center"]) for mark in run_stages(CUBE, request()).report["watermarks"]}
+    units = marking.read(CUBE, Run(request(), lambda _: None, lambda *_: None)).scene.surface
+
+    def thin(boxes: Boxes, *_: Any) -> Bool:
+        centers = boxes.center / units.scale + units.offset
+        return np.array([np.linalg.norm(one - list(before), axis=1).min() < 0.05 for one in centers])
+
+    monkeypatch.setattr("core.embossing.marks.hold_other_side", thin)
+    after = {tuple(mark["center"]) for mark in run_stages(CUBE, request()).report["watermarks"]}
+    assert len(after) >= len(before)
+    assert np.linalg.norm(np.array(list(after))[:, None] - list(before), axis=2).min() > 0.04
 
 
 def test_a_side_on_which_a_search_found_nothing_either_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
