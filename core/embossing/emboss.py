@@ -8,7 +8,7 @@ import numpy as np
 from manifold3d import CrossSection
 
 from core.analysis.contrast import OWN, Look
-from core.arrays import Float, Int
+from core.arrays import Bool, Float, Int
 from core.embossing.check import is_closed
 from core.embossing.cut_arrange import arrange
 from core.embossing.cut_split import split
@@ -20,7 +20,7 @@ from core.embossing.patch import AREA_TOLERANCE, Patch, patches
 from core.embossing.pieces import Pieces
 from core.embossing.refusal import Refusal
 from core.geometry.boxes import Boxes
-from core.geometry.edges import boundary_edges, directed_edges
+from core.geometry.edges import boundary_edges, connected, directed_edges
 from core.geometry.grouping import among
 from core.geometry.products import cross, product
 from core.geometry.spatial import Eye, SpatialIndex
@@ -256,20 +256,36 @@ class _Bases:
 
 
 def _caps(bases: _Bases, normal: Float, relief: float, index: SpatialIndex, options: EmbossOptions) -> Float | Refusal:
-    """(T, 3) cap vertices above the ``bases``: lifted along their normals or, where these diverge too much, along the
-    box ``normal``; without draft where both fail, so that no watermark is refused because of its draft."""
-    upright = replace(bases, shift=np.zeros_like(bases.shift))
-    for drafted in (bases, upright):
-        for along in (bases.normals, np.broadcast_to(normal, bases.normals.shape)):
-            points, tops = _draft_and_lift(replace(drafted, normals=along), normal, relief, index, options)
-            if folded(tops, bases.triangles, normal):
-                continue
-            if not obstructed(points, tops, relief, index):
-                return tops
-            if drafted is upright:
-                return Refusal.SECOND_LAYER if relief > 0 else Refusal.THIN_WALL
-            break
-    return Refusal.FOLDED
+    """(T, 3) cap vertices above the ``bases``. Letters that the draft would turn over, or that would meet other surface
+    with it, have none; no letter has any where that does not help, so that no watermark is refused because of it."""
+    first, second, third = bases.triangles.T
+    letter = connected(len(bases.points), np.concatenate([first, second]), np.concatenate([second, third]))
+    drafted = bases
+    while True:
+        tops, refusal, failing = _lifted_caps(drafted, normal, relief, index, options)
+        if refusal is None:
+            return tops
+        if not drafted.shift.any():
+            return refusal
+        kept = np.where(among(letter, letter[failing])[:, None], 0.0, drafted.shift)
+        drafted = replace(bases, shift=kept if (kept != drafted.shift).any() else np.zeros_like(kept))
+
+
+def _lifted_caps(
+    bases: _Bases, normal: Float, relief: float, index: SpatialIndex, options: EmbossOptions
+) -> tuple[Float, Refusal | None, Bool]:
+    """(T, 3) cap vertices above the ``bases``, lifted along their normals or, where these diverge too much, along the
+    box ``normal``; the reason why they cannot stand, and (T,) those to which it applies."""
+    for along in (bases.normals, np.broadcast_to(normal, bases.normals.shape)):
+        points, tops = _draft_and_lift(replace(bases, normals=along), normal, relief, index, options)
+        failing = np.zeros(len(tops), dtype=bool)
+        if not folded(tops, bases.triangles, normal):
+            # Feet that the draft has shifted along the tangents of bent ground are above or below it.
+            failing = obstructed(index.closest(points)[2] if bases.shift.any() else points, tops, relief, index)
+            beyond = Refusal.SECOND_LAYER if relief > 0 else Refusal.THIN_WALL
+            return tops, beyond if failing.any() else None, failing
+        failing[bases.triangles[inverted(tops, bases.triangles, normal)]] = True
+    return tops, Refusal.FOLDED, failing
 
 
 def _draft_and_lift(

@@ -47,17 +47,20 @@ def _facing(tops: Float, triangles: Int, normal: Float) -> Float:
     return np.asarray(product(cross(b - a, c - a), normal[:, None])[:, 0])
 
 
-def obstructed(base: Float, tops: Float, relief: float, index: SpatialIndex) -> bool:
-    """True where other surface is within one and a half reliefs of the letters: above raised ones, behind sunken."""
+def obstructed(base: Float, tops: Float, relief: float, index: SpatialIndex) -> Bool:
+    """(N,) true where other surface is within one and a half reliefs of the letters: above raised ones, behind sunken.
+
+    ``base`` (N, 3) are points of the surface, ``tops`` (N, 3) those of the letters above them.
+    """
     direction = tops - base
     direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), np.finfo(float).tiny)
     reach = 1.5 * abs(relief)
     if relief > 0:
         # The first hit of a ray back from above must be the letter's own base.
         distance, _ = index.first_hit(base + reach * direction, -direction, Eye.ORIGIN)
-        return bool(np.any(distance < 0.95 * reach))
+        return np.asarray(distance < 0.95 * reach)
     # Likewise from below, where another side of a wall, however thin it is, is met from its front.
     distance, face = index.first_hit(base + reach * direction, -direction)
     slack = 0.05 * abs(relief)
     from_front = (face >= 0) & (np.einsum("ni,ni->n", index.normals(face), direction) > 0)
-    return bool(np.any(distance < reach - slack) or np.any(distance[from_front] < reach + slack))
+    return np.asarray((distance < reach - slack) | (from_front & (distance < reach + slack)))

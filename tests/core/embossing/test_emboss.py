@@ -109,6 +109,34 @@ def test_walls_lean_so_that_they_are_seen_from_straight_ahead(relief: float) -> 
     assert _seen_from_above(edit.position[edit.kind == Kind.CAP]).min() > -1e-6 * letters
 
 
+@pytest.mark.parametrize("bend", [0.15, -0.15])
+@pytest.mark.parametrize("relief", [0.05, -0.05])
+def test_walls_lean_on_faceted_ground_too(bend: float, relief: float) -> None:
+    flat = grid(10.0, 4.0, 8, 4)
+    bent = flat.positions + np.abs(flat.positions[:, :1]) * np.array([0.0, 0.0, bend])
+    bench = Bench(surface(bent, flat.faces))
+    bench.emboss(box_at(center=(0.0, 0.0, 0.1 * np.sign(bend)), thickness=1.0), relief)
+    edit = bench.edit()
+    assert _seen_from_above(edit.position[edit.kind == Kind.WALL]).sum() > 0.05 * 16.0 * LETTERS_AREA
+
+
+@pytest.mark.parametrize("relief", [0.2, -0.2])
+def test_only_the_letter_whose_leaning_walls_would_meet_something_has_upright_ones(relief: float) -> None:
+    sheet, place = grid(10.0, 4.0, 50, 20), box_at(thickness=0.3)
+    clean = Bench(sheet)
+    clean.emboss(place, relief)
+    leaning = clean.edit().position[clean.edit().kind == Kind.CAP]
+    # A speck in the way of one corner of the first letter, beside the outline that its upright walls have.
+    corner = leaning.reshape(-1, 3)[leaning[..., 0].argmin()]
+    speck = 0.002 * np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]]) + corner * [1, 1, 1.3]
+    bench = Bench(join(sheet, surface(speck, np.array([[0, 1, 2]]))))
+    assert isinstance(bench.emboss(place, relief), Mark)
+    tops = bench.edit().position[bench.edit().kind == Kind.CAP]
+    first = 16.0 * min(LETTERS.islands, key=lambda island: island.bounds()[0]).area()
+    grown = _seen_from_above(tops).sum() - _seen_from_above(leaning).sum()
+    assert 0.3 * first < grown < 0.6 * first
+
+
 def test_where_the_surface_has_no_room_for_leaning_walls_they_are_upright(monkeypatch: pytest.MonkeyPatch) -> None:
     def fussy(tops: Float, triangles: Int, normal: Float) -> bool:
         corners = tops[triangles]

@@ -47,7 +47,7 @@ def test_a_lid_above_is_an_obstruction_only_within_reach() -> None:
     for height, expected in ((0.25, True), (0.4, False)):
         both = join(ground, moved(ground, 0.0, 0.0, height))
         index = SpatialIndex(both.positions, both.faces)
-        assert obstructed(base, base + 0.2 * UP, 0.2, index) is expected
+        assert obstructed(base, base + 0.2 * UP, 0.2, index).tolist() == [expected]
 
 
 def test_the_back_of_a_plate_is_an_obstruction_for_sunken_letters() -> None:
@@ -55,7 +55,7 @@ def test_the_back_of_a_plate_is_an_obstruction_for_sunken_letters() -> None:
     for relief, expected in ((-0.9, True), (-0.5, False)):
         plate = box(4.0, 4.0, 1.0)
         index = SpatialIndex(plate.positions, plate.faces)
-        assert obstructed(base, base + relief * UP, relief, index) is expected
+        assert obstructed(base, base + relief * UP, relief, index).tolist() == [expected]
 
 
 def test_surface_that_faces_elsewhere_does_not_bend_letters() -> None:
