@@ -17,7 +17,7 @@ from tests.validator import error_counts
 
 SPOT = Path(__file__).parents[1] / "data" / "spot.glb"
 INSTANCING = "EXT_mesh_gpu_instancing"
-TWO = Parameters(text="watermark", count=2, size=3.0, evaluate=Evaluate.GEOMETRY)
+TWO = Parameters(text="watermark", count=2, size=3.0, color="none", evaluate=Evaluate.GEOMETRY)
 
 
 def _marked(data: bytes) -> Result:

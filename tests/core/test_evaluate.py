@@ -11,6 +11,8 @@ from core.cli import main
 from core.errors import MeshmarkError
 from core.evaluate import evaluate, parse_watermarks
 from core.geometry.spatial import SpatialIndex
+from core.metrics.measure import Pair, measure
+from core.metrics.measurement import Measurement
 from core.parameters import Evaluate, Parameters
 from core.pipeline import Result, watermark
 from core.report import EvaluationReport
@@ -44,13 +46,20 @@ def test_a_pair_measures_as_it_did_in_the_job_that_made_it_save_for_the_artwork(
     assert json.dumps(EvaluationReport.model_validate(again).model_dump(mode="json")) == json.dumps(again)
 
 
-def test_a_text_in_lines_is_read_as_the_report_has_them() -> None:
-    plate = cast(bytes, trimesh.creation.box(extents=(2, 1.2, 0.2)).export(file_type="stl"))
-    asked = Parameters(text="Example Studios order 4711", count=2, evaluate=Evaluate.NONE)
-    result = watermark(plate, asked, preview=False)
-    assert len(result.report["watermarks"][0]["lines"]) > 1
-    places = parse_watermarks(json.dumps(result.report).encode())
-    assert evaluate(plate, result.model, places)["metrics"]["watermark_quality"]["ocr_ge_0.8"] > 0.3
+def test_a_text_in_lines_is_read_as_the_report_has_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    measured: list[Pair] = []
+
+    def noted(pair: Pair, level: Evaluate) -> Measurement:
+        measured.append(pair)
+        return measure(pair, level)
+
+    monkeypatch.setattr("core.evaluate.measure", noted)
+    place = {"center": [0, 0, 0.1], "up": [0, 1, 0], "normal": [0, 0, 1], "size": [1.2, 0.6, 0.1], "relief": 0.1}
+    marks = [place | {"text": "a b", "lines": lines} for lines in (["a b"], ["a", "b"], ["a b"])]
+    plate = cast(bytes, PLATE.export(file_type="stl"))
+    for text in ("", "other"):
+        evaluate(plate, plate, parse_watermarks(json.dumps(marks).encode()), text, Evaluate.NONE)
+    assert [pair.settings for pair in measured] == [("a b", "a\nb"), ()]
 
 
 def test_files_of_other_tools_are_measured_with_places_from_a_list() -> None:
