@@ -28,7 +28,7 @@ SUPERSAMPLING = 2  # samples a pixel and axis
 CAPTION = 34  # pixels; height of the strip with a case's label, two lines
 COLUMNS = 4  # cases side by side
 GAP = 6  # pixels between cases
-AROUND = 1.25  # radius of a mark's picture over half the diagonal of its front
+AROUND = 1.2  # radius of a mark's picture over half the diagonal of its front
 LINE = 40  # characters of an error's message side by side
 PAPER, INK = (255, 255, 255), (20, 20, 20)
 
