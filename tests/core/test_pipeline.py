@@ -374,8 +374,8 @@ def test_a_real_asset_is_marked_without_changing_its_topology_or_is_refused_by_i
     assert 1 <= len(result.report["watermarks"]) <= 3
     for fact in ("watertight", "components", "boundary_edges", "nonmanifold_edges"):
         assert asset[fact] == model[fact], fact
-    # The tops follow the surface: their height above it deviates by a twentieth of the relief at most.
+    # The tops follow the surface: their height above it deviates by a twenty-fifth of the relief at most.
     relief = min(mark["relief"] for mark in result.report["watermarks"]) * result.report["units"]["scale"]
-    assert np.sqrt(result.report["metrics"]["asset_utility"]["lce"]) < 0.05 * relief
+    assert np.sqrt(result.report["metrics"]["asset_utility"]["lce"]) < 0.04 * relief
     known = error_counts(data) if asset["format"] == "glb" else {}
     assert set(error_counts(result.model)) <= set(known)
