@@ -303,7 +303,7 @@ def ended_job(site: Site, url: str) -> dict[str, Any]:
 def check_jobs(site: Site, ended: dict[str, dict[str, Any]]) -> dict[str, int]:
     """Each job has succeeded, with results that are its own and whole, but for those whose engines were killed."""
     failed = [job["error"]["code"] for job in ended.values() if job["state"] != "succeeded"]
-    assert set(failed) <= {"engine_crashed"}, failed
+    assert set(failed) <= {"engine_crashed"}, f"{failed}; the workers' logs: {complaints(site)}"
     assert len(failed) <= 3, "one by itself, two with their template"
     for url, job in ended.items():
         if job["state"] == "succeeded":
@@ -318,6 +318,12 @@ def check_jobs(site: Site, ended: dict[str, dict[str, Any]]) -> dict[str, int]:
         "jobs that failed, for their engine was killed": len(failed),
         "jobs that were started more than once": sum(job["attempts"] > 1 for job in ended.values()),
     }
+
+
+def complaints(site: Site) -> str:
+    """What the workers logged with a traceback, or their engines wrote to stderr."""
+    lines = (line for worker in site.workers for line in worker.log.read_text().splitlines())
+    return "\n".join(line for line in lines if "Traceback" in line or "worker failed" in line)
 
 
 def check_store(site: Site, folder: Path) -> dict[str, int]:

@@ -172,7 +172,8 @@ class Worker:
             log.warning("the engine ended before it had measured its result", code=error.code.value)
             with open_result(report) as file:
                 written = file.read(LARGEST_REPORT)
-            replace_result(report, _explained(written, error))
+            with writing():
+                replace_result(report, _explained(written, error))
         self._publish(job.lease, Published(ArtifactKind.REPORT, report), heartbeat)
 
     def _follow(self, job: Job, work: Work, limits: Limits, heartbeat: Heartbeat) -> None:
@@ -244,11 +245,17 @@ class Worker:
 
 
 def _explained(report: bytes, error: MeshmarkError) -> bytes:
-    """Report in which the error that ended the measurement is the reason of every missing metric."""
-    content = json.loads(report)
-    if content["metrics"] is not None:
-        reason = asdict(error.notice())
-        content["metrics"]["missing"] = dict.fromkeys(content["metrics"]["missing"], reason)
+    """Report in which the error that ended the measurement is the reason of every missing metric.
+
+    Raises:
+        MeshmarkError: the error itself, where what the engine left is no report.
+    """
+    try:
+        content = json.loads(report)
+        if metrics := content["metrics"]:
+            metrics["missing"] = dict.fromkeys(metrics["missing"], asdict(error.notice()))
+    except (ValueError, LookupError, TypeError, RecursionError):
+        raise error from None
     return json.dumps(content).encode()
 
 

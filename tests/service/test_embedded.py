@@ -49,7 +49,7 @@ def test_an_asset_goes_in_and_model_report_and_preview_come_out(service: Service
         "text": "HI",
         "font": False,
         "logo": False,
-        "metrics": {"ocr": 1.0},
+        "metrics": {"ocr": 1.0, "missing": {}},
     }
     assert service.client.get(job["links"]["preview"]).content == b"\x89PNG"
 

@@ -58,7 +58,7 @@ def test_stages_and_artifacts_arrive_in_order(template: Template, tmp_path: Path
         "text": "HI",
         "font": False,
         "logo": False,
-        "metrics": {"ocr": 1.0},
+        "metrics": {"ocr": 1.0, "missing": {}},
     }
 
 

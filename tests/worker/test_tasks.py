@@ -1,3 +1,4 @@
+import errno
 import json
 import os
 import sqlite3
@@ -97,6 +98,37 @@ def test_a_job_whose_measurement_dies_still_delivers_its_model_and_says_why(
     metrics = json.loads(content(worker, done.artifact(ArtifactKind.REPORT)))["metrics"]
     assert metrics["ocr"] is None
     assert metrics["missing"]["ocr"]["code"] == code
+
+
+def test_a_job_whose_engine_dies_after_its_last_report_is_done(worker: Worker) -> None:
+    job_id = submit(worker, at_the_end="segfault")
+    worker.run(job_id)
+    done = job(worker, job_id)
+    assert done.state == JobState.SUCCEEDED
+    report = json.loads(content(worker, done.artifact(ArtifactKind.REPORT)))
+    assert report["metrics"] == {"ocr": 1.0, "missing": {}}
+
+
+@pytest.mark.parametrize("report", [[], {}, {"metrics": 1}, {"metrics": {"ocr": 1.0}}, {"metrics": {"missing": 3}}])
+def test_an_engine_that_dies_and_leaves_what_is_no_report_has_crashed(worker: Worker, report: object) -> None:
+    job_id = submit(worker, at_the_end="segfault", report=report)
+    worker.run(job_id)
+    assert (job(worker, job_id).state, job(worker, job_id).error_code) == (JobState.FAILED, "engine_crashed")
+
+
+def test_a_job_whose_report_the_disk_has_no_room_for_is_put_back(
+    worker: Worker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fill(_path: Path, _content: bytes) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    job_id = submit(worker, then="segfault")
+    monkeypatch.setattr("worker.tasks.replace_result", fill)
+    worker.run(job_id)
+    assert job(worker, job_id).state == JobState.QUEUED
+    monkeypatch.undo()
+    worker.run(job_id)
+    assert job(worker, job_id).state == JobState.SUCCEEDED
 
 
 def test_a_canceled_job_is_stopped_and_stays_canceled(worker: Worker) -> None:
