@@ -41,6 +41,10 @@ delivered: $(VENV)/.tests ## Mark every textured file of MESHES=DIR (COLOR=auto,
 	@test -n "$(MESHES)" || { echo "usage: make delivered MESHES=DIR [COLOR=auto]"; exit 2; }
 	@$(BIN)/python -m tests.delivered $(MESHES) $(if $(COLOR),--color "$(COLOR)")
 
+features: $(VENV)/.tests ## Mark the labelled files of MESHES=DIR and print how many marks stand on faces, logos, ...
+	@test -n "$(MESHES)" || { echo "usage: make features MESHES=DIR"; exit 2; }
+	@$(BIN)/python -m tests.features $(MESHES)
+
 benchmark: $(VENV)/.tests ## Compare all methods on the files of MESHES=DIR; the report goes to OUT=DIR
 	@sh docker/system-packages.sh service
 	$(BIN)/meshmark benchmark $(MESHES) --out $(OUT)
@@ -88,4 +92,4 @@ $(VENV)/.tests: $(VENV)/.service
 	$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable '.[test,benchmark]'
 	touch $@
 
-.PHONY: help install demo run test check survey delivered benchmark ablation fuzz faults load attacks audit docker-test openapi clean
+.PHONY: help install demo run test check survey delivered features benchmark ablation fuzz faults load attacks audit docker-test openapi clean
