@@ -158,8 +158,10 @@ class AssetUtility(Section):
     smse: Annotated[Score, Field(description="Mean distance to the original, size-30 units.")]
     smse_squared: Annotated[Score, Field(description="Mean squared distance to the original, squared size-30 units.")]
     ipe: Annotated[int | None, Field(description="Change in the number of connected parts.")]
-    lce: Annotated[Score, Field(description="Variance of the letters' height, squared size-30 units.")]
+    lce: Annotated[Score, Field(description="Variance of the letters' height in each mark, squared size-30 units.")]
+    lce_pooled: Annotated[Score, Field(description="Variance of the letters' height in all marks together, likewise.")]
     se: Annotated[Score, Field(description="Share of the marks on salient ground.")]
+    se_lee2005: Annotated[Score, Field(description="The same by the saliency of Lee, Varshney and Jacobs 2005.")]
     ss: Annotated[Score, Field(description="Similarity of pictures before and after, -1 to 1.")]
 
 

@@ -10,16 +10,21 @@ from core.geometry.surface import Surface
 from core.metrics.faces_near import near
 
 
-def lce(original_index: SpatialIndex, watermarked: Surface, boxes: Boxes, relief: NDArray[np.float64]) -> float | None:
-    """Variance of the distance to the original over the vertices on each mark's caps, mean over marks.
+def lce(
+    original_index: SpatialIndex, watermarked: Surface, boxes: Boxes, relief: NDArray[np.float64]
+) -> tuple[float, float] | None:
+    """Variance of the distance to the original over the vertices on the marks' caps: of each mark, mean over marks, and
+    pooled, over the vertices of all marks together.
 
-    Squared size-30 units; lower is better, 0 where letters follow the surface exactly. A vertex is on a cap when
-    it is in the box, extended by 1.5 reliefs to the front and back, more than half a relief off the original.
-    Distances to faces that face away from the box do not count, such as those of a layer close above the letters whose
-    back no viewer draws. None where no mark has any such vertex. ``relief`` is (B,), the height of each mark's letters.
+    Squared size-30 units; lower is better, 0 where letters follow the surface exactly. The paper pools, and all of its
+    marks are equally high; where they are not, as ours, which are as high as their text is wide, the pooled variance is
+    mostly that of their heights. A vertex is on a cap when it is in the box, extended by 1.5 reliefs to the front and
+    back, more than half a relief off the original. Distances to faces that face away from the box do not count, such as
+    those of a layer close above the letters whose back no viewer draws. None where no mark has any such vertex.
+    ``relief`` is (B,), the height of each mark's letters.
     """
     reach = Boxes(boxes.center, boxes.axes, boxes.size + 3 * np.abs(relief)[:, None] * [0.0, 0.0, 1.0])
-    variances = []
+    heights = []
     for number, faces in enumerate(near(watermarked, reach)):
         vertices = np.unique(watermarked.faces[faces])
         local = reach.to_local(number, watermarked.positions[vertices])
@@ -37,8 +42,10 @@ def lce(original_index: SpatialIndex, watermarked: Surface, boxes: Boxes, relief
                 2 * relief[number],
             )
         if len(height):
-            variances.append(float(height.var()))
-    return float(np.mean(variances)) if variances else None
+            heights.append(height)
+    if not heights:
+        return None
+    return float(np.mean([height.var() for height in heights])), float(np.concatenate(heights).var())
 
 
 def _look_down(

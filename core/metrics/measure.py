@@ -24,6 +24,7 @@ from core.metrics.ipe import ipe
 from core.metrics.lce import lce
 from core.metrics.match import match
 from core.metrics.measurement import Measurement, Values
+from core.metrics.mesh_saliency import mesh_saliency
 from core.metrics.ocr import ocr
 from core.metrics.ray import ray
 from core.metrics.ray_origins import above_letters, top_face
@@ -52,8 +53,8 @@ class Subject:
         surface: in the size-30 frame of the original.
         index: over ``surface``.
         pictures: (V, S, S, 3) the paper's views, or why there are none; None will do for ``evaluate: geometry``.
-        seed: of the samples of its saliency.
-        mapped: its saliency map, where that is known already.
+        seed: of the samples of its saliency maps.
+        mapped: its own saliency map, where that is known already.
     """
 
     surface: Surface
@@ -66,6 +67,11 @@ class Subject:
     def saliency(self) -> Saliency:
         """The saliency map of ``surface``."""
         return saliency(self.surface, self.seed) if self.mapped is None else self.mapped
+
+    @cached_property
+    def published(self) -> Saliency:
+        """The saliency map of ``surface`` by a published method."""
+        return mesh_saliency(self.surface, self.seed)
 
     @property
     def views(self) -> Pictures:
@@ -199,13 +205,14 @@ def _curvature(pair: Pair, _: Measurement) -> Values:
             "No vertex of the watermarked asset lies on top of a letter in any of the given places.",
             "Check that places, relief and both files use the same coordinates.",
         )
-    return {"lce": variance}
+    return dict(zip(("lce", "lce_pooled"), variance, strict=True))
 
 
 def _saliency(pair: Pair, found: Measurement) -> Values:
     pair.require_boxes()
     share, found.box_saliency = se(pair.original.saliency, pair.boxes)
-    return {"se": share}
+    published, _ = se(pair.original.published, pair.boxes)
+    return {"se": share, "se_lee2005": published}
 
 
 def _readability(pair: Pair, found: Measurement) -> Values:
@@ -260,8 +267,8 @@ _GROUPS = (
     _Group("visibility", ("ray", "ray_box", "coverage", "crop_survival"), Evaluate.GEOMETRY, _visibility),
     _Group("artwork", ("match",), Evaluate.GEOMETRY, _artwork),
     _Group("shape", ("smse", "smse_squared", "ipe"), Evaluate.GEOMETRY, _shape),
-    _Group("curvature", ("lce",), Evaluate.GEOMETRY, _curvature),
-    _Group("saliency", ("se",), Evaluate.GEOMETRY, _saliency),
+    _Group("curvature", ("lce", "lce_pooled"), Evaluate.GEOMETRY, _curvature),
+    _Group("saliency", ("se", "se_lee2005"), Evaluate.GEOMETRY, _saliency),
     _Group("readability", READABILITY, Evaluate.FULL, _readability),
     _Group("semantics", ("ss",), Evaluate.FULL, _semantics),
 )

@@ -25,12 +25,20 @@ HIGHER_IS_BETTER = {
         "smse_squared": False,
         "ipe": False,
         "lce": False,
+        "lce_pooled": False,
         "se": False,
+        "se_lee2005": False,
         "ss": True,
     },
 }
 # Of the size-30 frame; all other metrics are shares, similarities or counts.
-UNITS = {"smse": "length", "smse_squared": "length^2", "lce": "length^2", "ipe": "parts"}
+UNITS = {
+    "smse": "length",
+    "smse_squared": "length^2",
+    "lce": "length^2",
+    "lce_pooled": "length^2",
+    "ipe": "parts",
+}
 
 
 @dataclass

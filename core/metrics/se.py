@@ -12,9 +12,9 @@ def se(saliency: Saliency, boxes: Boxes) -> tuple[float, Float]:
 
     A box votes 1 if the mean of the thresholded saliency within it is greater than 0.5, that is if more than half of
     the surface inside it is salient, and 0 otherwise; the result is the mean vote. For the surface inside a box, also
-    one too small for any sample, see :meth:`core.analysis.saliency.Saliency.under`. The vote is the paper's, the map is
-    not: see :func:`core.analysis.saliency.saliency` for the differences, by which the paper's figures are not
-    comparable with these.
+    one too small for any sample, see :meth:`core.analysis.saliency.Saliency.under`. The vote is the paper's, the maps
+    are not: neither our own (:func:`core.analysis.saliency.saliency`, with the differences) nor the published one
+    (:func:`core.metrics.mesh_saliency.mesh_saliency`); the paper's figures are not comparable with these.
 
     Args:
         saliency: of the original surface.

@@ -95,7 +95,9 @@ REPORT: JsonDict = {
             "smse_squared": 1.031e-05,
             "ipe": 0,
             "lce": 2.518e-14,
+            "lce_pooled": 1.364e-05,
             "se": 0.0,
+            "se_lee2005": 0.0,
             "ss": None,
         },
         "higher_is_better": {
@@ -113,10 +115,18 @@ REPORT: JsonDict = {
             "smse_squared": False,
             "ipe": False,
             "lce": False,
+            "lce_pooled": False,
             "se": False,
+            "se_lee2005": False,
             "ss": True,
         },
-        "units": {"smse": "length", "smse_squared": "length^2", "lce": "length^2", "ipe": "parts"},
+        "units": {
+            "smse": "length",
+            "smse_squared": "length^2",
+            "lce": "length^2",
+            "lce_pooled": "length^2",
+            "ipe": "parts",
+        },
         "semantics": None,
         "missing": {
             "ocr": {

@@ -14,7 +14,7 @@ from core.lab.benchmark.statistics import Mean, mean
 
 QUALITY = (
     "wps", "wps_area", "ray", "coverage", "crop_survival", "ocr", "ocr_ge_0.8", "ocr_exact", "ocr_color",
-    "smse", "ipe", "lce", "se", "ss",
+    "smse", "ipe", "lce", "lce_pooled", "se", "se_lee2005", "ss",
 )  # fmt: skip
 OBJECTIVE = ("ray", "coverage", "crop_survival", "ocr", "ocr_color", "smse", "se", "ss")
 ATTACKED = ("ray", "ocr", "ocr_color", "ipe", "ss", "survived", "bit_accuracy")

@@ -2,9 +2,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from core.geometry.boxes import Boxes
 from core.geometry.spatial import Hides, SpatialIndex
-from core.metrics.lce import lce
+from core.geometry.surface import Surface
+from core.metrics import lce as module
 from tests.core.placement.shapes import box, boxes, index_of, inside_out, join, moved, plane, rotation, surface
+
+
+def lce(original: SpatialIndex, watermarked: Surface, marks: Boxes, relief: NDArray[np.float64]) -> float | None:
+    found = module.lce(original, watermarked, marks, relief)
+    return None if found is None else found[0]
 
 
 def letters(height: float, slope: float = 0.0, x: float = 0.0) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -56,6 +63,20 @@ def test_the_result_is_the_mean_over_marks_each_with_its_own_height() -> None:
     marked = join(plane(20, 20), surface(*flat), surface(*sloped))
     found = lce(index_of(plane(20, 20)), marked, boxes(box((-4, 0, 0)), box((4, 0, 0))), np.array([0.2, 0.2]))
     assert found == pytest.approx(sloped[0][:, 2].var() / 2)
+
+
+def test_of_all_marks_together_the_heights_of_the_marks_differ_too() -> None:
+    low, high = letters(0.2, x=-4), letters(0.3, x=4)
+    marked = join(plane(20, 20), surface(*low), surface(*high))
+    marks = boxes(box((-4, 0, 0)), box((4, 0, 0)))
+    assert module.lce(index_of(plane(20, 20)), marked, marks, np.array([0.2, 0.3])) == pytest.approx((0, 0.05**2))
+
+
+def test_marks_of_one_height_have_the_same_error_together() -> None:
+    marked = join(plane(20, 20), surface(*letters(0.2, 0.02, x=-4)), surface(*letters(0.2, 0.02, x=4)))
+    marks = boxes(box((-4, 0, 0)), box((4, 0, 0)))
+    alone, together = module.lce(index_of(plane(20, 20)), marked, marks, np.array([0.2, 0.2])) or (0, 1)
+    assert together == pytest.approx(alone)
 
 
 def test_letters_higher_than_a_thin_box_are_still_found() -> None:

@@ -52,7 +52,7 @@ def test_the_report_carries_every_metric_and_says_which_way_is_better() -> None:
         "ocr_ge_0.8",
         "ocr_exact",
     ]
-    assert list(utility) == ["smse", "smse_squared", "ipe", "lce", "se", "ss"]
+    assert list(utility) == ["smse", "smse_squared", "ipe", "lce", "lce_pooled", "se", "se_lee2005", "ss"]
     assert found["higher_is_better"].keys() == quality.keys() | utility.keys()
     assert set(UNITS) <= set(utility)
     assert {kind: list(names) for kind, names in HIGHER_IS_BETTER.items()} == {
@@ -63,7 +63,7 @@ def test_the_report_carries_every_metric_and_says_which_way_is_better() -> None:
     assert quality["wps_area"] == pytest.approx(1)
     assert quality["ray"] == quality["ray_box"] == 1
     assert utility["smse"] == pytest.approx(0, abs=1e-9)
-    assert utility["ipe"] == utility["se"] == 0
+    assert utility["ipe"] == utility["se"] == utility["se_lee2005"] == 0
     json.dumps(found, allow_nan=False)
 
 
@@ -79,6 +79,7 @@ def test_whatever_is_missing_has_its_reason() -> None:
     assert set(found.missing) == {name for name, value in found.values.items() if value is None}
     assert {name: reason.code for name, reason in found.missing.items()} == {
         "lce": "invalid_request",  # a block without letters has no tops
+        "lce_pooled": "invalid_request",
         "match": "invalid_request",  # nobody knows the artwork
         **dict.fromkeys(("ocr", "ocr_ge_0.8", "ocr_exact", "ss"), "not_requested"),
     }
@@ -94,7 +95,9 @@ def test_without_places_what_needs_none_is_measured() -> None:
     nowhere = on_all_sides()[np.array([], dtype=np.int64)]
     found = geometry(BLOCK, nowhere)
     assert found.values["ipe"] == 0
-    assert {found.missing[name].code for name in ("wps", "ray", "coverage", "lce", "se")} == {"invalid_request"}
+    assert {found.missing[name].code for name in ("wps", "ray", "lce_pooled", "se", "se_lee2005")} == {
+        "invalid_request"
+    }
 
 
 def test_without_a_text_nothing_can_be_read() -> None:
