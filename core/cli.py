@@ -154,8 +154,8 @@ def _add_benchmark(commands: Commands) -> None:
         type=_names,
         default=known.methods,
         metavar="M,...",
-        help="meshmark, li, paper, paper-no-curve-matching, paper-no-optimization, paper-no-filtering, invisible "
-        "(default: all)",
+        help="meshmark, meshmark-default, li, paper, paper-no-curve-matching, paper-no-optimization, "
+        "paper-no-filtering, invisible (default: all)",
     )
     benchmark.add_argument("--counts", type=_numbers, default=known.counts, metavar="N,...", help="default 4,16,32")
     benchmark.add_argument(

@@ -34,4 +34,16 @@ def meshmark(
         np.array([mark.size for mark in marks]),
     ).to_frame(surface.offset, surface.scale)
     relief = np.array([mark.relief for mark in marks]) * surface.scale
-    return Marked(plain(scene_of(result.model).surface.in_frame_of(surface)), boxes, relief)
+    scene = scene_of(result.model)
+    return Marked(plain(scene.surface.in_frame_of(surface)), boxes, relief, scene)
+
+
+def meshmark_default(prepared: Prepared, parameters: Parameters, rng: np.random.Generator) -> Marked:
+    """:func:`meshmark` as it is when nothing but a text is asked for: of the ``parameters`` only text, count and seed
+    are used, so the letters have colours chosen for each mark.
+
+    Raises:
+        MeshmarkError: as the pipeline.
+    """
+    asked = Parameters(text=parameters.text, count=parameters.count, seed=parameters.seed)
+    return meshmark(prepared, asked, rng)

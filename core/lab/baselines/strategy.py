@@ -19,7 +19,7 @@ from core.geometry.boxes import Boxes
 from core.geometry.sampling import sample, thin
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
-from core.gltf.scene import flatten
+from core.gltf.scene import Scene, flatten
 from core.lab.baselines.solid import solid
 from core.lab.plain import Mesh
 from core.parameters import PRESETS, Mode, Parameters, Preset
@@ -37,11 +37,13 @@ class Marked:
         mesh: the result, without materials.
         boxes: of the B marks.
         relief: (B,) height of each mark's letters above the middle of its box, size-30 units.
+        delivered: the file that a user gets, in its own materials; None where there is only the mesh.
     """
 
     mesh: Mesh
     boxes: Boxes
     relief: Float
+    delivered: Scene | None = None
 
 
 @dataclass(eq=False)
@@ -58,6 +60,7 @@ class Prepared:
         artwork: of the text.
         seed: of the shared draws.
         font: the font file; None for the bundled one.
+        textured: the file has textures.
     """
 
     data: bytes
@@ -66,6 +69,7 @@ class Prepared:
     artwork: Artwork
     seed: int
     font: bytes | None = None
+    textured: bool = False
     _initial: dict[float, tuple[Boxes, Float]] = field(default_factory=dict)
     _fitted: dict[float, tuple[Boxes, Float]] = field(default_factory=dict)
 
@@ -118,8 +122,10 @@ def prepare(
     Raises:
         MeshmarkError: where the file cannot be read or the text cannot be drawn.
     """
-    surface = flatten(document_of(admit(data, budgets), budgets)).surface
-    return Prepared(data, surface, SpatialIndex(surface.positions, surface.faces), text_artwork(text, font), seed, font)
+    scene = flatten(document_of(admit(data, budgets), budgets))
+    surface, artwork = scene.surface, text_artwork(text, font)
+    textured = any(drawn.primitive.material.texture is not None for drawn in scene.primitives)
+    return Prepared(data, surface, SpatialIndex(surface.positions, surface.faces), artwork, seed, font, textured)
 
 
 def text_width(parameters: Parameters) -> float:

@@ -17,7 +17,7 @@ from core.errors import MeshmarkError
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
-from core.gltf.scene import scene_of
+from core.gltf.scene import Scene, scene_of
 from core.lab.attacks.attack import ATTACKS
 from core.lab.attacks.target import Attacked, Target, letter_faces, whole
 from core.lab.baselines import STRATEGIES
@@ -107,9 +107,11 @@ class AssetBench:
         )
 
     def facts(self) -> Row:
-        """Bytes, vertices (those of one place and node counted once) and faces of the asset."""
-        mesh = self._mesh
-        return {"bytes": len(self._prepared.data), "vertices": len(mesh.positions), "faces": len(mesh.faces)}
+        """Bytes, vertices (those of one place and node counted once) and faces of the asset, and whether it has
+        textures."""
+        mesh, prepared = self._mesh, self._prepared
+        sizes = {"bytes": len(prepared.data), "vertices": len(mesh.positions), "faces": len(mesh.faces)}
+        return sizes | {"textured": prepared.textured}
 
     def mark(self, method: str, count: int) -> Trial:
         """The asset watermarked by ``method``.
@@ -146,7 +148,8 @@ class AssetBench:
         surface = attacked.mesh.surface()
         # Of an invisible watermark only the bits are measured after an attack.
         only_read = trial.bits is not None and attack.name != NO_ATTACK
-        seen = None if only_read else self._seen(plain_glb(attacked.mesh), seconds, "pictures", frame)
+        clay = scene_of(plain_glb(attacked.mesh))
+        seen = None if only_read else self._seen(clay, seconds, "pictures", frame)
         pair = Pair(
             original=original,
             watermarked=Subject(surface, SpatialIndex(surface.positions, surface.faces), seen, self._seed),
@@ -163,7 +166,10 @@ class AssetBench:
             missing = {name: code for name, code in missing.items() if values[name] is None}
         if options.color is not None and options.level is Evaluate.FULL and trial.bits is None:
             letters = trial.letters(attacked, self._prepared.index)
-            values |= self._coloured(plain_glb(attacked.mesh, letters, options.color), seconds, frame)
+            painted = scene_of(plain_glb(attacked.mesh, letters, options.color))
+            values |= self._read(painted, "ocr_color", "coloured", seconds, frame)
+        if marked.delivered is not None and attack.name == NO_ATTACK and options.level is Evaluate.FULL:
+            values |= self._read(marked.delivered, "ocr_delivered", "delivered", seconds, None)
         row: Row = {
             "marks": len(marked.boxes) if trial.bits is None else None,
             "survived": float(attacked.kept.mean()) if len(attacked.kept) else None,
@@ -214,20 +220,25 @@ class AssetBench:
         return self._shown(self._prepared.surface, self._prepared.index, self._mesh)
 
     def _shown(self, surface: Surface, index: SpatialIndex, mesh: Mesh) -> tuple[Subject, Frame | None]:
-        seen = self._seen(plain_glb(mesh), {}, "original", None)
+        seen = self._seen(scene_of(plain_glb(mesh)), {}, "original", None)
         renderer = self._renderer if isinstance(seen, np.ndarray) and len(seen) else None
         return Subject(surface, index, seen, self._seed), renderer.frame if isinstance(renderer, Renderer) else None
 
-    def _coloured(self, glb: bytes, seconds: dict[str, float], frame: Frame | None) -> dict[str, float]:
-        seen = self._seen(glb, seconds, "coloured pictures", frame)
+    def _read(
+        self, scene: Scene, metric: str, kind: str, seconds: dict[str, float], frame: Frame | None
+    ) -> dict[str, float]:
+        """OCR of ``scene`` in its own materials: the values of ``metric``, none where no pictures can be had."""
+        seen = self._seen(scene, seconds, f"{kind} pictures", frame)
         if isinstance(seen, MeshmarkError) or len(seen) == 0:
             return {}
-        with _timed(seconds, "coloured OCR"):
+        with _timed(seconds, f"{kind} OCR"):
             read = ocr(seen, (self._options.text,), self._reader)
-        return {"ocr_color": read.ratio, "ocr_color_ge_0.8": read.ge_08, "ocr_color_exact": read.exact}
+        return {metric: read.ratio, f"{metric}_ge_0.8": read.ge_08, f"{metric}_exact": read.exact}
 
-    def _seen(self, glb: bytes, seconds: dict[str, float], step: str, frame: Frame | None) -> Pictures | MeshmarkError:
-        """Pictures of ``glb``, evenly chosen among the paper's 24 views; or the error. Timed as ``step``."""
+    def _seen(
+        self, scene: Scene, seconds: dict[str, float], step: str, frame: Frame | None
+    ) -> Pictures | MeshmarkError:
+        """Pictures of ``scene``, evenly chosen among the paper's 24 views; or the error. Timed as ``step``."""
         if self._options.level is not Evaluate.FULL:
             return np.empty((0, 1, 1, 3), dtype=np.uint8)
         renderer = self._renderer
@@ -236,7 +247,7 @@ class AssetBench:
         views = np.arange(self._options.views) * len(DIRECTIONS) // self._options.views
         try:
             with _timed(seconds, step):
-                return pictures(scene_of(glb), renderer, DIRECTIONS[views], UPS[views], frame)
+                return pictures(scene, renderer, DIRECTIONS[views], UPS[views], frame)
         except MeshmarkError as error:
             return error
 

@@ -12,7 +12,8 @@ REMOVAL = "removal"
 PAPER_ATTACKS = ("crop", "removal", "remesh", "decimate", "subdivide")
 INVISIBLE = "invisible"  # the one method that places no marks: it has no count
 METHODS = (
-    *("meshmark", "li", "paper", "paper-no-curve-matching", "paper-no-optimization", "paper-no-filtering"),
+    *("meshmark", "meshmark-default"),
+    *("li", "paper", "paper-no-curve-matching", "paper-no-optimization", "paper-no-filtering"),
     INVISIBLE,
 )
 # Our own method without one term of its objective each: `--methods objective`.

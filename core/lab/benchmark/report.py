@@ -44,6 +44,18 @@ def report(rows: Sequence[Row], pictures: dict[str, str]) -> str:
             ],
         ),
         (
+            f"Clay and as delivered, {asked}",
+            [
+                "Clay: pictures of the plain geometry in grey, as in all tables but this one and as in the paper. As "
+                "delivered: the file that a user gets, in its own materials, textures and vertex colours. `meshmark` "
+                "is asked for letters in the surface's own colour (or in `--color`), `meshmark-default` for nothing "
+                "but the text and the number of marks; the other methods make plain geometry only.",
+                tables.delivered(rows, count),
+                "Each cell is clay / as delivered:",
+                tables.delivered_by_asset(rows, count),
+            ],
+        ),
+        (
             f"Ablation, {asked}",
             [
                 "On the assets that all of these methods marked.",

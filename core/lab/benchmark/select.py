@@ -8,6 +8,7 @@ from core.lab.benchmark.rows import Row
 # The order of methods in tables and legends; others follow by name.
 ORDER = (
     "meshmark",
+    "meshmark-default",
     "li",
     "paper",
     "paper-no-curve-matching",

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from core.lab.baselines.meshmark import meshmark
+from core.lab.baselines.meshmark import meshmark, meshmark_default
+from core.parameters import Parameters
 from core.placement.finetune import ADAM, alignment_loss
 from tests.core.lab.baselines.assets import asset, raised, same, wanted
 from tests.core.shapes import moved, sphere
@@ -19,6 +20,22 @@ def test_marks_are_read_back_in_the_frame_of_the_original() -> None:
     assert distance == pytest.approx(0.05, rel=0.01)
     nearest = np.linalg.norm(tops[:, None] - marked.boxes.center[None], axis=2).min(axis=1)
     assert nearest.max() < 2.2
+
+
+def test_the_default_product_is_asked_for_a_text_and_a_number_of_marks_only() -> None:
+    asked = wanted(2).model_copy(update={"color": "none", "size": 2.0})
+    marked = meshmark_default(BALL, asked, np.random.default_rng(0))
+    same_request = Parameters(text=asked.text, count=2, seed=asked.seed)
+    assert same(marked.mesh, meshmark(BALL, same_request, np.random.default_rng(0)).mesh)
+    assert len(marked.boxes) == 2
+    assert marked.boxes.size[0, 0] != pytest.approx(2.0)
+
+
+def test_the_file_that_a_user_gets_comes_with_the_plain_mesh() -> None:
+    marked = meshmark(BALL, wanted(1).model_copy(update={"color": "#d02020"}), np.random.default_rng(0))
+    assert marked.delivered is not None
+    assert len(marked.delivered.surface.faces) == len(marked.mesh.faces)
+    assert len({drawn.primitive.material.name for drawn in marked.delivered.primitives}) > 1
 
 
 def test_the_parameters_seed_decides_and_no_other() -> None:

@@ -8,16 +8,21 @@ import pytest
 import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from core.errors import ErrorCode, MeshmarkError
+from core.formats.admission import admit, document_of
 from core.geometry.boxes import Boxes
+from core.gltf.scene import flatten
 from core.lab.attacks.target import letter_faces
 from core.lab.baselines import STRATEGIES
 from core.lab.baselines.strategy import Marked, Prepared
 from core.lab.benchmark.bench import AssetBench, moved_boxes, moved_points
 from core.lab.benchmark.options import AttackRequest, BenchmarkOptions
 from core.lab.benchmark.run import run
+from core.lab.plain import plain
+from core.metrics.ocr import Ocr
 from core.parameters import Evaluate, Parameters
 from tests.core.lab.benchmark.fakes import options
 
@@ -106,6 +111,35 @@ def test_our_own_pipeline_is_asked_for_the_colour_that_letters_are_read_in(monke
         with pytest.raises(MeshmarkError):
             bench.mark("meshmark", 4)
     assert [one.color for one in asked] == ["none", "#d02020"]
+
+
+def test_what_a_user_gets_is_read_in_its_own_materials_and_everything_else_as_grey_clay(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def strategy(prepared: Prepared, _parameters: Parameters, _rng: np.random.Generator) -> Marked:
+        scene = flatten(document_of(admit(prepared.data)))
+        return Marked(plain(scene.surface), Boxes.empty(), np.empty(0), scene)
+
+    monkeypatch.setitem(STRATEGIES, "meshmark", strategy)
+    seen: list[NDArray[np.uint8]] = []
+
+    def read(pictures: NDArray[np.uint8], *_: object) -> Ocr:
+        seen.append(pictures)
+        return Ocr(0.5, 0.25, 0.125, np.full(len(pictures), 0.5))
+
+    for module in ("core.lab.benchmark.bench", "core.metrics.measure"):
+        monkeypatch.setattr(f"{module}.ocr", read)
+    asked = BenchmarkOptions(Path(), Path(), views=1, resolution=96)
+    bench = AssetBench(SPOT.read_bytes(), 0, asked)
+    found = bench.measure(bench.mark("meshmark", 4), AttackRequest("none"))
+    assert bench.facts()["textured"]
+    assert found["metrics"]["ocr_delivered"] == 0.5
+    assert found["metrics"]["ocr_delivered_ge_0.8"] == 0.25
+    clay, delivered = (pictures.astype(int) for pictures in seen)
+    assert np.ptp(clay, axis=-1).max() == 0
+    assert np.ptp(delivered, axis=-1).max() > 10
+    crop = bench.measure(bench.mark("meshmark", 4), AttackRequest("crop", 0.5))
+    assert "ocr_delivered" not in crop["metrics"]
 
 
 def test_a_small_benchmark_from_files_to_report(tmp_path: Path) -> None:

@@ -133,6 +133,35 @@ def test_the_invisible_method_stands_beside_the_visible_ones() -> None:
     ]
 
 
+def test_our_own_files_are_read_as_clay_and_as_delivered_and_textured_ones_by_themselves_too() -> None:
+    rows = [
+        row("a", "meshmark", ocr=0.9, ocr_delivered=0.9) | {"textured": False},
+        row("b", "meshmark", ocr=0.8, ocr_delivered=0.2) | {"textured": True},
+        row("b", "meshmark-default", ocr=0.7, ocr_delivered=0.95) | {"textured": True},
+        row("b", "paper", ocr=0.5) | {"textured": True},
+    ]
+    found = cells(tables.delivered(rows, 16))
+    assert found[0] == ["Method", "Assets", "Number", "OCR clay ↑", "OCR as delivered ↑"]
+    assert [line[:3] for line in found[2:]] == [
+        ["meshmark", "all", "2"],
+        ["meshmark-default", "all", "1"],
+        ["meshmark", "textured", "1"],
+        ["meshmark-default", "textured", "1"],
+    ]
+    assert found[4][3:] == ["0.800", "0.200"]
+    assert cells(tables.delivered_by_asset(rows, 16)) == [
+        ["Asset", "Textures", "meshmark", "meshmark-default"],
+        ["---", "---:", "---:", "---:"],
+        ["b", "yes", "0.800 / 0.200", "0.700 / 0.950"],
+        ["a", "-", "0.900 / 0.900", "-"],
+    ]
+    assert "0.800 / 0.200" in report(rows, {})
+
+
+def test_where_nothing_was_read_as_delivered_the_report_says_so() -> None:
+    assert "No file was read as it is delivered." in report(ROWS, {})
+
+
 def test_the_mesh_statistics_stand_beside_the_papers() -> None:
     rows = [row("a", "meshmark", vertices=100), row("a", "paper", vertices=100), row("b", "paper", vertices=400)]
     found = cells(tables.mesh_statistics(rows))
