@@ -3,11 +3,11 @@
 import argparse
 from pathlib import Path
 
-from core.parameters import Align, Direction, LogoPosition, Wrap
+from core.parameters import Align, Direction, LogoPosition, Profile, Wrap
 
 
 def add_text_options(command: argparse.ArgumentParser) -> None:
-    """Add the text, and how it is set, and what may stand beside it."""
+    """Add the text, how it is set and rises, and what may stand beside it."""
     command.add_argument("--text", default="", type=_with_line_feeds, help=r"what to emboss; \n begins a line")
     command.add_argument("--wrap", choices=[wrap.value for wrap in Wrap], default=Wrap.AUTO.value, help=r"without \n")
     command.add_argument("--align", choices=[align.value for align in Align], default=Align.CENTER.value)
@@ -18,6 +18,11 @@ def add_text_options(command: argparse.ArgumentParser) -> None:
         choices=[direction.value for direction in Direction],
         default=Direction.HORIZONTAL.value,
         help="of the lines; vertical is for Chinese, Japanese and Korean",
+    )
+    command.add_argument(
+        "--profile",
+        choices=[profile.value for profile in Profile],
+        help="letters that rise smoothly, or with level tops and edges (default: the preset's)",
     )
     command.add_argument("--logo", type=Path, help="an SVG file, alone or beside the text")
     command.add_argument("--qr", metavar="URL", help="a QR code in place of a logo")

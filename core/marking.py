@@ -169,9 +169,11 @@ def emboss(asset: Asset, candidates: Candidates, run: Run) -> Embossed:
     context, parameters = candidates.context, run.request.parameters
     scene, surface, index = asset.scene, asset.analysis.surface, context.carrier.index
     options = CODES if context.layouts.logo == "qr" else CONTRAST
+    assert parameters.profile is not None
     letters = letters_of(
         context.layouts,
         lambda boxes: looks_of_letters(scene, surface, index, boxes, parameters.palette, options),
+        parameters.profile,
     )
     mesh = _whole(asset, context)
     done = emboss_marks(mesh, context, candidates.placement, letters, candidates.rng, run.progress)

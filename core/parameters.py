@@ -2,28 +2,24 @@
 
 import re
 from enum import StrEnum
-from typing import Annotated, Any, Self
+from typing import Annotated, Any
 
 from pydantic import (
-    BaseModel,
     ConfigDict,
-    Discriminator,
     Field,
-    Tag,
     ValidationError,
     field_validator,
-    model_validator,
 )
 from pydantic_core import PydanticCustomError
 
 from core.errors import ErrorCode, MeshmarkError
 from core.languages import language_tag
+from core.named_regions import Region
 from core.validation import StrictModel, describe
 
 MAX_TEXT_LENGTH = 200
 MAX_LINES = 6
 MAX_QR_LENGTH = 300
-MAX_NAME_LENGTH = 256
 MAX_REGIONS = 32
 MAX_COLORS = 16
 MIN_SIZE = 0.5
@@ -49,6 +45,13 @@ class Mode(StrEnum):
 
     EMBOSS = "emboss"
     DEBOSS = "deboss"
+
+
+class Profile(StrEnum):
+    """How letters rise from the surface."""
+
+    SOFT = "soft"
+    FLAT = "flat"
 
 
 class Align(StrEnum):
@@ -103,80 +106,33 @@ class Solver(StrEnum):
     ADAM = "adam"
 
 
-# Text width, relief, number of watermarks, solver, colour. "paper" repeats the supplement's implementation details
-# (extrude strength 0.05, about ten watermarks, Adam). In the other two the relief grows with the text: see `relief_at`.
+# Text width, relief, number of watermarks, solver, colour, profile. "paper" repeats the supplement's implementation
+# details (extrude strength 0.05, about ten watermarks, Adam). In the other two the relief grows with the text: see
+# `relief_at`.
 PRESETS: dict[Preset, dict[str, Any]] = {
-    Preset.MERCHANDISE: {"size": None, "count": 16, "solver": Solver.LEVENBERG_MARQUARDT, "color": AUTO},
-    Preset.PROVENANCE: {"size": 3.0, "count": 4, "solver": Solver.LEVENBERG_MARQUARDT, "color": AUTO},
-    Preset.PAPER: {"size": 5.5, "relief": 0.05, "count": 10, "solver": Solver.ADAM, "color": NO_COLOR},
+    Preset.MERCHANDISE: {
+        "size": None,
+        "count": 16,
+        "solver": Solver.LEVENBERG_MARQUARDT,
+        "color": AUTO,
+        "profile": Profile.FLAT,
+    },
+    Preset.PROVENANCE: {
+        "size": 3.0,
+        "count": 4,
+        "solver": Solver.LEVENBERG_MARQUARDT,
+        "color": AUTO,
+        "profile": Profile.FLAT,
+    },
+    Preset.PAPER: {
+        "size": 5.5,
+        "relief": 0.05,
+        "count": 10,
+        "solver": Solver.ADAM,
+        "color": NO_COLOR,
+        "profile": Profile.FLAT,
+    },
 }
-
-
-Name = Annotated[str, Field(min_length=1, max_length=MAX_NAME_LENGTH)]
-Point = tuple[float, float, float]
-
-
-class NodeRegion(StrictModel):
-    """All nodes of a name, and everything below them. What a bone moves counts as below the bone."""
-
-    model_config = ConfigDict(frozen=True, json_schema_extra={"examples": [{"node": "Head"}]})
-
-    node: Annotated[Name, Field(description="Name of a node; of a node without one, the name of its mesh.")]
-
-
-class MaterialRegion(StrictModel):
-    """Everything of one material."""
-
-    model_config = ConfigDict(frozen=True, json_schema_extra={"examples": [{"material": "Glass"}]})
-
-    material: Annotated[Name, Field(description="Name of a material.")]
-
-
-class Box(StrictModel):
-    """An upright box in the asset's own world coordinates, not in the size-30 frame.
-
-    These are the coordinates of the GLB that comes out: glTF's default scene, metres, Y up. A GLB or glTF keeps its
-    own; a 3MF or DAE is converted to them.
-    """
-
-    model_config = ConfigDict(frozen=True, allow_inf_nan=False)
-
-    min: Annotated[Point, Field(description="The corner with the smallest x, y and z.")]
-    max: Annotated[Point, Field(description="The corner with the largest x, y and z.")]
-
-    @model_validator(mode="after")
-    def _has_extent(self) -> Self:
-        if not all(low < high for low, high in zip(self.min, self.max, strict=True)):
-            raise PydanticCustomError("box", "Each of x, y and z should be smaller in min than in max")
-        return self
-
-
-class BoxRegion(StrictModel):
-    """Everything inside a box."""
-
-    model_config = ConfigDict(
-        frozen=True,
-        json_schema_extra={"examples": [{"box": {"min": [-0.3, 1.4, -0.3], "max": [0.3, 1.9, 0.3]}}]},
-    )
-
-    box: Box
-
-
-def _kind_of_region(value: Any) -> str | None:
-    """The one of the three keys that a region has, from a mapping or a model."""
-    keys = value if isinstance(value, dict) else type(value).model_fields if isinstance(value, BaseModel) else ()
-    kinds = [kind for kind in ("node", "material", "box") if kind in keys]
-    return kinds[0] if len(kinds) == 1 else None
-
-
-Region = Annotated[
-    Annotated[NodeRegion, Tag("node")] | Annotated[MaterialRegion, Tag("material")] | Annotated[BoxRegion, Tag("box")],
-    Discriminator(
-        _kind_of_region,
-        custom_error_type="region",
-        custom_error_message="Input should be an object with exactly one of the keys node, material and box",
-    ),
-]
 
 
 def _hex_color(value: Any) -> str:
@@ -244,6 +200,13 @@ class Parameters(StrictModel):
         Preset.MERCHANDISE
     )
     mode: Annotated[Mode, Field(description="Raised (emboss) or sunken (deboss) letters.")] = Mode.EMBOSS
+    profile: Annotated[
+        Profile | None,
+        Field(
+            description="soft: letters rise smoothly out of the surface, with a shallow trench round them; flat: they "
+            "have level tops and edges. null: the preset's; a QR code is always flat."
+        ),
+    ] = None
     size: Annotated[
         float | None,
         Field(
@@ -325,8 +288,8 @@ class Parameters(StrictModel):
         return value
 
     def require_content(self, logo: bool) -> None:
-        """Refuse a request for nothing: without a text, a QR code and a ``logo``; for both a QR code and a logo; or for
-        the place of a logo that is not there.
+        """Refuse a request for nothing: without a text, a QR code and a ``logo``; for both a QR code and a logo; for a
+        code with a soft profile; or for the place of a logo that is not there.
 
         Raises:
             MeshmarkError: ``empty_text``, ``invalid_parameters``.
@@ -342,6 +305,12 @@ class Parameters(StrictModel):
                 ErrorCode.EMPTY_TEXT,
                 "The watermark text is empty or only spaces, and there is no logo.",
                 "Send at least one visible character in `text`, an address in `qr`, or a logo.",
+            )
+        if self.qr is not None and self.profile is Profile.SOFT:
+            raise MeshmarkError(
+                ErrorCode.INVALID_PARAMETERS,
+                'The request has `qr` and a `profile` of "soft", which would round the modules of the code.',
+                'Leave `profile` out, or send "flat".',
             )
         if self.logo_position is not LogoPosition.LEFT and not (logo or self.qr):
             raise MeshmarkError(
@@ -366,7 +335,8 @@ class Parameters(StrictModel):
 
     def resolved(self) -> "Parameters":
         """This request with every ``None`` that the preset decides filled in; ``size`` and ``relief`` may stay so."""
-        values = {key: value for key, value in PRESETS[self.preset].items() if getattr(self, key) is None}
+        preset = PRESETS[self.preset] | ({"profile": Profile.FLAT} if self.qr is not None else {})
+        values = {key: value for key, value in preset.items() if getattr(self, key) is None}
         return self.model_copy(update=values)
 
 

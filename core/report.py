@@ -98,7 +98,10 @@ class Watermark(Section):
     saliency: Annotated[Score, Field(description="Mean saliency under the box, 0 to 1; null where not measured.")]
     placement_score: Annotated[float, Field(description="`wps_area` of this mark, a share.")]
     views: Annotated[int, Field(description="Of the paper's 24 views, those that see it.")]
-    cut: Annotated[Literal["split", "arrangement"], Field(description="How it was cut into the surface.")]
+    cut: Annotated[
+        Literal["split", "arrangement", "delaunay"],
+        Field(description="How it was cut into the surface; delaunay: triangulated along letters of a soft profile."),
+    ]
     drawn: Annotated[Literal[True], Field(description="A viewer draws its letters: no other mark stays in the file.")]
 
 

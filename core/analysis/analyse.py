@@ -54,12 +54,16 @@ class SurfaceAnalysis:
         flipped = self.flipped[edit.source_face]
         order = np.where(flipped[:, None], [0, 2, 1], [0, 1, 2])
         rows = np.arange(len(order))[:, None]
+        corner_face = edit.corner_face[rows, order]
+        within = np.where(self.flipped[corner_face][..., None], [0, 2, 1], [0, 1, 2])
         return replace(
             edit,
             vertex=edit.vertex[rows, order],
             position=edit.position[rows, order],
-            barycentric=edit.barycentric[rows[:, :, None], order[:, :, None], order[:, None, :]],
+            corner_face=corner_face,
+            barycentric=edit.barycentric[rows[:, :, None], order[:, :, None], within],
             original=edit.original[rows, order],
+            tilt=np.where(flipped[:, None, None], -edit.tilt, edit.tilt)[rows, order],
         )
 
 

@@ -16,7 +16,8 @@ from core.gltf.document import Document
 from core.gltf.primitives import DrawnPrimitive
 from core.gltf.scene import Scene
 from core.gltf.skin import read_influences
-from core.parameters import MAX_NAME_LENGTH, Box, BoxRegion, MaterialRegion, NodeRegion, Parameters
+from core.named_regions import MAX_NAME_LENGTH, Box, BoxRegion, MaterialRegion, NodeRegion
+from core.parameters import Parameters
 
 LISTED = 10  # names in an error
 FOLLOWS = 0.5  # sum of skin weights; with at least this a corner belongs to the joints that move it

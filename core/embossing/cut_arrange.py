@@ -11,11 +11,11 @@ from itertools import pairwise
 import numpy as np
 from manifold3d import CrossSection, triangulate
 
-from core.arrays import Bool, Float, Int
+from core.arrays import Float, Int
 from core.embossing.patch import Patch
 from core.embossing.pieces import Pieces
 from core.geometry.edges import directed_edges
-from core.geometry.triangles import doubled_area, ring_area
+from core.geometry.triangles import doubled_area, inside_rings, ring_area
 
 DEGENERATE = 1e-13  # square text widths; the sign of smaller signed areas is rounding noise of float64
 
@@ -50,7 +50,7 @@ def arrange(patch: Patch, letters: CrossSection) -> Pieces | None:
             return None
         result += [(triangle, face, is_letter) for triangle, is_letter in cells]
     whole = np.setdiff1d(np.arange(len(patch.triangles)), np.array(list(cut), dtype=np.int64))
-    in_letter = _inside(plane[patch.triangles[whole]].mean(axis=1), rings)
+    in_letter = inside_rings(plane[patch.triangles[whole]].mean(axis=1), rings)
     triangles = np.concatenate([patch.triangles[whole], np.array([t for t, _, _ in result]).reshape(-1, 3)])
     faces = np.concatenate([whole, np.array([f for _, f, _ in result], dtype=np.int64)])
     is_letter = np.concatenate([in_letter, np.array([letter for _, _, letter in result], dtype=bool)])
@@ -154,7 +154,7 @@ def _cells(triangle: list[int], inside: _Triangle, plane: Float) -> list[tuple[l
         if area <= 0:
             # A closed outline wholly inside the triangle: it is a hole of the smallest cell around it.
             around = [o for o in outer if not set(cycles[o]) & set(cycles[k])]
-            around = [o for o in around if _inside(plane[cycles[k][:1]], [plane[cycles[o]]])[0]]
+            around = [o for o in around if inside_rings(plane[cycles[k][:1]], [plane[cycles[o]]])[0]]
             if not around:
                 return None
             holes[min(around, key=lambda o: areas[o])].append(cycles[k])
@@ -194,15 +194,3 @@ def _on_plane(point: Float, triangle: Float) -> Float:
     normal = np.cross(triangle[1] - triangle[0], triangle[2] - triangle[0])
     offset = (normal[:2] * (triangle[0, :2] - point)).sum()
     return np.array([point[0], point[1], triangle[0, 2] + offset / normal[2]])
-
-
-def _inside(points: Float, rings: list[Float]) -> Bool:
-    """(N,) true for the (N, 2) ``points`` inside ``rings`` by the even-odd rule."""
-    result = np.zeros(len(points), dtype=bool)
-    for ring in rings:
-        for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):
-            spans = (a[1] > points[:, 1]) != (b[1] > points[:, 1])
-            if spans.any():
-                x = a[0] + (points[:, 1] - a[1]) * (b[0] - a[0]) / (b[1] - a[1] if b[1] != a[1] else 1.0)
-                result ^= spans & (points[:, 0] < x)
-    return result

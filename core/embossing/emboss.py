@@ -13,24 +13,29 @@ from core.embossing.check import is_closed
 from core.embossing.cut_arrange import arrange
 from core.embossing.cut_split import split
 from core.embossing.draft import Draft
+from core.embossing.height_field import HeightField, height_field
 from core.embossing.islands import LetterIslands, assign_to_patches
 from core.embossing.lift import MIN_AGREEMENT, folded, inverted, lift, obstructed
 from core.embossing.mesh import WorkingMesh
-from core.embossing.patch import AREA_TOLERANCE, Patch, patches
+from core.embossing.patch import Patch, single_valued_patches
 from core.embossing.pieces import Pieces
 from core.embossing.refusal import Refusal
+from core.embossing.soft import Displaced, displaced
 from core.geometry.boxes import Boxes
 from core.geometry.edges import boundary_edges, connected, directed_edges
 from core.geometry.grouping import among
 from core.geometry.products import cross, product
-from core.geometry.spatial import Eye, SpatialIndex
+from core.geometry.spatial import SpatialIndex
 from core.geometry.triangles import barycentric
 from core.gltf.edit import Kind
 
 Cut = Callable[[Patch, CrossSection], Pieces | None]
-CUTS: tuple[tuple[Literal["split", "arrangement"], Cut], ...] = (("split", split), ("arrangement", arrange))
+Method = Literal["split", "arrangement", "delaunay"]
+CUTS: tuple[tuple[Method, Cut], ...] = (("split", split), ("arrangement", arrange))
 SLACK = 0.05  # reliefs between the letters and the faces of their bounds, so that the surface under them is inside
 FINEST = 4  # spacings of the file's coordinates; least length of a new edge
+
+FINAL = (Refusal.SECOND_LAYER, Refusal.THIN_WALL, Refusal.FOLDED)  # which a small shift does not help against
 
 
 @dataclass(frozen=True)
@@ -64,7 +69,7 @@ class Mark:
     """
 
     box: Boxes
-    cut: Literal["split", "arrangement"]
+    cut: Method
     faces: int
     relief: float
     bounds: Boxes
@@ -94,7 +99,7 @@ def emboss(
         moved = Boxes(
             box.center + product(box.size[0, 1] * letters.line * np.array([shift]), box.axes[0, :2]), box.axes, box.size
         )
-        found = _single_valued_patches(mesh, moved, index)
+        found = single_valued_patches(mesh, moved, index, letters.reach)
         if isinstance(found, Refusal):
             return found
         under = np.concatenate([np.empty(0, dtype=np.int64), *(patch.faces for patch in found)])
@@ -107,6 +112,15 @@ def emboss(
         used = [(patch, text) for patch, text in zip(found, assigned, strict=True) if not text.is_empty()]
         if relief < 0 and any(mesh.has_remaining_copy(patch.faces).any() for patch, _ in used):
             return Refusal.SECOND_LAYER
+        if letters.soft is not None:
+            outcome = _displace(mesh, moved, used, letters.soft, relief, index)
+            if not isinstance(outcome, Refusal):
+                faces, bounds = outcome
+                return Mark(moved, "delaunay", faces, relief, bounds)
+            if outcome in FINAL:
+                return outcome
+            refusal = outcome
+            continue
         for name, cut in CUTS:
             cuts = _cut_patches(mesh, moved, used, cut, letters.draft)
             outcome = cuts if isinstance(cuts, Refusal) else _lift_letters(mesh, moved, cuts, relief, index, options)
@@ -116,7 +130,7 @@ def emboss(
             if not isinstance(outcome, Refusal):
                 faces, bounds = outcome
                 return Mark(moved, name, faces, relief, bounds)
-            if outcome in (Refusal.SECOND_LAYER, Refusal.THIN_WALL, Refusal.FOLDED):
+            if outcome in FINAL:
                 return outcome
             refusal = outcome
             if refusal is Refusal.TOO_FINE:
@@ -124,27 +138,32 @@ def emboss(
     return refusal
 
 
-def _single_valued_patches(mesh: WorkingMesh, box: Boxes, index: SpatialIndex) -> list[Patch] | Refusal:
-    """The patches in ``box``, each single-valued along its normal; faces hidden behind another layer are left out."""
-    found = patches(mesh, box)
-    if found is None:
-        return Refusal.TOO_DENSE
-    layered = [patch for patch in found if _overlaps_in_projection(patch)]
-    if not layered:
-        return found
-    faces = np.concatenate([patch.faces for patch in layered])
-    normal, thickness = box.axes[0, 2], box.size[0, 2]
-    centers = mesh.points[mesh.corners(faces)].mean(axis=1)
-    start = 1e-3 * thickness
-    distance, _ = index.first_hit(centers + start * normal, np.broadcast_to(normal, centers.shape), Eye.FAR)
-    found = patches(mesh, box, hidden=faces[distance <= thickness])
-    assert found is not None  # fewer faces than before
-    return Refusal.NOT_WHOLE if any(_overlaps_in_projection(patch) for patch in found) else found
-
-
-def _overlaps_in_projection(patch: Patch) -> bool:
-    area = patch.projected_area()
-    return bool(area - patch.silhouette().area() > AREA_TOLERANCE * (1 + area))
+def _displace(
+    mesh: WorkingMesh,
+    box: Boxes,
+    used: list[tuple[Patch, CrossSection]],
+    field: HeightField,
+    relief: float,
+    index: SpatialIndex,
+) -> tuple[int, Boxes] | Refusal:
+    """Puts soft letters into the mesh; as :func:`_lift_letters`."""
+    parts: list[Displaced] = []
+    first = len(mesh.points)
+    for patch, text in used:
+        own = field if len(used) == 1 else height_field(text, field.stroke)
+        part = displaced(mesh, box, patch, own, relief, index, first)
+        if isinstance(part, Refusal):
+            return part
+        first += len(part.points)
+        parts.append(part)
+    removed, points, bases, tilts, corners, source, kind, letters = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in Displaced.__dataclass_fields__
+    )
+    if _too_fine(_positions(mesh, points, corners), corners, mesh.corners(removed), mesh.resolution(removed)):
+        return Refusal.TOO_FINE
+    mesh.add_points(points, bases, tilts)
+    mesh.replace(removed, corners, source, kind)
+    return len(corners) - len(removed), _bounds(box, letters, relief)
 
 
 @dataclass(frozen=True, eq=False)

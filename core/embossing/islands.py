@@ -11,11 +11,13 @@ from core.arrays import Bool, Float, Int
 from core.artwork.artwork import Artwork
 from core.artwork.layouts import Layouts
 from core.embossing.draft import DRAFT, Draft, DraftOptions, draft
+from core.embossing.height_field import PROFILE, HeightField, ProfileOptions, height_field
 from core.embossing.patch import Patch
 from core.embossing.refusal import Refusal
 from core.geometry.boxes import Boxes
 from core.geometry.products import product
 from core.geometry.spatial import Eye, SpatialIndex
+from core.parameters import Profile
 
 Looks = Callable[[Boxes], list[Look]]
 
@@ -35,6 +37,7 @@ class LetterIslands:
         finest: the length of the shortest side of any outline.
         line: height of a line over that of all of the text.
         draft: of their caps.
+        soft: their height field where their profile is soft.
     """
 
     islands: tuple[CrossSection, ...]
@@ -42,15 +45,24 @@ class LetterIslands:
     finest: float
     line: float
     draft: Draft
+    soft: HeightField | None = None
+
+    @property
+    def reach(self) -> float:
+        """Text widths round the letters in which they change the ground."""
+        return 0.0 if self.soft is None else self.soft.reach
 
 
-def letter_islands(artwork: Artwork, options: DraftOptions = DRAFT) -> LetterIslands:
-    """The islands of ``artwork``; ``options`` are those of their draft."""
+def letter_islands(
+    artwork: Artwork, profile: Profile = Profile.FLAT, options: DraftOptions = DRAFT, soft: ProfileOptions = PROFILE
+) -> LetterIslands:
+    """The islands of ``artwork``; ``options`` are those of their draft, and ``soft`` those of a soft profile."""
     islands = tuple(CrossSection(list(artwork.rings), FillRule.Positive).decompose())
     rings = [island.to_polygons() for island in islands]
     finest = min(float(np.linalg.norm(r - np.roll(r, 1, axis=0), axis=1).min()) for ring in rings for r in ring)
     samples, line = tuple(np.concatenate(ring) for ring in rings), artwork.line_height / artwork.aspect
-    return LetterIslands(islands, samples, finest, line, draft(islands, options))
+    field = height_field(CrossSection.compose(list(islands)), None, soft) if profile is Profile.SOFT else None
+    return LetterIslands(islands, samples, finest, line, draft(islands, options), field)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,11 +85,13 @@ class Letters:
         return (self.light if look.lighter else self.dark)[int(self.layouts.of(box.size)[0])]
 
 
-def letters_of(layouts: Layouts, looks: Looks = lambda boxes: [OWN] * len(boxes)) -> Letters:
+def letters_of(
+    layouts: Layouts, looks: Looks = lambda boxes: [OWN] * len(boxes), profile: Profile = Profile.FLAT
+) -> Letters:
     """The letters of all ``layouts``, of the surface's own colour unless ``looks`` say otherwise."""
-    dark = tuple(letter_islands(artwork) for artwork in layouts.artworks)
+    dark = tuple(letter_islands(artwork, profile) for artwork in layouts.artworks)
     light = tuple(
-        islands if artwork.light is None else letter_islands(replace(artwork, rings=artwork.light))
+        islands if artwork.light is None else letter_islands(replace(artwork, rings=artwork.light), profile)
         for artwork, islands in zip(layouts.artworks, dark, strict=True)
     )
     return Letters(layouts, dark, light, looks)

@@ -104,13 +104,14 @@ class WorkingMesh:
         original = np.zeros((vertices, 3))
         original[surface.weld] = surface.positions
         self._points, self._bases = Rows(original), Rows(original)
+        self._tilts = Rows(np.zeros_like(original))
         self._corners = corners
         self._alive = np.ones(self.original_faces, dtype=bool)
         self._editable = editable
         self._coincident = coincident if coincident is not None else single_layer(self.original_faces)
         self._grid = FaceGrid(*_bounds(original, corners), self._coincident.distinct)
         self._new_corners = np.empty((0, 3), dtype=np.int64)
-        self._new_source = np.empty(0, dtype=np.int64)
+        self._new_source = np.empty((0, 3), dtype=np.int64)
         self._new_kind = np.empty(0, dtype=np.int8)
         self._new_mark = np.empty(0, dtype=np.int64)
         self._marks = 0
@@ -146,8 +147,8 @@ class WorkingMesh:
         return self._read(ids, self._corners, self._new_corners)
 
     def source(self, ids: Int) -> Int:
-        """(N,) the surface face of each of ``ids``: itself, or the one it was cut from."""
-        return self._read(ids, np.arange(self.original_faces), self._new_source)
+        """(N,) the surface face of each of ``ids``: itself, or the one that it, or its first corner, was cut from."""
+        return self._read(ids, np.arange(self.original_faces), self._new_source[:, 0])
 
     def editable(self, ids: Int) -> Bool:
         """(N,) true for faces that a watermark may cut: never letters or their walls."""
@@ -172,16 +173,20 @@ class WorkingMesh:
         result[~is_old] = new[ids[~is_old] - self.original_faces]
         return result
 
-    def add_points(self, points: Float, bases: Float) -> Int:
-        """Append (N, 3) vertices; returns their ids."""
+    def add_points(self, points: Float, bases: Float, tilts: Float | None = None) -> Int:
+        """Append (N, 3) vertices, with the ``tilt`` of each that :class:`core.gltf.edit.SurfaceEdit` has; returns their
+        ids."""
         first = len(self.points)
         self._points.append(points)
         self._bases.append(bases)
+        self._tilts.append(np.zeros_like(points) if tilts is None else tilts)
         return np.arange(first, first + len(points))
 
     def replace(self, removed: Int, corners: Int, source: Int, kind: NDArray[np.int8]) -> None:
         """Remove the faces ``removed`` and add the (M, 3) ``corners`` of one mark, cut from the surface faces
-        ``source``. Faces of an earlier mark that this one cuts again count as this one's."""
+        ``source``: (M,), or (M, 3), one for each corner, where triangles reach over several. Faces of
+        an earlier mark that this one cuts again count as this one's."""
+        source = np.repeat(source[:, None], 3, axis=1) if source.ndim == 1 else source
         original = removed[removed < self.original_faces]
         self._alive[original] = False
         duplicated, duplicate = self._coincident.duplicates.T
@@ -200,18 +205,21 @@ class WorkingMesh:
         """All changes, as the input of the lossless writer."""
         living = self._new_alive
         corners, source = self._new_corners[living], self._new_source[living]
-        rows = self.surface.faces[source]
-        same = self.surface.weld[rows][:, None, :] == corners[:, :, None]  # (M, corner, source corner)
-        original = np.where(same.any(axis=2), np.take_along_axis(rows, same.argmax(axis=2), axis=1), -1)
-        weights = barycentric(self.bases[corners], self.surface.positions[rows])
-        weights = np.where(same.any(axis=2)[:, :, None], same.astype(np.float64), weights)
+        rows = self.surface.faces[source]  # (M, corner, source corner)
+        same = self.surface.weld[rows] == corners[:, :, None]
+        known = same.any(axis=2)
+        original = np.where(known, np.take_along_axis(rows, same.argmax(axis=2)[..., None], axis=2)[..., 0], -1)
+        triangles = self.surface.positions[rows].reshape(-1, 3, 3)
+        weights = barycentric(self.bases[corners].reshape(-1, 1, 3), triangles).reshape(-1, 3, 3)
         return SurfaceEdit(
             keep=self._alive.copy(),
             vertex=corners,
             position=self.points[corners],
-            source_face=source,
-            barycentric=weights,
+            source_face=source[:, 0],
+            corner_face=source,
+            barycentric=np.where(known[..., None], same.astype(np.float64), weights),
             original=original,
+            tilt=self._tilts.rows[corners],
             kind=self._new_kind[living],
             mark=self._new_mark[living],
         )

@@ -7,10 +7,12 @@ from manifold3d import CrossSection, FillRule, JoinType
 
 from core.arrays import Float, Int
 from core.embossing.mesh import WorkingMesh
+from core.embossing.refusal import Refusal
 from core.geometry.boxes import Boxes
 from core.geometry.edges import connected, directed_edges, edge_table
 from core.geometry.grouping import among
 from core.geometry.products import cross, product
+from core.geometry.spatial import Eye, SpatialIndex
 from core.geometry.triangles import doubled_area
 
 MIN_FACING = 0.15  # cosine between the box normal and a face's normal, at least
@@ -103,7 +105,7 @@ def _loops(edges: Int, points: Float) -> list[Float]:
     return rings
 
 
-def patches(mesh: WorkingMesh, box: Boxes, hidden: Int | None = None) -> list[Patch] | None:
+def patches(mesh: WorkingMesh, box: Boxes, beside: float = 0.0, hidden: Int | None = None) -> list[Patch] | None:
     """Every edge-connected component of surface that meets the one ``box`` and faces it.
 
     They end at edges with one face or more than two, at the boundary of a coincident layer, and between neighbours of
@@ -112,6 +114,7 @@ def patches(mesh: WorkingMesh, box: Boxes, hidden: Int | None = None) -> list[Pa
     Args:
         mesh: the working mesh.
         box: a single box; its width is the text's width.
+        beside: text widths round the text's rectangle that count as well, if they are more than :data:`MARGIN`.
         hidden: ids of faces to leave out.
 
     Returns:
@@ -119,7 +122,7 @@ def patches(mesh: WorkingMesh, box: Boxes, hidden: Int | None = None) -> list[Pa
     """
     center, axes, size = box.center[0], box.axes[0], box.size[0]
     width = size[0]
-    margin = MARGIN * size[1]
+    margin = max(MARGIN * size[1], beside * width)
     reach = size / 2 + np.array([margin, margin, 0.0])
     extent = product(np.abs(axes).T, reach[:, None])[:, 0]
     ids = mesh.near(center - extent, center + extent)
@@ -165,6 +168,30 @@ def patches(mesh: WorkingMesh, box: Boxes, hidden: Int | None = None) -> list[Pa
         for members in parts
         for part in (int(label[members[0]]),)
     ]
+
+
+def single_valued_patches(mesh: WorkingMesh, box: Boxes, index: SpatialIndex, reach: float) -> list[Patch] | Refusal:
+    """The patches in ``box`` and ``reach`` text widths round it, each single-valued along its normal; faces hidden
+    behind another layer are left out."""
+    found = patches(mesh, box, reach)
+    if found is None:
+        return Refusal.TOO_DENSE
+    layered = [patch for patch in found if _overlaps_in_projection(patch)]
+    if not layered:
+        return found
+    faces = np.concatenate([patch.faces for patch in layered])
+    normal, thickness = box.axes[0, 2], box.size[0, 2]
+    centers = mesh.points[mesh.corners(faces)].mean(axis=1)
+    start = 1e-3 * thickness
+    distance, _ = index.first_hit(centers + start * normal, np.broadcast_to(normal, centers.shape), Eye.FAR)
+    found = patches(mesh, box, reach, hidden=faces[distance <= thickness])
+    assert found is not None  # fewer faces than before
+    return Refusal.NOT_WHOLE if any(_overlaps_in_projection(patch) for patch in found) else found
+
+
+def _overlaps_in_projection(patch: Patch) -> bool:
+    area = patch.projected_area()
+    return bool(area - patch.silhouette().area() > AREA_TOLERANCE * (1 + area))
 
 
 def _by_label(which: Int, label: Int) -> list[Int]:

@@ -1,8 +1,10 @@
 """Areas, normals and coordinates of triangles."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from core.arrays import Float, Int
+from core.arrays import Bool, Float, Int
 from core.geometry.products import cross
 
 
@@ -62,3 +64,15 @@ def ring_area(ring: Float) -> float:
     """Signed area of a closed plane ring (N, 2); positive where it runs counter-clockwise."""
     x, y = (ring - ring[0]).T
     return float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) / 2
+
+
+def inside_rings(points: Float, rings: Sequence[Float]) -> Bool:
+    """(N,) those of (N, 2) ``points`` inside closed plane ``rings`` (K, 2) by the even-odd rule."""
+    result = np.zeros(len(points), dtype=bool)
+    for ring in rings:
+        for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):
+            spans = (a[1] > points[:, 1]) != (b[1] > points[:, 1])
+            if spans.any():
+                x = a[0] + (points[:, 1] - a[1]) * (b[0] - a[0]) / (b[1] - a[1] if b[1] != a[1] else 1.0)
+                result ^= spans & (points[:, 0] < x)
+    return result

@@ -15,6 +15,12 @@ class Kind(IntEnum):
     SURFACE = 0
     CAP = 1
     WALL = 2
+    TRENCH = 3
+    """Of smooth letters: the ground round them."""
+
+
+LETTERS = (Kind.CAP, Kind.WALL)
+"""Parts in the colour of the letters."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,11 +31,16 @@ class SurfaceEdit:
         keep: (F,) bool, the faces that stay exactly as they are.
         vertex: (M, 3) int64 ids; corners with equal ids are one point and have equal ``position``.
         position: (M, 3, 3) float64, size-30 frame, final (after lifting).
-        source_face: (M,) int64, the surface face that a triangle was cut from; its attributes are interpolated there.
-        barycentric: (M, 3, 3) float64, coordinates of each corner in ``source_face``, in the corner order of
-            ``surface.faces[source_face]``; for a lifted corner those of its foot point.
+        source_face: (M,) int64, the surface face that a triangle was cut from; where it reaches over several, that of
+            its first corner.
+        corner_face: (M, 3) int64, the surface face that the attributes of each corner are interpolated in, of
+            the same drawn primitive as ``source_face``.
+        barycentric: (M, 3, 3) float64, coordinates of each corner in its ``corner_face``, in the corner order of
+            ``surface.faces``; for a lifted corner those of its foot point.
         original: (M, 3) int64, the row of ``surface.positions`` where the corner is that untouched original vertex,
             of the same drawn primitive as ``source_face``; else -1.
+        tilt: (M, 3, 3) float64, size-30 frame; what the unit normal of the ground at each corner is to be moved by, at
+            right angles to it, to be along that of smooth letters. 0 elsewhere.
         kind: (M,) int8, a :class:`Kind`.
         mark: (M,) int64, the number of the mark that a triangle was added by, in the order of embossing.
     """
@@ -38,8 +49,10 @@ class SurfaceEdit:
     vertex: Int
     position: Float
     source_face: Int
+    corner_face: Int
     barycentric: Float
     original: Int
+    tilt: Float
     kind: NDArray[np.int8]
     mark: Int
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from core.arrays import Bool, Float, Int
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.grouping import group_rows
-from core.geometry.products import solved
+from core.geometry.products import product, solved
 from core.geometry.triangles import flat_normals, unit
 from core.gltf.accessors import dequantize, read_accessor
 from core.gltf.attributes import (
@@ -43,8 +43,10 @@ class CutPrimitives:
         vertex: (C,) int64 point ids.
         original: (C,) int64, the accessor row of a corner at an untouched vertex, or -1.
         wall: (C,) bool.
+        tilt: (C, 3) float64, of the normals of the ground in the world: see :class:`core.gltf.edit.SurfaceEdit`.
         winding: (M,) float64, -1 where the transform of the triangle to the world mirrors it, else 1. That of a skin
             may, independent of its node's.
+        linear: (C, 3, 3) float64, what transforms directions in the mesh's own frame to the world.
         local: (C, 3) float32 positions in the mesh's own frame; equal ids have equal positions in all of a node.
         values: one dictionary for each of ``maps``: semantic -> (C, n) float64.
     """
@@ -56,7 +58,9 @@ class CutPrimitives:
     vertex: Int
     original: Int
     wall: Bool
+    tilt: Float
     winding: Float
+    linear: Float
     local: NDArray[np.float32]
     values: list[dict[str, Float]]
 
@@ -82,13 +86,15 @@ def cut_primitives(scene: Scene, edit: SurfaceEdit) -> list[CutPrimitives]:
             maps=maps,
             triangles=triangles,
             points=Points(
-                np.repeat(surface.faces[edit.source_face[triangles]] - first_vertex, 3, axis=0),
+                surface.faces[edit.corner_face[triangles]].reshape(-1, 3) - first_vertex,
                 edit.barycentric[triangles].reshape(-1, 3),
             ),
             vertex=edit.vertex[triangles].reshape(-1),
             original=np.where(original >= 0, original - first_vertex, -1),
             wall=np.repeat(edit.kind[triangles] == Kind.WALL, 3),
+            tilt=edit.tilt[triangles].reshape(-1, 3),
             winding=np.ones(len(triangles)),
+            linear=np.empty((0, 3, 3)),
             local=np.empty((0, 3), np.float32),
             values=[{} for _ in maps],
         )
@@ -145,6 +151,7 @@ def _place(scene: Scene, world: Float, cut: CutPrimitives) -> None:
     _require_invertible(drawn, matrices)
     cut.winding *= np.where(determinants(matrices) < 0, -1.0, 1.0)[:: 3 if len(matrices) > 1 else 1]
     local = solved(matrices[:, :, :3], world - matrices[:, :, 3])
+    cut.linear = np.broadcast_to(matrices[:, :, :3], (len(cut.vertex), 3, 3))
     for weight, target, values in zip(drawn.morph_weights, cut.maps[1:], cut.values[1:], strict=True):
         if "POSITION" in target:
             delta = interpolate_attribute(document, "POSITION", target["POSITION"], points).astype(np.float32)
@@ -231,7 +238,7 @@ def _interpolate(document: Document, cut: CutPrimitives) -> None:
     if "NORMAL" not in base:
         return
     flat = _flat_normals(cut, base["POSITION"])
-    smooth = unit(base["NORMAL"])
+    smooth = _tilted(unit(base["NORMAL"]), flat, cut)
     one, two, share = _curves(cut, flat, base["POSITION"])
     walls = _along_curves(flat, one, two, share)
     is_flat = (cut.wall | ~smooth.any(axis=1)) & flat.any(axis=1)
@@ -247,6 +254,21 @@ def _interpolate(document: Document, cut: CutPrimitives) -> None:
         base["TANGENT"][:, :3] = orthogonal_tangents(base["TANGENT"][:, :3], normals)
         handedness = read_rows(document, "TANGENT", cut.maps[0]["TANGENT"])[:, 3:]
         base["TANGENT"][:, 3:] = cut.points.nearest(handedness)
+
+
+def _tilted(normals: Float, flat: Float, cut: CutPrimitives) -> Float:
+    """(C, 3) unit ``normals`` of the ground in the mesh's own frame, tilted in the world as the letters on it are;
+    those of a file that has them point inwards stay so. ``flat`` (C, 3) are outwards."""
+    tilted = np.flatnonzero(cut.tilt.any(axis=1) & normals.any(axis=1))
+    linear, ground = cut.linear[tilted], normals[tilted]
+    # A normal is a row: n A in the mesh's frame where it is n in the world, and n inv(A) the other way round.
+    upright = linear.transpose(0, 2, 1)
+    world = unit(solved(upright, ground))
+    inwards = np.einsum("ni,ni->n", ground, flat[tilted]) < 0
+    tilt = np.where(inwards[:, None], -cut.tilt[tilted], cut.tilt[tilted])
+    result = normals.copy()
+    result[tilted] = unit(product(upright, (world + tilt)[..., None])[..., 0])
+    return result
 
 
 def _curves(cut: CutPrimitives, flat: Float, local: Float) -> tuple[Int, Int, Float]:

@@ -16,7 +16,7 @@ from core.gltf.colors import hex_linear
 from core.gltf.compact import drop_unused_rows, kept_outline
 from core.gltf.compression import DRACO
 from core.gltf.document import Document
-from core.gltf.edit import Kind, Style, SurfaceEdit
+from core.gltf.edit import LETTERS, Style, SurfaceEdit
 from core.gltf.hierarchy import hidden_nodes, scene_nodes
 from core.gltf.instances import instance_attributes, split_off
 from core.gltf.materials import UNLIT, Material
@@ -69,7 +69,7 @@ def write(scene: Scene, edit: SurfaceEdit, styles: Sequence[Style]) -> bytes:
             kept = drawn.triangles[edit.keep[first : first + len(drawn.triangles)]]
             mine = scene.surface.face_primitive[edit.source_face[cut.triangles]] == index
             added = table.corners.reshape(-1, 3)[mine][:, [0, 2, 1] if drawn.mirrored else [0, 1, 2]]
-            is_letter = edit.kind[cut.triangles][mine] != Kind.SURFACE
+            is_letter = np.isin(edit.kind[cut.triangles][mine], LETTERS)
             look = np.where(is_letter, look_of_mark[edit.mark[cut.triangles][mine]], 0)
             base[index] = np.concatenate([kept, added[look == 0]])
             if drawn.primitive.is_blended:

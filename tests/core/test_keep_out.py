@@ -13,7 +13,8 @@ from core.arrays import Float
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.surface import Surface
 from core.gltf.scene import scene_of
-from core.parameters import NodeRegion, Parameters, parse_parameters
+from core.named_regions import NodeRegion
+from core.parameters import Parameters, parse_parameters
 from core.pipeline import Result, watermark
 from tests.core.formats.meshes import MESHES
 from tests.core.gltf.builder import CUBE, CUBE_FACES, Builder

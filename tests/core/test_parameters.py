@@ -4,7 +4,7 @@ from typing import Any
 import pytest
 
 from core.errors import ErrorCode, MeshmarkError
-from core.parameters import AUTO_COLORS, Mode, Parameters, Preset, Solver, parse_parameters
+from core.parameters import AUTO_COLORS, Mode, Parameters, Preset, Profile, Solver, parse_parameters
 
 
 def test_a_text_is_all_one_needs() -> None:
@@ -32,6 +32,18 @@ def test_without_a_colour_the_preset_says_which(preset: str, palette: tuple[str,
     asked = {"text": "a", "preset": preset}
     assert parse_parameters(asked | {"color": None}).resolved() == parse_parameters(asked).resolved()
     assert parse_parameters(asked).resolved().palette == palette
+
+
+def test_letters_have_the_profile_that_is_asked_for_and_codes_are_flat() -> None:
+    for preset in Preset:
+        assert Parameters(text="a", preset=preset).resolved().profile is Profile.FLAT
+    assert Parameters(text="a", profile=Profile.SOFT).resolved().profile is Profile.SOFT
+    code = Parameters(text="a", qr="https://example.com")
+    assert code.resolved().profile is Profile.FLAT
+    code.require_content(logo=False)
+    with pytest.raises(MeshmarkError, match="profile") as caught:
+        code.model_copy(update={"profile": Profile.SOFT}).require_content(logo=False)
+    assert caught.value.code is ErrorCode.INVALID_PARAMETERS
 
 
 def test_what_is_given_wins_over_the_preset() -> None:

@@ -16,7 +16,7 @@ from core.gltf.document import Document
 from core.gltf.prune import unreferenced_bytes
 from core.gltf.scene import scene_of
 from core.notices import NoticeCode
-from core.parameters import AUTO_COLORS, Evaluate, Mode, Parameters, Preset, Wrap
+from core.parameters import AUTO_COLORS, Evaluate, Mode, Parameters, Preset, Profile, Wrap
 from core.pipeline import STAGES, Result, watermark
 from core.report import Report
 from tests.core.artwork.fontsmith import SQUARE, make_font
@@ -226,6 +226,21 @@ def _unseen_at_first(monkeypatch: pytest.MonkeyPatch, *verdicts: list[bool]) -> 
         return np.array(left.pop(0) if left else [True] * count)
 
     monkeypatch.setattr("core.embossing.drawn.drawn_marks", judged)
+
+
+@pytest.mark.parametrize("mode", list(Mode))
+def test_letters_of_a_soft_profile_leave_all_else_of_a_real_asset_as_it_was(mode: Mode) -> None:
+    result = watermark(SPOT.read_bytes(), FEW.model_copy(update={"profile": Profile.SOFT, "mode": mode}))
+    assert not error_counts(result.model)
+    asset, model, metrics = result.report["asset"], result.report["model"], result.report["metrics"]
+    assert asset["watertight"] is model["watertight"] is True
+    assert model["components"] == 1
+    assert len(result.report["watermarks"]) == 3
+    assert {mark["cut"] for mark in result.report["watermarks"]} == {"delaunay"}
+    assert 1000 < (model["faces"] - asset["faces"]) / 3 < 6000
+    assert metrics["watermark_quality"]["match"] > 0.9
+    assert metrics["asset_utility"]["ipe"] == 0
+    assert unreferenced_bytes(Document.from_glb(result.model)) == 0
 
 
 def test_a_mark_that_no_viewer_draws_is_taken_out_before_anybody_gets_the_file(monkeypatch: pytest.MonkeyPatch) -> None:

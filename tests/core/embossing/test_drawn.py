@@ -33,8 +33,10 @@ def _drawn(written: Scene, marks: tuple[int, int] = (0, 0), opaque: float = HIDI
         vertex=corners,
         position=surface.positions[corners],
         source_face=mine,
+        corner_face=np.repeat(mine[:, None], 3, axis=1),
         barycentric=np.tile(np.eye(3), (2, 1, 1)),
         original=corners,
+        tilt=np.zeros((2, 3, 3)),
         kind=np.full(2, Kind.CAP, dtype=np.int8),
         mark=np.array(marks),
     )

@@ -29,8 +29,10 @@ def centroid_split(scene: Scene, faces: ArrayLike, kinds: list[Kind], lift: floa
         vertex=np.column_stack([surface.weld[old], new_id]),
         position=position,
         source_face=source,
+        corner_face=np.repeat(source[:, None], 3, axis=1),
         barycentric=np.tile(weights, (len(removed), 1, 1)),
         original=np.column_stack([old, np.full(len(source), -1)]),
+        tilt=np.zeros_like(position),
         kind=np.repeat(np.array(kinds, dtype=np.int8), 3),
         mark=np.zeros(len(source), dtype=np.int64),
     )

@@ -417,3 +417,25 @@ def test_walls_along_a_curve_are_shaded_as_one_and_share_their_rows(angle: float
 def test_without_normals_walls_share_the_rows_of_their_points() -> None:
     result = edited(quad(), [0, 1], [SURFACE, WALL], lift=3.0)
     assert len(values(result, "POSITION")) == 6
+
+
+@pytest.mark.parametrize("outwards", [1, -1])
+@pytest.mark.parametrize("node", [{}, {"scale": [2, 1, 1]}, {"scale": [-1, 1, 1]}])
+def test_normals_of_soft_letters_are_those_of_the_ground_tilted_in_the_world(
+    outwards: int, node: dict[str, Any]
+) -> None:
+    document = quad(NORMAL=(np.array(NORMALS) * outwards, "<f4", False))
+    document.json["nodes"][0] |= node
+    scene = flatten(document)
+    edit = centroid_split(scene, [1], [CAP])
+    facing = np.array([0.0, 0.0, np.sign(scene.surface.normals[1, 2])])
+    tilt = np.array([0.5, 0.0, 0.0])
+    edit.tilt[:, 2] = tilt
+    result = Document.from_glb(write(scene, edit, [Style()]))
+    assert not error_counts(result.to_glb())
+    stretch = np.array(node.get("scale", [1, 1, 1]))
+    file_facing = facing if stretch[0] > 0 else -facing  # a mirroring node turns the winding over, the normals not
+    up = np.array([0.0, 0.0, outwards])
+    wanted = (up + tilt * (1 if up @ file_facing * np.sign(stretch[0]) > 0 else -1)) * stretch
+    np.testing.assert_allclose(values(result, "NORMAL")[4], wanted / np.linalg.norm(wanted), atol=1e-6)
+    np.testing.assert_allclose(values(result, "NORMAL")[:4], np.array(NORMALS) * outwards, atol=1e-6)

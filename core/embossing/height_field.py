@@ -1,0 +1,172 @@
+"""The smooth profile of letters: a height field that rises out of the surface, with a shallow trench round each letter.
+
+The letters' mask, blurred, is a slope without an edge at its foot or at its top; a wider blur taken away from it is the
+trench, which keeps the ground dark round bright letters and the other way about.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from manifold3d import CrossSection, JoinType
+from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filter, map_coordinates
+
+from core.arrays import Bool, Float
+from core.artwork.raster import filled
+
+MAX_TEXELS = 1_000_000  # of a field: an eighth of a second
+FINER = 4  # texels of the letters' mask for each of the field, along and across
+ROUNDS = 5  # of bisecting the sides of contours, at most
+
+
+@dataclass(frozen=True)
+class ProfileOptions:
+    """Values of :func:`height_field`: all ours; the paper's letters have vertical walls and flat tops.
+
+    Attributes:
+        slope: deviation of the Gaussian weights that the letters' mask is blurred with, in mean stroke widths.
+        trench: that of the wider weights, in mean stroke widths.
+        rise: factor of the first blur.
+        sink: factor of the second one, which is taken away.
+        reach: mean stroke widths round the letters in which the field is eased to 0.
+        texel: of the field, in deviations of the slope.
+        contours: of the letters along which the field is sampled, in deviations of the slope; positive ones are inside.
+        coarse: the simplification of contours, in deviations of the slope.
+        bend: heights by which the field may deviate from a straight side of a contour.
+        shortest: side of a contour, in deviations of the slope, that is not bisected.
+    """
+
+    slope: float = 0.27
+    trench: float = 0.9
+    rise: float = 1.3
+    sink: float = 0.6
+    reach: float = 1.8
+    texel: float = 0.25
+    contours: tuple[float, ...] = (1.3, -1.2, -2.4)
+    coarse: float = 0.15
+    bend: float = 0.04
+    shortest: float = 1.5
+
+
+PROFILE = ProfileOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class HeightField:
+    """Heights of letters and of the ground round them over the box plane; all lengths in text widths.
+
+    Attributes:
+        heights: (H, W), 1 near the middle of a usual stroke, less than 0 in the trench; the first row at the bottom.
+        origin: (2,) the middle of the first texel.
+        texel: side of a texel.
+        stroke: mean width of the letters' strokes.
+        slope: deviation of their slope.
+        reach: of the footprint round them.
+        letters: the shapes.
+        footprint: what they and their trenches cover; beyond it the height is 0.
+        outlines: (N, 2) rings of the letters.
+        contours: (N, 2) further rings along which a triangulation should sample the field.
+    """
+
+    heights: Float
+    origin: Float
+    texel: float
+    stroke: float
+    slope: float
+    reach: float
+    letters: CrossSection
+    footprint: CrossSection
+    outlines: tuple[Float, ...]
+    contours: tuple[Float, ...]
+
+    @cached_property
+    def covered(self) -> Bool:
+        """(H, W) texels that the footprint covers, and their neighbours."""
+        return np.asarray(binary_dilation(self.heights != 0, iterations=2))
+
+    @cached_property
+    def _slopes(self) -> tuple[Float, Float]:
+        """(H, W) change of the heights to the right and up."""
+        up, right = np.gradient(self.heights, self.texel)
+        return np.asarray(right), np.asarray(up)
+
+    def at(self, points: Float) -> Float:
+        """(N,) heights at (N, 2) points."""
+        return self._sampled(self.heights, points)
+
+    def near(self, edges: Float) -> Float:
+        """Those of the edges (E, 2, 2) whose bounds meet the field's."""
+        high = self.origin + self.texel * (np.array(self.heights.shape)[::-1] - 1)
+        return np.asarray(edges[((edges.max(axis=1) >= self.origin) & (edges.min(axis=1) <= high)).all(axis=1)])
+
+    def gradient(self, points: Float) -> Float:
+        """(N, 2) change of the heights a text width at (N, 2) points."""
+        return np.column_stack([self._sampled(slope, points) for slope in self._slopes])
+
+    def _sampled(self, values: Float, points: Float) -> Float:
+        column, row = ((points - self.origin) / self.texel).T
+        return np.asarray(map_coordinates(values, [row, column], order=1, mode="constant"))
+
+
+def height_field(letters: CrossSection, stroke: float | None = None, options: ProfileOptions = PROFILE) -> HeightField:
+    """The field of ``letters`` (text widths), whose strokes have the mean width ``stroke``: their own if None."""
+    outlines = letters.to_polygons()
+    if stroke is None:
+        perimeter = sum(float(np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1).sum()) for ring in outlines)
+        stroke = 2 * letters.area() / perimeter
+    slope, reach = options.slope * stroke, options.reach * stroke
+    left, bottom, right, top = letters.bounds()
+    low, high = np.array([left, bottom]) - reach, np.array([right, top]) + reach
+    texel = max(options.texel * slope, float(np.sqrt(np.prod(high - low) / MAX_TEXELS)))
+    columns, rows = (np.ceil((high - low) / texel).astype(np.int64) + 1).tolist()
+    fine = filled(outlines, low - texel / 2, FINER / texel, (columns * FINER, rows * FINER))
+    mask = fine.reshape(rows, FINER, columns, FINER).mean(axis=(1, 3))
+    near, wide = (gaussian_filter(mask, width * stroke / texel) for width in (options.slope, options.trench))
+    beside = distance_transform_edt(mask < 0.5) * texel / reach
+    heights = (options.rise * near - options.sink * wide) * eased(2 * (1 - beside))
+    footprint = _offset(letters, reach, slope)
+    field = HeightField(heights, low, texel, stroke, slope, reach, letters, footprint, (), ())
+    tolerance = options.coarse * slope
+    around = [_offset(letters, at * -slope, slope).simplify(tolerance) for at in options.contours]
+    around.append(footprint.simplify(2 * tolerance))
+    return HeightField(
+        heights,
+        low,
+        texel,
+        stroke,
+        slope,
+        reach,
+        letters,
+        footprint,
+        tuple(_bisected(ring, field, options) for ring in outlines),
+        tuple(_bisected(ring, field, options) for section in around for ring in section.to_polygons()),
+    )
+
+
+def eased(share: Float) -> Float:
+    """0 up to 0, 1 from 1 on, and smooth between them."""
+    share = np.clip(share, 0.0, 1.0)
+    return np.asarray(share * share * (3 - 2 * share))
+
+
+def _offset(letters: CrossSection, by: float, slope: float) -> CrossSection:
+    """The shapes moved outwards, their corners rounded with about a side for each deviation of the slope."""
+    sides = 4 * max(2, int(np.ceil(np.pi / 2 * abs(by) / slope)))
+    return letters.offset(by, JoinType.Round, 2.0, min(sides, 32))
+
+
+def _bisected(ring: Float, field: HeightField, options: ProfileOptions) -> Float:
+    """The ``ring`` (N, 2) with its sides bisected until the field is about linear along each."""
+    for _ in range(ROUNDS):
+        ahead = np.roll(ring, -1, axis=0)
+        first, last = field.at(ring), field.at(ahead)
+        error = [
+            np.abs(field.at(ring + share * (ahead - ring)) - first - share * (last - first))
+            for share in (0.25, 0.5, 0.75)
+        ]
+        long = np.linalg.norm(ahead - ring, axis=1) > options.shortest * field.slope
+        split = np.flatnonzero((np.max(error, axis=0) > options.bend) & long)
+        if not len(split):
+            break
+        ring = np.insert(ring, split + 1, (ring[split] + ahead[split]) / 2, axis=0)
+    return ring
