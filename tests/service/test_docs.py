@@ -67,7 +67,7 @@ def test_the_table_of_parameters_names_each_with_its_default_its_bounds_and_its_
 
 
 def test_the_table_of_presets_is_that_of_the_engine() -> None:
-    keys = ("size", "relief", "count", "color", "solver")
+    keys = ("size", "relief", "count", "color", "profile", "solver")
     expected = [
         [preset.value, *("null" if values.get(key) is None else str(values[key]) for key in keys)]
         for preset, values in PRESETS.items()
