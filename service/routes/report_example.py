@@ -38,6 +38,7 @@ REPORT: JsonDict = {
         "language": None,
         "preset": "merchandise",
         "mode": "emboss",
+        "profile": "flat",
         "size": None,
         "relief": None,
         "count": 1,
