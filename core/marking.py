@@ -227,10 +227,25 @@ def write_model(asset: Asset, candidates: Candidates, embossed: Embossed, run: R
     left = unmarked_parts(asset.scene, analysis.surface, context.facts.saliency, context.carrier.index, marked)
     run.notices += [left] if left else []
     looks = [mark.look for mark in output.embossed.marks.values()]
-    run.notices += low_contrast(looks) if parameters.palette else []
+    run.notices += low_contrast(looks) if parameters.palette else _hidden_by_texture(output.embossed, context)
     run.notices += unreadable_codes(looks) if context.layouts.logo == "qr" else []
     run.publish("model", output.file.data)
     return output
+
+
+def _hidden_by_texture(embossed: Embossed, context: "PlacementContext") -> list[Notice]:
+    """The notice that the texture hides letters in the surface's own colour; of QR codes there is one already."""
+    from core.placement.legibility import hard_to_read
+    from core.placement.objective import contrast
+
+    plain = [mark.box for mark in embossed.marks.values() if mark.look.style.color is None]
+    texture = context.facts.texture
+    if texture is None or not plain or context.layouts.logo == "qr":
+        return []
+    boxes = Boxes.concat(*plain)
+    _, _, busy = texture.under(boxes)
+    seen = contrast(texture.color_under(boxes), busy, (), context.options.objective)
+    return hard_to_read(context.layouts.line_height(boxes.size), seen)
 
 
 def _without(unseen: set[int], asset: Asset, context: "PlacementContext", embossed: Embossed) -> Embossed:

@@ -15,6 +15,7 @@ class NoticeCode(StrEnum):
     SEE_THROUGH_SURFACE = "see_through_surface"
     SMALL_TEXT = "small_text"
     LOW_CONTRAST = "low_contrast"
+    HARD_TO_READ = "hard_to_read"
     UNREADABLE_QR = "unreadable_qr"
     FONT_SUBSTITUTED = "font_substituted"
     # Why a report has no value of a metric.

@@ -283,7 +283,7 @@ def _valued(
     details, busy, legible = np.zeros(len(boxes)), np.zeros(len(boxes)), np.ones(len(boxes))
     if context.facts.texture is not None:
         _, details, busy = context.facts.texture.under(boxes)
-        legible = contrast(context.facts.texture.color_under(boxes), parameters.palette, objective)
+        legible = contrast(context.facts.texture.color_under(boxes), busy, parameters.palette, objective)
     height = context.layouts.line_height(boxes.size) * legible
     terms = Terms(
         obstructed=obstructed(visible, facing(boxes, context.targets.directions), context.targets),

@@ -15,7 +15,8 @@ with a small weight, for when the first is removed. The targets are
 
   Visible is 1 where the mark faces the direction within 45 degrees and rays from all over its letters get out; size is
   the legibility of text of this height, coloured or not (:mod:`core.placement.legibility`), for the projected height
-  times the contrast of the letters with the base colour under them, see :func:`contrast`; facing is the cosine over
+  times the contrast of the letters with the base colour under them, whose variation masks uncoloured ones, see
+  :func:`contrast`; facing is the cosine over
   that of 40 degrees, at most 1; roll is ``1 - ROLLED (1 - cos r) / 2`` for the angle r between the text and the
   picture's horizontal (1 for the even directions, whose pictures have no up); flatness is 1 less the curvature
   deviation under the text;
@@ -96,6 +97,10 @@ class Objective:
     # WCAG 2's contrast ratio, in which red and grey hardly differ, 0.76 to 0.84 below 3 and 0.87 above.
     distinct: float = 50.0
     min_contrast: float = 0.5  # factor, at least: gloss and edges show letters as dark as the surface
+    # Variation of the colours under letters without one of their own (1 is 30 CIELAB units) for which they have to be
+    # sqrt 2 times as high. Over 209 marks, twice each, on 16 textured assets, the height times this and the lightness
+    # of the ground ranks what recognition reads with 0.85 (Spearman), without this with 0.81, height alone with 0.72.
+    masking: float = 0.53
     penalty: float = 0.005  # share of all directions that one unit of the terms from here to ``preferred`` costs
     obstructed: float = 6.0
     salient: float = 1.4
@@ -258,23 +263,26 @@ def facing(boxes: Boxes, directions: Float) -> Bool:
     return np.asarray(product(boxes.axes[:, 2], directions.T) >= FACING_VIEW)
 
 
-def contrast(ground: Float, palette: Sequence[str], objective: Objective = OBJECTIVE) -> Float:
-    """(B,) contrast of letters with each colour of the ``ground`` (B, 3), linear sRGB: 0 to 1.
+def contrast(ground: Float, busy: Float, palette: Sequence[str], objective: Objective = OBJECTIVE) -> Float:
+    """(B,) contrast of letters with each colour of the ``ground`` (B, 3), linear sRGB, whose variance there is ``busy``
+    (B,), see :class:`core.analysis.texture.TextureSaliency`: 0 to 1.
 
     Letters of a colour of their own, that of the ``palette`` ("#rrggbb") that stands out best, are told from the ground
     by the distance of the two in CIELAB.
     Letters without one are told by their walls, one side of which is lit half as much as the other: on black ground
-    neither is seen. The measure is WCAG 2's contrast ratio, whose 0.05 is the light that every screen adds.
+    neither is seen. The measure is WCAG 2's contrast ratio, whose 0.05 is the light that every screen adds. And the
+    texture's own light and dark mask them: as with noise in a picture, the contrast that is needed grows with
+    ``sqrt(1 + (variation / masking)^2)``.
     """
     if not palette:
         luminance = product(ground, LUMINANCE[:, None])[:, 0]
         ratio = (luminance + 0.05) / (luminance / 2 + 0.05)
-        contrast = (ratio - 1) / (1.05 / 0.55 - 1)
+        contrast, masked = (ratio - 1) / (1.05 / 0.55 - 1), np.hypot(1, busy / objective.masking)
     else:
         colors = cielab(np.stack([hex_linear(color) for color in palette]))
         apart = np.linalg.norm(cielab(ground)[:, None] - colors, axis=2).max(axis=1)
-        contrast = np.minimum(apart / objective.distinct, 1)
-    return np.asarray(objective.min_contrast + (1 - objective.min_contrast) * contrast)
+        contrast, masked = np.minimum(apart / objective.distinct, 1), np.ones(len(ground))
+    return np.asarray((objective.min_contrast + (1 - objective.min_contrast) * contrast) / masked)
 
 
 def best_possible_coverage(height: float, cosine: Float, colored: bool, objective: Objective = OBJECTIVE) -> Float:

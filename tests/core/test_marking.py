@@ -2,8 +2,11 @@
 
 from typing import Any
 
+import numpy as np
 import pytest
 import trimesh
+from numpy.typing import NDArray
+from PIL import Image
 
 from core import marking
 from core.artwork.lettering import layouts_of
@@ -96,3 +99,53 @@ def test_ideographs_stand_in_columns_where_the_place_is_tall_and_in_rows_where_i
     marks = watermark(block, asked, preview=False).report["watermarks"]
     assert [mark["size"][1] > mark["size"][0] for mark in marks] == [tall] * len(marks)
     assert all(mark["up"][1] > 0.9 or abs(mark["normal"][1]) > 0.9 for mark in marks)
+
+
+def plate(texture: NDArray[np.uint8]) -> bytes:
+    """A GLB of a plate with a picture on its front and its back."""
+    x, y, z = (np.array([-1, 1, 1, -1]) * 15.0, np.array([-1, -1, 1, 1]) * 12.0, np.full(4, 1.0))
+    front = np.column_stack([x, y, z])
+    uv = np.tile([[0, 0], [1, 0], [1, 1], [0, 1]], (2, 1))
+    faces = [[0, 1, 2], [0, 2, 3], [4, 6, 5], [4, 7, 6]]
+    image = Image.fromarray(texture)
+    material = trimesh.visual.material.PBRMaterial(baseColorTexture=image)  # type: ignore[no-untyped-call]
+    mesh = trimesh.Trimesh(
+        np.concatenate([front, front * (1, 1, -1)]),
+        faces,
+        visual=trimesh.visual.TextureVisuals(uv=uv, material=material),  # type: ignore[no-untyped-call]
+        process=False,
+    )
+    glb = mesh.export(file_type="glb")
+    assert isinstance(glb, bytes)
+    return glb
+
+
+def fur(columns: int = 50) -> NDArray[np.uint8]:
+    """A light picture with dark spots as high as letters in its first ``columns`` of 50."""
+    picture = np.full((40, 50, 3), 200, np.uint8)
+    picture[:, :columns] = np.random.default_rng(0).choice([0, 230], (40, columns, 1))
+    return np.repeat(np.repeat(picture, 8, axis=0), 8, axis=1)
+
+
+def marked(texture: NDArray[np.uint8], **asked: object) -> dict[str, Any]:
+    asked |= {"text": "watermark", "size": 3.2, "count": 2, "evaluate": "none"}
+    return watermark(plate(texture), Parameters.model_validate(asked), preview=False).report
+
+
+def test_letters_without_a_colour_on_fur_are_noticed_and_a_colour_is_advised() -> None:
+    (notice,) = marked(fur(), color="none")["warnings"]
+    assert notice["code"] == "hard_to_read"
+    assert "2 of 2 marks" in notice["message"]
+    assert "auto" in notice["remedy"]
+
+
+@pytest.mark.parametrize(("columns", "color"), [(0, "none"), (50, "auto")], ids=["plain ground", "a colour"])
+def test_letters_on_plain_ground_and_letters_of_a_colour_are_not_noticed(columns: int, color: str) -> None:
+    assert "hard_to_read" not in {notice["code"] for notice in marked(fur(columns), color=color)["warnings"]}
+
+
+def test_letters_without_a_colour_stand_beside_the_fur_where_there_is_room() -> None:
+    report = marked(fur(30), color="none")
+    assert report["warnings"] == []
+    left = 0.2 * 15.0
+    assert all(mark["center"][0] - mark["size"][0] / 2 > left for mark in report["watermarks"])

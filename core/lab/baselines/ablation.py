@@ -22,7 +22,7 @@ WITHOUT: dict[str, Objective] = {
     "roll": replace(OBJECTIVE, roll=0.0),
     "flatness": replace(OBJECTIVE, curvature_deviation=0.0, rough=0.0),
     "exposed": replace(OBJECTIVE, edge_proximity=0.0),
-    "texture": replace(OBJECTIVE, detail=0.0, busy=0.0),
+    "texture": replace(OBJECTIVE, detail=0.0, busy=0.0, masking=float("inf")),
     "cost-of-marks": replace(OBJECTIVE, mark=0.0, distortion=0.0),
 }
 

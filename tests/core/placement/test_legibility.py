@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from core.placement.legibility import PIXELS, legibility, legible_height
+from core.notices import NoticeCode
+from core.placement.legibility import PIXELS, hard_to_read, legibility, legible_height
 
 
 def test_text_is_read_from_four_pixels_on_and_no_better_from_twenty_four_on() -> None:
@@ -22,3 +23,18 @@ def test_a_quarter_of_a_unit_is_legible_and_coloured_letters_need_less() -> None
         assert legibility(np.array(legible_height(colored)), colored) == pytest.approx(
             legibility(np.array(0.25)), abs=1e-3
         )
+
+
+def test_marks_that_their_ground_hides_are_noticed_where_they_are_a_third_or_more() -> None:
+    high = np.full(6, 14.0 / PIXELS)
+    (notice,) = hard_to_read(high, np.array([0.4, 0.6, 0.9, 0.9, 0.9, 0.9]))
+    assert notice.code is NoticeCode.HARD_TO_READ
+    assert notice.message.startswith("2 of 6 marks")
+    assert '`color` "auto"' in notice.remedy
+    assert not hard_to_read(high, np.array([0.4, 0.9, 0.9, 0.9, 0.9, 0.9]))
+
+
+def test_marks_that_are_small_or_high_enough_for_their_ground_are_not_noticed() -> None:
+    assert not hard_to_read(np.full(2, 9.0 / PIXELS), np.ones(2))
+    assert not hard_to_read(np.full(2, 30.0 / PIXELS), np.full(2, 0.5))
+    assert not hard_to_read(np.empty(0), np.empty(0))

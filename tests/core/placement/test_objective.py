@@ -178,7 +178,8 @@ def test_a_range_and_a_weight_of_the_options_decide_how_far_marks_keep_apart() -
 
 def test_letters_of_a_colour_stand_out_from_other_colours_and_letters_without_one_from_bright_ground() -> None:
     grey = np.repeat([[0.0], [0.2], [1.0]], 3, axis=1)
-    plain, white, black = (contrast(grey, palette) for palette in ((), ("#ffffff",), ("#000000",)))
+    even = np.zeros(3)
+    plain, white, black = (contrast(grey, even, palette) for palette in ((), ("#ffffff",), ("#000000",)))
     assert (np.diff(plain) > 0).all()
     assert plain[2] == white[0] == black[2] == 1
     assert white[2] == black[0] == plain[0] == pytest.approx(0.5)
@@ -186,10 +187,19 @@ def test_letters_of_a_colour_stand_out_from_other_colours_and_letters_without_on
 
 def test_letters_stand_out_from_ground_of_the_same_lightness_and_another_hue() -> None:
     red = hex_linear("#d02020")
-    same, grey, brick = contrast(np.array([red, np.full(3, LUMINANCE @ red), hex_linear("#b83024")]), ("#d02020",))
+    ground = np.array([red, np.full(3, LUMINANCE @ red), hex_linear("#b83024")])
+    same, grey, brick = contrast(ground, np.zeros(3), ("#d02020",))
     assert same == pytest.approx(0.5)
     assert grey == 1
     assert same < brick < 0.75
+
+
+def test_a_varied_texture_hides_letters_without_a_colour_and_hardly_those_with_one() -> None:
+    white, busy = np.ones((3, 3)), np.array([0.0, OBJECTIVE.masking, 1.0])
+    plain = contrast(white, busy, ())
+    assert plain[:2] == pytest.approx([1, np.sqrt(0.5)])
+    assert plain[2] < 0.5
+    assert (contrast(white, busy, ("#000000",)) == 1).all()
 
 
 def test_text_is_read_worse_where_its_tone_is_that_of_the_ground() -> None:
