@@ -100,16 +100,23 @@ def place(asset: Asset, layouts: Layouts, run: Run) -> Candidates:
     """
     from core.analysis.analyse import HIDING
     from core.analysis.facts import SurfaceFacts
+    from core.analysis.features import feature_regions
+    from core.analysis.heads import on_head
     from core.analysis.regions import regions
     from core.analysis.saliency import saliency
     from core.analysis.skinning import skin_deformation
+    from core.analysis.symmetry import mirror_plane
     from core.analysis.texture import texture_saliency
 
     scene, analysis, parameters = asset.scene, asset.analysis, run.request.parameters
     requested = regions(scene, analysis.surface, parameters)
     salient = saliency(analysis.surface, parameters.seed)
     samples = analysis.surface, salient.points, salient.face
-    facts = SurfaceFacts(salient, texture_saliency(scene, *samples), skin_deformation(scene, *samples), requested)
+    texture, skin = texture_saliency(scene, *samples), skin_deformation(scene, *samples)
+    plane = mirror_plane(salient.points, salient.normals)
+    head = on_head(scene, skin, salient.face, plane)
+    features = feature_regions(analysis.surface, salient, texture, plane, head)
+    facts = SurfaceFacts(salient, texture, skin, requested, features)
     run.notices += undecoded_textures(scene.document)
     rng = np.random.default_rng(parameters.seed)
 

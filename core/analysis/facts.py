@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from core.analysis.features import FeatureRegions
 from core.analysis.opacity import Opacity
 from core.analysis.regions import Regions
 from core.analysis.saliency import Saliency
@@ -40,9 +41,11 @@ class SurfaceFacts:
         texture: of its texture; None where it has one colour.
         skin: the joints it follows; None where it has no skin.
         regions: that the request keeps out of or prefers; None where it names none.
+        features: of its shape, texture and skin that no mark should touch; None where it was not searched for any.
     """
 
     saliency: Saliency
     texture: TextureSaliency | None = None
     skin: SkinDeformation | None = None
     regions: Regions | None = None
+    features: FeatureRegions | None = None

@@ -284,6 +284,7 @@ def _valued(
     if context.facts.texture is not None:
         _, details, busy = context.facts.texture.under(boxes)
         legible = contrast(context.facts.texture.color_under(boxes), busy, parameters.palette, objective)
+    face, likely = np.zeros((2, len(boxes))) if context.facts.features is None else context.facts.features.under(boxes)
     height = context.layouts.line_height(boxes.size) * legible
     terms = Terms(
         obstructed=obstructed(visible, facing(boxes, context.targets.directions), context.targets),
@@ -295,6 +296,7 @@ def _valued(
         articulation=np.zeros(len(boxes)) if context.facts.skin is None else context.facts.skin.under(boxes),
         detail=details,
         busy=busy,
+        feature=likely > objective.max_feature,
         preferred=preferred,
         distance=distance(boxes, relief, context.layouts.ink(boxes.size), float(context.carrier.surface.areas.sum())),
     )
@@ -305,7 +307,10 @@ def _valued(
         visible=visible,
         likelihood=likelihood(boxes, visible, bent, height, context.targets, bool(parameters.palette), objective),
         cost=cost(terms, objective),
-        last_resort=((salient > objective.max_salient) | (details > objective.max_detail)) & objective.bars,
+        last_resort=(
+            (salient > objective.max_salient) | (details > objective.max_detail) | (face > objective.max_feature)
+        )
+        & objective.bars,
         weight=context.targets.weight,
         objective=objective,
     )

@@ -33,19 +33,20 @@ shows a view, which stacks them on the best places. Without the second mark (RED
 were read in 0.77 of the views, with it 14.2 marks in 0.84. ::
 
     cost_m = PENALTY (6 obstructed + 1.4 salient + 3 sin(roll) + curvature_deviation + (roughness - 1)
-                      + edge_proximity + 40 articulation + 1.4 detail + busy - preferred)
+                      + edge_proximity + 40 articulation + 1.4 detail + busy + 2 feature - preferred)
              + MARK + min(DISTORTION x (the letters' share of the surface) x relief, 0.05)
 
 Obstructed is the share of the directions a mark faces in which it is not visible (the paper's Ray punishes it); salient
 the share of salient surface under it; edge proximity the share of a margin around it that has no supporting surface
 (edges, silhouettes, holes); articulation the number of joints that share the skin under it (letters on an elbow are
 torn in other poses); detail the share on eyes, logos or print in the texture; busy the variance of colours there;
-preferred the share on regions asked for. Thin walls take no sunken letters at all
-(:func:`core.placement.filters.thin_walled`), and marks do not overlap (selection). Seams of the texture cost nothing
-of their own: letters carry the texture of either side, and a change of colour at a seam counts as busy. Marks on
-surface that is mostly salient, or a third of it detail, are a last resort: they are placed only where there is nothing
-else at all. The last two terms are the price of any mark: one that adds less is not placed. This takes the place of the
-paper's octants, which spread marks without asking what they show.
+feature whether it touches what may be one by its shape (:mod:`core.analysis.features`); preferred the share on regions
+asked for. Thin walls take no sunken letters at all (:func:`core.placement.filters.thin_walled`), and marks do not
+overlap (selection). Seams of the texture cost nothing of their own: letters carry the texture of either side, and a
+change of colour at a seam counts as busy. Marks on surface that is mostly salient, or a third of it detail, or that
+touch a face, are a last resort: they are placed only where there is nothing else at all. The last two terms are the
+price of any mark: one that adds less is not placed. This takes the place of the paper's octants, which spread marks
+without asking what they show.
 
 The effect of each term on the metrics is in the report of ``meshmark benchmark --methods objective``.
 """
@@ -111,6 +112,7 @@ class Objective:
     articulation: float = 40.0  # text torn by joints is worth nothing in motion
     detail: float = 1.4
     busy: float = 1.0
+    feature: float = 2.0  # of a box that touches one; at 5 a fox, thin and low-poly, is left without marks in front
     preferred: float = 1.0
     mark: float = 0.0003  # a mark has to add more than an eighth of one of the 200 directions
     # Of a pair of marks at one place: more than the second is worth but on the only side of its kind.
@@ -121,6 +123,7 @@ class Objective:
     bars: bool = True  # salient parts and details are a last resort
     max_salient: float = 0.45  # share, at most, of other marks; the metric's 0.5 less what the edges of a box hold
     max_detail: float = 0.3  # likewise: an eye or a line of print is a small part of a box
+    max_feature: float = 0.05  # likewise on a face or feature: more than the samples at its border is touching it
 
 
 OBJECTIVE = Objective()
@@ -343,6 +346,7 @@ class Terms:
     articulation: Float
     detail: Float
     busy: Float
+    feature: Bool
     preferred: Float
     distance: Float  # added to the mean distance between the surfaces, size-30 units
 
@@ -359,6 +363,7 @@ def cost(terms: Terms, objective: Objective = OBJECTIVE) -> Float:
         + objective.articulation * terms.articulation
         + objective.detail * terms.detail
         + objective.busy * terms.busy
+        + objective.feature * terms.feature
         - objective.preferred * terms.preferred
     )
     distorted = np.minimum(objective.distortion * terms.distance, objective.most_distorted)

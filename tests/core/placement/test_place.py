@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from core.analysis.facts import SurfaceFacts
+from core.analysis.features import FeatureRegions
 from core.analysis.saliency import saliency
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
@@ -315,6 +316,21 @@ def test_salient_parts_are_spared_while_there_is_anything_else() -> None:
     chosen = list(found.start)
     assert found.last_resort.any()
     assert not found.last_resort[chosen].any()
+
+
+def test_faces_are_never_marked_while_there_is_anything_else_and_other_features_seldom() -> None:
+    shape, rng = sphere(15), np.random.default_rng(0)
+    salient = saliency(shape, 0)
+    front, top = salient.points[:, 2] > 8, salient.points[:, 1] > 10
+    regions = FeatureRegions(salient.points, salient.normals, front, top)
+    parameters = Parameters.model_validate({"text": "watermark"}).resolved()
+    facts = SurfaceFacts(salient, features=regions)
+    found = place(build_context(carrier(shape), facts, layouts(ASPECT), parameters, rng), rng)
+    chosen = found.boxes[np.array(found.start)]
+    assert len(chosen)
+    assert (regions.under(chosen)[0] <= 0.05).all()
+    height = found.boxes.center[:, 1]
+    assert np.median(found.cost[height > 12]) > np.median(found.cost[height < -12])
 
 
 def test_an_asset_with_less_surface_than_the_text_covers_is_refused_before_any_search() -> None:
