@@ -75,7 +75,7 @@ def mirror_plane(points: Float, normals: Float, options: SymmetryOptions = SYMME
     some, tree = points[few], cKDTree(points[many])
 
     def met(plane: MirrorPlane) -> tuple[Bool, Float]:
-        """Which probes are met, and the point (N, 3) that each meets."""
+        """Probes that are met (N,), and the point (N, 3) that each meets."""
         distance, which = tree.query(plane.reflect(some))
         cosine = np.einsum("ni,ni->n", plane.reflect_directions(normals[few]), normals[many][which])
         return (distance < options.near) & (cosine > options.parallel), points[many][which]
