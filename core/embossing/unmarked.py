@@ -4,7 +4,7 @@ import numpy as np
 
 from core.analysis.saliency import Saliency
 from core.arrays import Float, Int
-from core.geometry.directions import view_directions
+from core.geometry.directions import cosines_to_cameras, to_cameras, view_directions
 from core.geometry.spatial import Eye, SpatialIndex
 from core.geometry.surface import Surface
 from core.gltf.scene import Scene
@@ -84,8 +84,9 @@ def _seen(scene: Scene, surface: Surface, samples: Saliency, index: SpatialIndex
     faces = samples.face[::STRIDE]
     points, normals, solid = samples.points[::STRIDE], surface.normals[faces], scene.viewed.opacity[faces]
     directions, _ = view_directions()
-    facing = np.einsum("si,vi->sv", normals, directions)
+    facing = cosines_to_cameras(points, normals, directions)
     sample, view = np.nonzero(facing > 0)
-    _, face = index.first_hit(points[sample] + CLEAR * normals[sample], directions[view], Eye.FAR)
+    start = points[sample] + CLEAR * normals[sample]
+    _, face = index.first_hit(start, to_cameras(start, directions[view]), Eye.FAR)
     weight = np.where(face < 0, facing[sample, view] * solid[sample], 0.0)
     return np.asarray(np.bincount(sample, weights=weight, minlength=len(points)), dtype=np.float64)

@@ -3,8 +3,10 @@
 import numpy as np
 
 from core.arrays import Float
+from core.geometry.products import product
 
 STEP = np.radians(30)
+EYE_DISTANCE = 75.0  # of a camera from the middle of the size-30 frame
 
 
 def view_directions() -> tuple[Float, Float]:
@@ -21,6 +23,21 @@ def view_directions() -> tuple[Float, Float]:
     about_x = np.stack([zero, -sine, cosine], axis=1), np.stack([zero, cosine, sine], axis=1)
     about_y = np.stack([sine, zero, cosine], axis=1), np.stack([zero, one, zero], axis=1)
     return np.concatenate([about_x[0], about_y[0]]), np.concatenate([about_x[1], about_y[1]])
+
+
+def to_cameras(points: Float, directions: Float) -> Float:
+    """(N, ..., 3) vectors from ``points`` (N, ..., 3) in the size-30 frame to one camera each, in the ``directions``
+    (N, 3) from its middle."""
+    cameras = EYE_DISTANCE * directions
+    return np.asarray(cameras.reshape(len(cameras), *[1] * (points.ndim - 2), 3) - points)
+
+
+def cosines_to_cameras(points: Float, vectors: Float, directions: Float) -> Float:
+    """(N, D) cosines between unit ``vectors`` (N, 3) at ``points`` (N, 3) in the size-30 frame and the way from there
+    to each of the cameras in the ``directions`` (D, 3) from its middle."""
+    ahead = EYE_DISTANCE * product(vectors, directions.T) - np.einsum("ni,ni->n", vectors, points)[:, None]
+    squared = EYE_DISTANCE**2 - 2 * EYE_DISTANCE * product(points, directions.T) + (points**2).sum(axis=1)[:, None]
+    return np.asarray(ahead / np.sqrt(squared))
 
 
 def fibonacci_directions(count: int) -> Float:

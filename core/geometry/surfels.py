@@ -22,19 +22,19 @@ class Surfels:
         rng: the source of the samples.
 
     Attributes:
-        normals: (20000, 3) of the discs, each of the same share of the area.
+        centers, normals: (20000, 3) of the discs, each of the same share of the area.
     """
 
     def __init__(self, surface: Surface, rng: np.random.Generator) -> None:
-        self._center, self._face = sample(surface, COUNT, rng)
+        self.centers, self._face = sample(surface, COUNT, rng)
         self.normals = surface.normals[self._face]
         self._radius = OVERLAP * float(np.sqrt(surface.areas.sum() / (np.pi * COUNT)))
-        self._tree = cKDTree(self._center)
+        self._tree = cKDTree(self.centers)
 
     def closest(self, points: Float) -> tuple[Float, Int, Float]:
         """Nearest disc point of each of (N, 3) ``points``: distance (N,), face (N,), point (N, 3)."""
         _, disc = self._tree.query(points)
-        center, normal = self._center[disc], self.normals[disc]
+        center, normal = self.centers[disc], self.normals[disc]
         offset = points - center
         height = np.einsum("ni,ni->n", offset, normal)
         along = offset - height[:, None] * normal

@@ -8,7 +8,7 @@ from core.analysis.facts import Carrier, SurfaceFacts
 from core.arrays import Float
 from core.artwork.layouts import Layouts
 from core.errors import ErrorCode, MeshmarkError
-from core.geometry.products import product
+from core.geometry.directions import cosines_to_cameras
 from core.geometry.surface import Surface
 from core.geometry.surfels import Surfels
 from core.parameters import Parameters
@@ -92,8 +92,9 @@ def build_context(
         normals = np.where(cuttable[:, None], normals, 0.0)
     options = options or of_preset(parameters.preset)
     goal, surfels = targets(surface, options.objective), Surfels(ground, rng)
-    some = surfels.normals[:: len(surfels.normals) // FEW]
-    ranked = round((1 - options.search.looking) * len(some))
+    some = slice(None, None, len(surfels.normals) // FEW)
+    looking = cosines_to_cameras(surfels.centers[some], surfels.normals[some], goal.directions).T
+    ranked = round((1 - options.search.looking) * looking.shape[1])
     return PlacementContext(
         carrier=carrier,
         facts=facts,
@@ -105,5 +106,5 @@ def build_context(
         surfels=surfels,
         rims=rims(surface, carrier.component >= 0, layouts, options.rims),
         targets=goal,
-        facing=np.partition(product(goal.directions, some.T), ranked, axis=1)[:, ranked],
+        facing=np.partition(looking, ranked, axis=1)[:, ranked],
     )

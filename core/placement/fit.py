@@ -7,7 +7,7 @@ import numpy as np
 from core.arrays import Bool, Float, Int
 from core.artwork.artwork import Artwork
 from core.geometry.boxes import Boxes
-from core.geometry.products import product
+from core.geometry.directions import cosines_to_cameras, to_cameras
 from core.geometry.sampling import sample
 from core.geometry.spatial import Eye
 from core.parameters import Mode, Solver
@@ -228,7 +228,7 @@ def _candidates(
     points, face = sample(context.ground, number, rng)
     normals = context.ground.normals[face]
     if wanted is not None:
-        looking = np.flatnonzero((product(normals, wanted.T) >= FACING_VIEW).any(axis=1))
+        looking = np.flatnonzero((cosines_to_cameras(points, normals, wanted) >= FACING_VIEW).any(axis=1))
         points, normals = points[looking[: 2 * options.samples]], normals[looking[: 2 * options.samples]]
         number = number * len(points) // max(len(looking), 1)
     shown = _in_sight(context, points, normals, context.targets.directions if wanted is None else wanted, rng)
@@ -260,14 +260,14 @@ def _in_sight(
 ) -> Int:
     """Indices of the ``points`` (N, 3) of the surface, with unit ``normals`` (N, 3), that are visible from one of a few
     ``directions`` (K, 3) within 45 degrees of their normal."""
-    hidden = product(normals, directions.T) < FACING_VIEW
+    hidden = cosines_to_cameras(points, normals, directions) < FACING_VIEW
     order = rng.random(hidden.shape, dtype=np.float32)
     order[hidden] = np.inf
     few = min(context.options.candidates.probes, len(directions))
     probe = np.argpartition(order, few - 1, axis=1)[:, :few]
     point, turn = np.nonzero(np.isfinite(np.take_along_axis(order, probe, axis=1)))
-    start, toward = points[point] + SKIN * normals[point], directions[probe[point, turn]]
-    _, face = context.carrier.index.first_hit(start, toward, Eye.FAR)
+    start = points[point] + SKIN * normals[point]
+    _, face = context.carrier.index.first_hit(start, to_cameras(start, directions[probe[point, turn]]), Eye.FAR)
     return np.unique(point[face < 0])
 
 

@@ -61,7 +61,7 @@ from scipy.spatial.distance import cdist
 from core.analysis.texture import cielab
 from core.arrays import Bool, Float, Int
 from core.geometry.boxes import Boxes
-from core.geometry.directions import fibonacci_directions, view_directions
+from core.geometry.directions import cosines_to_cameras, fibonacci_directions, view_directions
 from core.geometry.products import product
 from core.geometry.surface import Surface
 from core.gltf.colors import hex_linear
@@ -262,8 +262,8 @@ def _even(worth: Float) -> Float:
 
 
 def facing(boxes: Boxes, directions: Float) -> Bool:
-    """(B, D) which boxes look along each direction (D, 3) within 45 degrees."""
-    return np.asarray(product(boxes.axes[:, 2], directions.T) >= FACING_VIEW)
+    """(B, D) which boxes look to the camera in each direction (D, 3) within 45 degrees."""
+    return np.asarray(cosines_to_cameras(boxes.center, boxes.axes[:, 2], directions) >= FACING_VIEW)
 
 
 def contrast(ground: Float, busy: Float, palette: Sequence[str], objective: Objective = OBJECTIVE) -> Float:
@@ -316,9 +316,10 @@ def likelihood(
         colored: letters have a colour of their own, not that of the ground.
         objective: the values of the terms.
     """
-    cosine = np.clip(product(boxes.axes[:, 2], goal.directions.T), 0, 1)
+    ahead, upwards = (cosines_to_cameras(boxes.center, boxes.axes[:, axis], goal.directions) for axis in (2, 1))
+    cosine = np.clip(ahead, 0, 1)
     # The text is as high on the picture as its up is long there.
-    upright_length = np.sqrt(np.clip(1 - product(boxes.axes[:, 1], goal.directions.T) ** 2, 0, 1))
+    upright_length = np.sqrt(np.clip(1 - upwards**2, 0, 1))
     turned = np.minimum(1.0, cosine / objective.head_on)
     legible = legibility(height[:, None] * upright_length, colored) * turned * np.clip(1 - deviation, 0, 1)[:, None]
     # The text's right on the picture: how far along its horizontal, how far along its vertical.

@@ -8,6 +8,7 @@ import numpy as np
 
 from core.arrays import Bool, Float
 from core.geometry.boxes import Boxes
+from core.geometry.directions import to_cameras
 from core.geometry.spatial import Eye, SpatialIndex
 from core.placement.filters import overlapping
 from core.placement.objective import Placement, facing
@@ -34,11 +35,12 @@ SELECTION = SelectionOptions()
 
 
 def visibility(boxes: Boxes, points: Float, index: SpatialIndex, directions: Float) -> Bool:
-    """(B, D) boxes that face each direction, with the rays from all of their ``points`` (B, N, 3) unobstructed."""
+    """(B, D) boxes that face the camera in each of the ``directions`` (D, 3), with the rays to it from all of their
+    ``points`` (B, N, 3) unobstructed."""
     visible = facing(boxes, directions)
     box, view = np.nonzero(visible)
     origins = points[box]
-    toward = np.broadcast_to(directions[view][:, None, :], origins.shape)
+    toward = to_cameras(origins, directions[view])
     _, face = index.first_hit(origins.reshape(-1, 3), toward.reshape(-1, 3), Eye.FAR)
     visible[box, view] = (face < 0).reshape(origins.shape[:2]).all(axis=1)
     return visible
