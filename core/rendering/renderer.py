@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from core import process
 from core.arrays import Float
 from core.errors import ErrorCode, MeshmarkError
+from core.geometry.directions import EYE_DISTANCE
 from core.gltf.scene import Scene
 from core.gltf.textures import Texture
 from core.rendering.drawables import Drawable, drawables
@@ -20,8 +21,8 @@ from core.rendering.drawables import Drawable, drawables
 Float32 = NDArray[np.float32]
 
 BACKGROUND = 0.92  # sRGB grey
-FIELD_OF_VIEW = np.radians(20)  # radians; a long lens: letters keep their shape away from the middle
 MARGIN = 1.03  # radius of the view over that of the frame
+NEAREST = 2.0  # distance of the camera over that radius, at least
 
 _SHADERS = Path(__file__).parent / "shaders"
 _ARRAYS = ("ctypesarrays", "ctypesparameters", "ctypespointers", "lists", "numpymodule", "strings")  # of PyOpenGL
@@ -106,7 +107,7 @@ class Renderer:
         points = np.concatenate([drawable.positions for drawable in shown])
         self.frame = frame or _frame(points)
         self._center, near = np.array(self.frame.center), MARGIN * self.frame.radius
-        self._distance = near / np.sin(FIELD_OF_VIEW / 2)
+        self._distance = max(EYE_DISTANCE, NEAREST * near)
         # Geometry outside the frame is not clipped by the planes of the camera.
         depth = max(near, float(np.linalg.norm(points - self._center, axis=1).max()))
         scene = self._gl.Scene(bg_color=[BACKGROUND] * 3)
@@ -114,7 +115,7 @@ class Renderer:
         # One mesh: within it pyrender keeps the order of primitives, between meshes it does not.
         scene.add(self._gl.Mesh([self._primitive(drawable, textures) for drawable in shown]))
         camera = self._gl.PerspectiveCamera(
-            yfov=FIELD_OF_VIEW,
+            yfov=2 * np.arcsin(near / self._distance),
             aspectRatio=1.0,
             znear=max(self._distance - depth, self._distance / 100),
             zfar=self._distance + depth,
