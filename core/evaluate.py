@@ -22,7 +22,7 @@ from core.parameters import Evaluate
 from core.rendering.pictures import PICTURE_SIZE, pictures
 from core.rendering.renderer import Renderer
 from core.report import Engine, EvaluationReport, Place, Places
-from core.reporting import asset_facts, file_facts, frame_of, metrics_of
+from core.reporting import asset_facts, eye_of, file_facts, frame_of, metrics_of
 
 
 def parse_watermarks(data: bytes) -> list[Place]:
@@ -112,6 +112,7 @@ def evaluate(
         seed=seed,
         engine=Engine(version=__version__, device=shown[1].device),
         units=frame_of(surface),
+        eye=eye_of(surface),
         watermarks=watermarks,
         warnings=measured.warnings,
         metrics=metrics_of(measured),

@@ -70,6 +70,13 @@ class Frame(Section):
     offset: Annotated[Vector, Field(description="The frame's origin in world coordinates.")]
 
 
+class Eye(Section):
+    """The cameras that marks are placed for, that visibility is measured from and that pictures are taken by."""
+
+    distance: Annotated[float, Field(description="From the middle of the size-30 frame, size-30 units.")]
+    fov: Annotated[float, Field(description="Angle of the pictures from side to side, degrees: the whole asset fits.")]
+
+
 class Watermark(Section):
     """A mark, in the asset's world coordinates."""
 
@@ -197,6 +204,7 @@ class Report(Section):
     seed: Annotated[int, Field(description="Of every random draw.")]
     engine: Engine
     units: Frame
+    eye: Eye
     watermarks: Annotated[list[Watermark], Field(description="The marks, by `id`.")]
     copies: Annotated[list[CopyFacts], Field(description="Other copies of the asset in its file.")]
     embossing: Embossing
@@ -247,6 +255,7 @@ class EvaluationReport(Section):
     seed: Annotated[int, Field(description="Of the random samples.")]
     engine: Engine
     units: Frame
+    eye: Eye
     watermarks: Annotated[list[Place], Field(description="As given.")]
     warnings: Annotated[list[Notice], Field(description="What was measured otherwise than it could have been.")]
     metrics: Metrics

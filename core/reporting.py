@@ -11,7 +11,7 @@ from core.embossing.emboss import Mark
 from core.embossing.refusal import Refusal
 from core.formats.format import Format
 from core.geometry.boxes import Boxes
-from core.geometry.directions import view_directions
+from core.geometry.directions import EYE_DISTANCE, field_of_view, view_directions
 from core.geometry.surface import MODEL_SIZE, Surface
 from core.metrics.measurement import HIGHER_IS_BETTER, UNITS, Measurement
 from core.metrics.topology import topology
@@ -24,6 +24,7 @@ from core.report import (
     CopyFacts,
     Embossing,
     Engine,
+    Eye,
     FileFacts,
     Frame,
     Metrics,
@@ -54,6 +55,7 @@ def build_report(asset: Asset, output: Output, parameters: Parameters) -> Report
         seed=parameters.seed,
         engine=Engine(version=__version__, device=device().value),
         units=frame_of(surface),
+        eye=eye_of(surface),
         watermarks=_watermarks(surface, output, parameters),
         copies=[
             CopyFacts(kind=item.copy.kind, name=item.copy.name, watermarks=item.watermarks, outcome=item.outcome)
@@ -109,6 +111,14 @@ def frame_of(surface: Surface) -> Frame:
     """The size-30 frame of a surface."""
     x, y, z = surface.offset.tolist()
     return Frame(model_size=MODEL_SIZE, scale=surface.scale, offset=(x, y, z))
+
+
+def eye_of(surface: Surface) -> Eye:
+    """The cameras round a surface: its middle is theirs, and its farthest point is in their pictures."""
+    used = surface.positions[np.unique(surface.faces)]
+    used = used[np.abs(used).max(axis=1) <= surface.reach]
+    radius = float(np.linalg.norm(used, axis=1).max(initial=0.0))
+    return Eye(distance=EYE_DISTANCE, fov=round(float(np.degrees(field_of_view(radius))), 2))
 
 
 def metrics_of(measured: Measurement) -> Metrics:

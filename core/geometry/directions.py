@@ -7,6 +7,7 @@ from core.geometry.products import product
 
 STEP = np.radians(30)
 EYE_DISTANCE = 75.0  # of a camera from the middle of the size-30 frame
+MARGIN = 1.03  # radius of what a camera sees over that of the asset
 
 
 def view_directions() -> tuple[Float, Float]:
@@ -23,6 +24,11 @@ def view_directions() -> tuple[Float, Float]:
     about_x = np.stack([zero, -sine, cosine], axis=1), np.stack([zero, cosine, sine], axis=1)
     about_y = np.stack([sine, zero, cosine], axis=1), np.stack([zero, one, zero], axis=1)
     return np.concatenate([about_x[0], about_y[0]]), np.concatenate([about_x[1], about_y[1]])
+
+
+def field_of_view(radius: float) -> float:
+    """Angle in radians at which a camera sees the whole sphere of a ``radius`` in size-30 units, with some margin."""
+    return float(2 * np.arcsin(MARGIN * radius / EYE_DISTANCE))
 
 
 def to_cameras(points: Float, directions: Float) -> Float:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from core import process
 from core.arrays import Float
 from core.errors import ErrorCode, MeshmarkError
-from core.geometry.directions import EYE_DISTANCE
+from core.geometry.directions import EYE_DISTANCE, field_of_view
 from core.gltf.scene import Scene
 from core.gltf.textures import Texture
 from core.rendering.drawables import Drawable, drawables
@@ -21,8 +21,6 @@ from core.rendering.drawables import Drawable, drawables
 Float32 = NDArray[np.float32]
 
 BACKGROUND = 0.92  # sRGB grey
-MARGIN = 1.03  # radius of the view over that of the frame
-NEAREST = 2.0  # distance of the camera over that radius, at least
 
 _SHADERS = Path(__file__).parent / "shaders"
 _ARRAYS = ("ctypesarrays", "ctypesparameters", "ctypespointers", "lists", "numpymodule", "strings")  # of PyOpenGL
@@ -106,19 +104,18 @@ class Renderer:
         shown = drawables(asset, texture_limit=2 * self.size)  # finer texels could not be told apart
         points = np.concatenate([drawable.positions for drawable in shown])
         self.frame = frame or _frame(points)
-        self._center, near = np.array(self.frame.center), MARGIN * self.frame.radius
-        self._distance = max(EYE_DISTANCE, NEAREST * near)
+        self._center = np.array(self.frame.center)
         # Geometry outside the frame is not clipped by the planes of the camera.
-        depth = max(near, float(np.linalg.norm(points - self._center, axis=1).max()))
+        depth = max(self.frame.radius, float(np.linalg.norm(points - self._center, axis=1).max()))
         scene = self._gl.Scene(bg_color=[BACKGROUND] * 3)
         textures: dict[Texture, Any] = {}
         # One mesh: within it pyrender keeps the order of primitives, between meshes it does not.
         scene.add(self._gl.Mesh([self._primitive(drawable, textures) for drawable in shown]))
         camera = self._gl.PerspectiveCamera(
-            yfov=2 * np.arcsin(near / self._distance),
+            yfov=field_of_view(self.frame.radius),
             aspectRatio=1.0,
-            znear=max(self._distance - depth, self._distance / 100),
-            zfar=self._distance + depth,
+            znear=max(EYE_DISTANCE - depth, EYE_DISTANCE / 100),
+            zfar=EYE_DISTANCE + depth,
         )
         self._camera = scene.add(camera)
         self._scene = scene
@@ -158,7 +155,7 @@ class Renderer:
         right = _unit(np.cross(np.asarray(up, dtype=np.float64), backward))
         pose = np.eye(4)
         pose[:3, :3] = np.column_stack([right, np.cross(backward, right), backward])
-        pose[:3, 3] = self._center + self._distance * backward
+        pose[:3, 3] = self._center + EYE_DISTANCE * backward
         self._scene.set_pose(self._camera, pose)
         picture, depth = self._context.render(self._scene, flags)
         return picture, depth
