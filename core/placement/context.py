@@ -9,6 +9,7 @@ from core.arrays import Float
 from core.artwork.layouts import Layouts
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.directions import cosines_to_cameras
+from core.geometry.products import product
 from core.geometry.surface import Surface
 from core.geometry.surfels import Surfels
 from core.parameters import Parameters
@@ -17,6 +18,7 @@ from core.placement.options import PlacementOptions, of_preset
 from core.placement.rims import Rims, rims
 
 FEW = 5000  # samples of the surface that estimate how it looks in a direction
+SAME = 1e-6  # difference of the cosines of samples of one plane, at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +36,8 @@ class PlacementContext:
         surfels: a proxy for ``ground``.
         rims: the edges that no letter can be cut across; None where there are none.
         targets: of the objective.
-        facing: (D,) cosine of the angle at which surface looks at each direction; all but a little of it is
-            turned further away. Nothing on a cube, for one, looks along its diagonals.
+        facing: (D,) cosine of the angle at which surface looks at the camera in each direction, at the middle of the
+            little that is turned there most. Nothing on a cube, for one, looks along its diagonals.
     """
 
     carrier: Carrier
@@ -92,9 +94,6 @@ def build_context(
         normals = np.where(cuttable[:, None], normals, 0.0)
     options = options or of_preset(parameters.preset)
     goal, surfels = targets(surface, options.objective), Surfels(ground, rng)
-    some = slice(None, None, len(surfels.normals) // FEW)
-    looking = cosines_to_cameras(surfels.centers[some], surfels.normals[some], goal.directions).T
-    ranked = round((1 - options.search.looking) * looking.shape[1])
     return PlacementContext(
         carrier=carrier,
         facts=facts,
@@ -106,5 +105,25 @@ def build_context(
         surfels=surfels,
         rims=rims(surface, carrier.component >= 0, layouts, options.rims),
         targets=goal,
-        facing=np.partition(looking, ranked, axis=1)[:, ranked],
+        facing=_facing(surfels, goal.directions, options.search.looking),
     )
+
+
+def _facing(surfels: Surfels, directions: Float, least: float) -> Float:
+    """(D,) see :class:`PlacementContext`.
+
+    The surface is found by how it would look at a camera far away: on a large side the points that look best at a near
+    one are at the rim, where no text can stand.
+
+    Args:
+        surfels: of the surface.
+        directions: (D, 3) of the cameras.
+        least: share of the surface that has to look at each.
+    """
+    some = slice(None, None, len(surfels.normals) // FEW)
+    normals = surfels.normals[some]
+    far = product(normals, directions.T)
+    ranked = round((1 - least) * len(far))
+    best = far >= np.partition(far, ranked, axis=0)[ranked] - SAME
+    near = cosines_to_cameras(surfels.centers[some], normals, directions)
+    return np.asarray(np.nanmedian(np.where(best, near, np.nan), axis=0))

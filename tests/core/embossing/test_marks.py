@@ -27,9 +27,9 @@ from core.stages import Request, Run
 CUBE = trimesh.creation.box(extents=(2, 2, 2)).export(file_type="glb")
 
 
-def request(options: PlacementOptions = PLACEMENT) -> Request:
-    """Sixteen marks on an asset, and nothing else."""
-    asked = Parameters(text="watermark", count=16, evaluate=Evaluate.NONE).resolved()
+def request(options: PlacementOptions = PLACEMENT, count: int = 16) -> Request:
+    """Marks on an asset, sixteen or so many, and nothing else."""
+    asked = Parameters(text="watermark", count=count, evaluate=Evaluate.NONE).resolved()
     return Request(asked, preview=False, options=options)
 
 
@@ -57,12 +57,16 @@ class Cutter:
 
 
 def cube_marks(
-    monkeypatch: pytest.MonkeyPatch, refused: int, pooled: bool = False, options: PlacementOptions = PLACEMENT
+    monkeypatch: pytest.MonkeyPatch,
+    refused: int,
+    pooled: bool = False,
+    options: PlacementOptions = PLACEMENT,
+    count: int = 16,
 ) -> tuple[set[tuple[int, ...]], int]:
     """The sides of a cube that get marks when so many places on its front are refused, and how often places are
     searched for again."""
     cutter = Cutter(monkeypatch, refused, pooled)
-    found = run_stages(CUBE, request(options)).report["watermarks"]
+    found = run_stages(CUBE, request(options, count)).report["watermarks"]
     return {tuple(np.round(mark["normal"]).astype(int).tolist()) for mark in found}, cutter.searches
 
 
@@ -73,7 +77,8 @@ def test_where_one_cut_is_refused_another_place_takes_its_part(monkeypatch: pyte
 
 
 def test_where_all_places_on_a_side_are_refused_more_are_searched_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    sides, searches = cube_marks(monkeypatch, refused=10_000, pooled=True)
+    """As long as the other sides have not got all the marks that were asked for."""
+    sides, searches = cube_marks(monkeypatch, refused=10_000, pooled=True, count=32)
     assert len(sides) == 6
     assert searches == 1
 

@@ -3,7 +3,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.geometry.directions import fibonacci_directions, view_directions
+from core.geometry.directions import (
+    EYE_DISTANCE,
+    cosines_to_cameras,
+    fibonacci_directions,
+    field_of_view,
+    to_cameras,
+    view_directions,
+)
 
 
 def test_the_views_are_24_unit_directions_with_upright_cameras() -> None:
@@ -41,3 +48,23 @@ def test_fibonacci_directions_cover_the_sphere_evenly(count: int) -> None:
     nearest = np.sort(directions @ directions.T, axis=1)[:, -2]
     spacing = np.degrees(np.arccos(nearest))
     assert spacing.max() < 1.5 * spacing.min() + 1
+
+
+def test_a_camera_sees_the_whole_asset_with_some_margin() -> None:
+    for radius in (1.0, 15.0, 15 * np.sqrt(3)):
+        assert radius < EYE_DISTANCE * np.sin(field_of_view(radius) / 2) < 1.05 * radius
+
+
+@given(st.integers(0, 2**32))
+def test_cosines_are_those_of_the_ways_to_the_cameras(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points, vectors = rng.uniform(-15, 15, (7, 3)), rng.normal(size=(7, 3))
+    vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
+    directions = fibonacci_directions(7)
+    found = cosines_to_cameras(points, vectors, directions)
+    ways = to_cameras(points, directions)
+    np.testing.assert_allclose(points + ways, EYE_DISTANCE * directions)
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    np.testing.assert_allclose(np.diagonal(found), (ways * vectors).sum(axis=1), atol=1e-12)
+    several = to_cameras(np.stack([points, points + 1], axis=1), directions)
+    np.testing.assert_allclose(several[:, 1], EYE_DISTANCE * directions - points - 1)

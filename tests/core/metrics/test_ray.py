@@ -6,6 +6,7 @@ from core.geometry.directions import view_directions
 from core.metrics.ray import ray
 from core.metrics.ray_origins import top_face
 from core.placement.candidates import upright
+from core.placement.selection import visibility
 from tests.core.placement.shapes import box, boxes, cuboid, index_of, inside_out, join, moved, plane
 
 
@@ -27,10 +28,18 @@ def test_views_that_no_mark_faces_score_nothing() -> None:
 
 
 def test_one_blocked_ray_hides_a_mark() -> None:
-    pole = moved(cuboid(0.5, 0.5, 0.5), shift=(1.9, 0, 20))
+    pole = moved(cuboid(0.5, 0.5, 0.5), shift=(1.55, 0, 20))  # on the way from an end of the mark to a camera in front
     marks = box((0, 0, 5))
     asset = join(cuboid(10, 10, 10), pole)
     assert ray(marks, top_face(marks), index_of(asset)) == pytest.approx(4 / 24)  # both front views are lost
+
+
+def test_a_wall_beside_a_mark_hides_it_from_a_camera_in_the_middle_as_from_a_viewer() -> None:
+    """Far away it would be seen past the wall."""
+    marks, wall = box((4, 0, 5), (1, 0.5, 0.5)), moved(cuboid(0.2, 10, 20), shift=(3, 0, 15))
+    front = view_directions()[0][:1]
+    assert not visibility(marks, top_face(marks), index_of(join(cuboid(10, 10, 10), wall)), front).any()
+    assert visibility(marks, top_face(marks), index_of(cuboid(10, 10, 10)), front).all()
 
 
 def test_a_view_scores_the_share_of_the_marks_that_face_it() -> None:

@@ -139,7 +139,8 @@ def test_a_long_text_has_fewer_lines_on_narrow_places_and_is_higher_for_it_on_wi
 def test_text_of_a_width_that_was_asked_for_has_that_width_in_every_layout() -> None:
     found = placed(cuboid(30, 30, 30), aspect=0.03, lines=4, size=6.0, color=NO_COLOR)
     assert np.allclose(found.boxes.size[:, 0], 6.0)
-    assert lines_of(found, 0.03, 4) <= {3, 4}, "whose lines are higher"
+    lines = 1 + layouts(0.03, lines=4).of(found.boxes.size[list(found.start)])
+    assert np.median(lines) >= 3, "whose lines are higher"
 
 
 def test_the_widths_of_any_proportions_go_down_to_those_of_a_word_in_area() -> None:
