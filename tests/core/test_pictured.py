@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from core.errors import MeshmarkError
+from core.geometry.directions import EYE_DISTANCE
 from core.gltf.document import Document
 from core.gltf.scene import scene_of
 from core.parameters import Evaluate, Parameters
@@ -118,7 +119,7 @@ def head_on(renderer: Renderer, glb: bytes, mark: Json) -> NDArray[np.int16]:
     x, y, z = ((np.array(mark["center"]) - surface.offset) * surface.scale).tolist()
     renderer.load(scene_of(glb), Frame((x, y, z), float(np.hypot(*mark["size"][:2])) / 2 * surface.scale))
     camera: Any = renderer._camera.camera
-    camera.znear = renderer._distance - max(mark["size"][2], 4 * mark["relief"]) * surface.scale
+    camera.znear = EYE_DISTANCE - max(mark["size"][2], 4 * mark["relief"]) * surface.scale
     return renderer.render(mark["normal"], mark["up"]).astype(np.int16)
 
 

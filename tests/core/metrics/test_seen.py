@@ -88,7 +88,7 @@ def counts(picture: NDArray[np.uint8], marks: int) -> Int:
     """(marks,) pixels of each mark's colour, as sRGB shows it."""
     shades = np.round(255 * ((255 - STEP * np.arange(marks)) / 255) ** (1 / 2.2)).astype(int)
     own = picture[(picture[..., 1:] == 0).all(axis=2), 0]
-    return np.bincount(own, minlength=256)[shades]
+    return np.asarray(np.bincount(own, minlength=256)[shades])
 
 
 def test_a_mark_that_counts_as_seen_has_its_letters_in_the_picture() -> None:
