@@ -37,7 +37,7 @@ survey: $(VENV)/.tests ## Watermark every file of MESHES=DIR and print a table o
 	@npm ci --prefix tests --silent --no-audit --no-fund
 	@$(BIN)/python -m tests.survey $(MESHES)
 
-delivered: $(VENV)/.tests ## Mark every textured file of MESHES=DIR (COLOR=auto, none, ...) and print how far OCR reads it
+delivered: $(VENV)/.tests ## Mark every textured file of MESHES=DIR (COLOR=auto, none, ...) and print how far OCR reads it, and as clay
 	@test -n "$(MESHES)" || { echo "usage: make delivered MESHES=DIR [COLOR=auto]"; exit 2; }
 	@$(BIN)/python -m tests.delivered $(MESHES) $(if $(COLOR),--color "$(COLOR)")
 
