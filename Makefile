@@ -45,6 +45,10 @@ features: $(VENV)/.tests ## Mark the labelled files of MESHES=DIR and print how 
 	@test -n "$(MESHES)" || { echo "usage: make features MESHES=DIR"; exit 2; }
 	@$(BIN)/python -m tests.features $(MESHES)
 
+design: $(VENV)/.tests ## Mark every file of MESHES=DIR and print the shares of marks where no designer would put them
+	@test -n "$(MESHES)" || { echo "usage: make design MESHES=DIR"; exit 2; }
+	@$(BIN)/python -m tests.design $(MESHES)
+
 benchmark: $(VENV)/.tests ## Compare all methods on the files of MESHES=DIR; the report goes to OUT=DIR
 	@sh docker/system-packages.sh service
 	$(BIN)/meshmark benchmark $(MESHES) --out $(OUT)
@@ -92,4 +96,4 @@ $(VENV)/.tests: $(VENV)/.service
 	$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable '.[test,benchmark]'
 	touch $@
 
-.PHONY: help install demo run test check survey delivered features benchmark ablation fuzz faults load attacks audit docker-test openapi clean
+.PHONY: help install demo run test check survey delivered features design benchmark ablation fuzz faults load attacks audit docker-test openapi clean
