@@ -99,19 +99,11 @@ def emboss(
         moved = Boxes(
             box.center + product(box.size[0, 1] * letters.line * np.array([shift]), box.axes[0, :2]), box.axes, box.size
         )
-        found = single_valued_patches(mesh, moved, index, letters.reach)
-        if isinstance(found, Refusal):
-            return found
-        under = np.concatenate([np.empty(0, dtype=np.int64), *(patch.faces for patch in found)])
-        if box.size[0, 0] * letters.finest < FINEST * mesh.resolution(under):
-            return Refusal.TOO_FINE
-        sources = [mesh.source(patch.faces) for patch in found]
-        assigned = assign_to_patches(letters, found, sources, moved, index, raised=relief > 0)
-        if isinstance(assigned, Refusal):
-            return assigned
-        used = [(patch, text) for patch, text in zip(found, assigned, strict=True) if not text.is_empty()]
-        if relief < 0 and any(mesh.has_remaining_copy(patch.faces).any() for patch, _ in used):
-            return Refusal.SECOND_LAYER
+        used = _lettered_patches(mesh, moved, letters, relief, index, letters.reach)
+        if letters.reach and isinstance(used, Refusal):
+            used = _lettered_patches(mesh, moved, letters, relief, index, 0.0)
+        if isinstance(used, Refusal):
+            return used
         if letters.soft is not None:
             outcome = _displace(mesh, moved, used, letters.soft, relief, index)
             if not isinstance(outcome, Refusal):
@@ -138,6 +130,26 @@ def emboss(
     return refusal
 
 
+def _lettered_patches(
+    mesh: WorkingMesh, box: Boxes, letters: LetterIslands, relief: float, index: SpatialIndex, beside: float
+) -> list[tuple[Patch, CrossSection]] | Refusal:
+    """The patches in ``box`` that carry letters, up to ``beside`` text widths round the text, each with its letters."""
+    found = single_valued_patches(mesh, box, index, beside)
+    if isinstance(found, Refusal):
+        return found
+    under = np.concatenate([np.empty(0, dtype=np.int64), *(patch.faces for patch in found)])
+    if box.size[0, 0] * letters.finest < FINEST * mesh.resolution(under):
+        return Refusal.TOO_FINE
+    sources = [mesh.source(patch.faces) for patch in found]
+    assigned = assign_to_patches(letters, found, sources, box, index, raised=relief > 0)
+    if isinstance(assigned, Refusal):
+        return assigned
+    used = [(patch, text) for patch, text in zip(found, assigned, strict=True) if not text.is_empty()]
+    if relief < 0 and any(mesh.has_remaining_copy(patch.faces).any() for patch, _ in used):
+        return Refusal.SECOND_LAYER
+    return used
+
+
 def _displace(
     mesh: WorkingMesh,
     box: Boxes,
@@ -159,7 +171,7 @@ def _displace(
     removed, points, bases, tilts, corners, source, kind, letters = (
         np.concatenate([getattr(part, name) for part in parts]) for name in Displaced.__dataclass_fields__
     )
-    if _too_fine(_positions(mesh, points, corners), corners, mesh.corners(removed), mesh.resolution(removed)):
+    if _too_fine(mesh.positions(corners, points), corners, mesh.corners(removed), mesh.resolution(removed)):
         return Refusal.TOO_FINE
     mesh.add_points(points, bases, tilts)
     mesh.replace(removed, corners, source, kind)
@@ -225,7 +237,7 @@ def _lift_letters(
     order = np.argsort(base)
     base, normals, shift = base[order], normals[order], shift[order]
     caps = np.searchsorted(base, letters)
-    base_points = _positions(mesh, new, base)
+    base_points = mesh.positions(base, new)
     base_letters = _Bases(base_points, shift, normals, caps)
     tops = _caps(base_letters, normal, relief, index, options)
     if isinstance(tops, Refusal):
@@ -247,7 +259,7 @@ def _lift_letters(
     if not is_closed(removed_corners, boundary, corners):
         return Refusal.NOT_CLOSED
     added_points = np.concatenate([new, tops])
-    if _too_fine(_positions(mesh, added_points, corners), corners, removed_corners, mesh.resolution(removed)):
+    if _too_fine(mesh.positions(corners, added_points), corners, removed_corners, mesh.resolution(removed)):
         return Refusal.TOO_FINE
 
     mesh.add_points(added_points, np.concatenate([new, base_points]))
@@ -369,15 +381,6 @@ def _source_of_edges(triangles: Int, sources: Int, edges: Int) -> Int:
     key = owned[:, 0] * size + owned[:, 1]
     order = np.argsort(key)
     return np.asarray(sources[order[np.searchsorted(key[order], edges[:, 0] * size + edges[:, 1])] // 3])
-
-
-def _positions(mesh: WorkingMesh, new: Float, vertices: Int) -> Float:
-    """(..., 3) positions of ``vertices`` (...); those past the mesh's own are rows of ``new``."""
-    known = len(mesh.points)
-    is_new = vertices >= known
-    result = mesh.points[np.where(is_new, 0, vertices)]
-    result[is_new] = new[vertices[is_new] - known]
-    return result
 
 
 def _too_fine(points: Float, corners: Int, removed_corners: Int, resolution: float) -> bool:

@@ -4,12 +4,12 @@ The letters' mask, blurred, is a slope without an edge at its foot or at its top
 trench, which keeps the ground dark round bright letters and the other way about.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from manifold3d import CrossSection, JoinType
-from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filter, map_coordinates
+from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinates
 
 from core.arrays import Bool, Float
 from core.artwork.raster import filled
@@ -24,7 +24,8 @@ class ProfileOptions:
     """Values of :func:`height_field`: all ours; the paper's letters have vertical walls and flat tops.
 
     Attributes:
-        slope: deviation of the Gaussian weights that the letters' mask is blurred with, in mean stroke widths.
+        slope: deviation of the Gaussian weights that the letters' mask is blurred with, in mean stroke widths. OCR of
+            uncoloured letters on clay, mean of five assets: 0.87 at 0.27, 0.93 at 0.2; 0.92 of flat letters.
         trench: that of the wider weights, in mean stroke widths.
         rise: factor of the first blur.
         sink: factor of the second one, which is taken away.
@@ -36,16 +37,16 @@ class ProfileOptions:
         shortest: side of a contour, in deviations of the slope, that is not bisected.
     """
 
-    slope: float = 0.27
+    slope: float = 0.2
     trench: float = 0.9
     rise: float = 1.3
     sink: float = 0.6
     reach: float = 1.8
     texel: float = 0.25
     contours: tuple[float, ...] = (1.3, -1.2, -2.4)
-    coarse: float = 0.15
-    bend: float = 0.04
-    shortest: float = 1.5
+    coarse: float = 0.25
+    bend: float = 0.05
+    shortest: float = 2.0
 
 
 PROFILE = ProfileOptions()
@@ -57,32 +58,27 @@ class HeightField:
 
     Attributes:
         heights: (H, W), 1 near the middle of a usual stroke, less than 0 in the trench; the first row at the bottom.
+        covered: (H, W) bool, texels of the footprint and those within a deviation of the slope beside it.
         origin: (2,) the middle of the first texel.
         texel: side of a texel.
         stroke: mean width of the letters' strokes.
         slope: deviation of their slope.
         reach: of the footprint round them.
         letters: the shapes.
-        footprint: what they and their trenches cover; beyond it the height is 0.
         outlines: (N, 2) rings of the letters.
         contours: (N, 2) further rings along which a triangulation should sample the field.
     """
 
     heights: Float
+    covered: Bool
     origin: Float
     texel: float
     stroke: float
     slope: float
     reach: float
     letters: CrossSection
-    footprint: CrossSection
     outlines: tuple[Float, ...]
     contours: tuple[Float, ...]
-
-    @cached_property
-    def covered(self) -> Bool:
-        """(H, W) texels that the footprint covers, and their neighbours."""
-        return np.asarray(binary_dilation(self.heights != 0, iterations=2))
 
     @cached_property
     def _slopes(self) -> tuple[Float, Float]:
@@ -93,6 +89,13 @@ class HeightField:
     def at(self, points: Float) -> Float:
         """(N,) heights at (N, 2) points."""
         return self._sampled(self.heights, points)
+
+    def covers(self, points: Float) -> Bool:
+        """(N,) bool, points (N, 2) in the footprint or close beside it."""
+        column, row = np.round((points - self.origin) / self.texel).astype(np.int64).T
+        high, wide = self.covered.shape
+        within = (column >= 0) & (column < wide) & (row >= 0) & (row < high)
+        return np.asarray(within & self.covered[np.clip(row, 0, high - 1), np.clip(column, 0, wide - 1)])
 
     def near(self, edges: Float) -> Float:
         """Those of the edges (E, 2, 2) whose bounds meet the field's."""
@@ -116,30 +119,23 @@ def height_field(letters: CrossSection, stroke: float | None = None, options: Pr
         stroke = 2 * letters.area() / perimeter
     slope, reach = options.slope * stroke, options.reach * stroke
     left, bottom, right, top = letters.bounds()
-    low, high = np.array([left, bottom]) - reach, np.array([right, top]) + reach
+    room = reach + 2 * slope
+    low, high = np.array([left, bottom]) - room, np.array([right, top]) + room
     texel = max(options.texel * slope, float(np.sqrt(np.prod(high - low) / MAX_TEXELS)))
     columns, rows = (np.ceil((high - low) / texel).astype(np.int64) + 1).tolist()
     fine = filled(outlines, low - texel / 2, FINER / texel, (columns * FINER, rows * FINER))
     mask = fine.reshape(rows, FINER, columns, FINER).mean(axis=(1, 3))
     near, wide = (gaussian_filter(mask, width * stroke / texel) for width in (options.slope, options.trench))
-    beside = distance_transform_edt(mask < 0.5) * texel / reach
-    heights = (options.rise * near - options.sink * wide) * eased(2 * (1 - beside))
-    footprint = _offset(letters, reach, slope)
-    field = HeightField(heights, low, texel, stroke, slope, reach, letters, footprint, (), ())
+    beside = distance_transform_edt(mask < 0.5) * texel
+    heights = (options.rise * near - options.sink * wide) * eased(2 * (1 - beside / reach))
+    field = HeightField(heights, beside <= reach + slope, low, texel, stroke, slope, reach, letters, (), ())
     tolerance = options.coarse * slope
     around = [_offset(letters, at * -slope, slope).simplify(tolerance) for at in options.contours]
-    around.append(footprint.simplify(2 * tolerance))
-    return HeightField(
-        heights,
-        low,
-        texel,
-        stroke,
-        slope,
-        reach,
-        letters,
-        footprint,
-        tuple(_bisected(ring, field, options) for ring in outlines),
-        tuple(_bisected(ring, field, options) for section in around for ring in section.to_polygons()),
+    around.append(_offset(letters, reach, slope).simplify(2 * tolerance))
+    return replace(
+        field,
+        outlines=tuple(_bisected(ring, field, options) for ring in outlines),
+        contours=tuple(_bisected(ring, field, options) for section in around for ring in section.to_polygons()),
     )
 
 

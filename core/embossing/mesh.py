@@ -133,6 +133,14 @@ class WorkingMesh:
         """(N, 3) bases of the vertices on the original surface."""
         return self._bases.rows
 
+    def positions(self, vertices: Int, new: Float) -> Float:
+        """(..., 3) positions of ``vertices`` (...); those past the mesh's own are rows of ``new``."""
+        known = len(self.points)
+        is_new = vertices >= known
+        result = self.points[np.where(is_new, 0, vertices)]
+        result[is_new] = new[vertices[is_new] - known]
+        return result
+
     def near(self, low: Float, high: Float) -> Int:
         """Ids of the faces, removed ones excluded, whose bounding box meets ``low``-``high``."""
         old = self._grid.overlapping(low, high)

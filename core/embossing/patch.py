@@ -170,10 +170,10 @@ def patches(mesh: WorkingMesh, box: Boxes, beside: float = 0.0, hidden: Int | No
     ]
 
 
-def single_valued_patches(mesh: WorkingMesh, box: Boxes, index: SpatialIndex, reach: float) -> list[Patch] | Refusal:
-    """The patches in ``box`` and ``reach`` text widths round it, each single-valued along its normal; faces hidden
+def single_valued_patches(mesh: WorkingMesh, box: Boxes, index: SpatialIndex, beside: float) -> list[Patch] | Refusal:
+    """The patches in ``box`` and ``beside`` text widths round it, each single-valued along its normal; faces hidden
     behind another layer are left out."""
-    found = patches(mesh, box, reach)
+    found = patches(mesh, box, beside)
     if found is None:
         return Refusal.TOO_DENSE
     layered = [patch for patch in found if _overlaps_in_projection(patch)]
@@ -184,7 +184,7 @@ def single_valued_patches(mesh: WorkingMesh, box: Boxes, index: SpatialIndex, re
     centers = mesh.points[mesh.corners(faces)].mean(axis=1)
     start = 1e-3 * thickness
     distance, _ = index.first_hit(centers + start * normal, np.broadcast_to(normal, centers.shape), Eye.FAR)
-    found = patches(mesh, box, reach, hidden=faces[distance <= thickness])
+    found = patches(mesh, box, beside, hidden=faces[distance <= thickness])
     assert found is not None  # fewer faces than before
     return Refusal.NOT_WHOLE if any(_overlaps_in_projection(patch) for patch in found) else found
 

@@ -22,6 +22,7 @@ from core.geometry.products import cross
 from core.geometry.spatial import SpatialIndex
 from core.geometry.triangles import barycentric, doubled_area, inside_rings
 
+FLAPS = 4  # rounds in which triangles at the rim that lie over others are left out
 ROUNDS = 4  # of bisecting the sides of contours over bent ground, at most
 INSIDE = 1e-7  # barycentric coordinate; corners that lie on a triangle's side up to this are in it
 TOWARDS = (
@@ -77,7 +78,7 @@ class Remesh:
 def remesh(
     patch: Patch, rows: Int, field: HeightField, relief: float, options: RemeshOptions = REMESH
 ) -> Remesh | None:
-    """The part of ``patch`` that the footprint of ``field`` covers, triangulated along its contours.
+    """The part of ``patch`` that ``field`` covers, triangulated along its contours.
 
     Args:
         patch: its letters lie inside it.
@@ -91,10 +92,18 @@ def remesh(
     """
     plane = patch.points[:, :2]
     replaced = _covered(plane[patch.triangles], field)
+    stays = _Stays(rows, ~field.covers(plane), options.ground * relief, options.long)
+    for _ in range(FLAPS):
+        boundary, owners, edges = _edges(patch, replaced, stays)
+        crossed = _crossing(plane[boundary], plane[boundary])
+        if not crossed.any():
+            break
+        replaced = replaced[~among(replaced, owners[crossed])]
+    else:
+        return None
     triangles = patch.triangles[replaced]
-    boundary, edges = _edges(patch, replaced, rows, options.ground * relief, options.long)
     ground = Ground(patch.points, patch.triangles, replaced)
-    rim = field.near(plane[patch.boundary])
+    rim = field.near(plane[boundary])
     rings = [ground.bridged(ring, options.ground * relief, field.slope) for ring in (*field.outlines, *field.contours)]
     outlines = sum(map(len, rings[: len(field.outlines)]))
     contour, sides = _chained(rings)
@@ -102,7 +111,10 @@ def remesh(
     kept[outlines:] = distance_to_edges(contour[outlines:], rim) > options.rim * field.slope
     kept[outlines:] &= ground.under(contour[outlines:])[1] < INSIDE
     sides = sides[kept[sides].all(axis=1)]
-    sides = sides[~_crossing(contour[sides], rim)]
+    crossed = _crossing(contour[sides], rim)
+    if crossed[sides[:, 0] < outlines].any():
+        return None
+    sides = sides[~crossed]
 
     used = np.unique(triangles)
     fixed = np.unique(np.concatenate([boundary, edges]))
@@ -236,9 +248,20 @@ def _covered(corners: Float, field: HeightField) -> Int:
     return np.flatnonzero(covered[top, right] - covered[bottom, right] - covered[top, left] + covered[bottom, left] > 0)
 
 
-def _edges(patch: Patch, replaced: Int, rows: Int, tolerance: float, long: float) -> tuple[Int, Int]:
-    """(E, 2) directed edges round the ``replaced`` triangles of a patch, and (H, 2) edges between them that stay:
-    where attributes part, long ones, and those without which the surface would move by more than ``tolerance``."""
+@dataclass(frozen=True, eq=False)
+class _Stays:
+    """Edges that stay."""
+
+    rows: Int  # (K, 3) for each corner of the patch: where they differ, attributes part
+    beyond: Bool  # (V,) vertices beside the footprint
+    tolerance: float  # by which the surface may move without an edge, text widths
+    long: float  # edge, text widths
+
+
+def _edges(patch: Patch, replaced: Int, stays: _Stays) -> tuple[Int, Int, Int]:
+    """(E, 2) directed edges round the ``replaced`` triangles of a patch, the triangle (E,) that each is of, and (H, 2)
+    edges between them that stay: where attributes part, those that leave the footprint, so that only triangles in it
+    reach over several of the ground's, long ones, and those without which the surface would move."""
     triangles, count = patch.triangles[replaced], len(patch.triangles)
     one, two, agree = edge_table(triangles).pairs()
     first, second = replaced[one // 3], replaced[two // 3]
@@ -250,9 +273,9 @@ def _edges(patch: Patch, replaced: Int, rows: Int, tolerance: float, long: float
     is_open = np.ones(len(edges), dtype=bool)
     is_open[one] = is_open[two] = False
 
-    own = rows[replaced].ravel()
-    ahead = rows[replaced][:, [1, 2, 0]].ravel()
-    parts = (own[one] != ahead[two]) | (ahead[one] != own[two])
+    own = stays.rows[replaced].ravel()
+    ahead = stays.rows[replaced][:, [1, 2, 0]].ravel()
+    kept = (own[one] != ahead[two]) | (ahead[one] != own[two]) | stays.beyond[edges[one]].any(axis=1)
     start, end = patch.points[edges[one]].transpose(1, 0, 2)
     apex = [patch.points[triangles[side // 3, (side + 2) % 3]] for side in (one, two)]
     off = []
@@ -260,8 +283,8 @@ def _edges(patch: Patch, replaced: Int, rows: Int, tolerance: float, long: float
         normal = cross(end - start, here - start)
         length = np.maximum(np.linalg.norm(normal, axis=1), np.finfo(float).tiny)
         off.append(np.abs(np.sum(normal * (there - start), axis=1)) / length)
-    stays = parts | (np.minimum(*off) > 2 * tolerance) | (np.linalg.norm(end - start, axis=1) > long)
-    return edges[is_open], edges[one[stays]]
+    kept |= (np.minimum(*off) > 2 * stays.tolerance) | (np.linalg.norm(end - start, axis=1) > stays.long)
+    return edges[is_open], np.repeat(replaced, 3)[is_open], edges[one[kept]]
 
 
 def _chained(rings: list[Float]) -> tuple[Float, Int]:
@@ -284,12 +307,17 @@ def _samples(segments: Float, spacing: float) -> Float:
 
 
 def _crossing(segments: Float, edges: Float) -> Bool:
-    """(S,) those of the ``segments`` (S, 2, 2) that meet any of the ``edges`` (E, 2, 2)."""
-    a, b = segments[:, None, 0], segments[:, None, 1]
-    c, d = edges[None, :, 0], edges[None, :, 1]
-    apart = doubled_area(a, b, c) * doubled_area(a, b, d) > 0
-    apart |= doubled_area(c, d, a) * doubled_area(c, d, b) > 0
-    return np.asarray(~apart.all(axis=1))
+    """(S,) those of the ``segments`` (S, 2, 2) that cross any of the ``edges`` (E, 2, 2)."""
+    result = np.zeros(len(segments), dtype=bool)
+    step = max(1, 2**20 // max(len(edges), 1))
+    for first in range(0, len(segments), step):
+        block = slice(first, first + step)
+        a, b = segments[block, None, 0], segments[block, None, 1]
+        c, d = edges[None, :, 0], edges[None, :, 1]
+        crossed = doubled_area(a, b, c) * doubled_area(a, b, d) < 0
+        crossed &= doubled_area(c, d, a) * doubled_area(c, d, b) < 0
+        result[block] = crossed.any(axis=1)
+    return result
 
 
 def _triangulated(points: Float, constraints: Int) -> tuple[Float, Int] | None:

@@ -20,7 +20,7 @@ from core.geometry.spatial import SpatialIndex
 from core.geometry.triangles import unit
 from core.gltf.edit import Kind
 
-EASE = 2.5  # deviations of the slope from the edge of a patch, in which heights are eased to 0
+EASE = 2.5  # deviations of the slope in which heights are eased to 0 at the rim
 TURNED = 1e-3  # share of the area that displacement may turn over: slivers of rounding errors
 
 
@@ -70,7 +70,7 @@ def displaced(
     if found is None:
         return Refusal.CUT_FAILED
     bases = box.center[0] + width * product(found.points, box.axes[0])
-    height, gradient = _heights(field, patch, found)
+    height, gradient = _heights(field, found)
     for along in (product(_normals(patch, found), box.axes[0]), np.broadcast_to(box.axes[0, 2], bases.shape)):
         rises = height, gradient
         if relief > 0 and _shallow(mesh, patch, found, bases, along, relief * height, index):
@@ -101,12 +101,12 @@ def _rows(mesh: WorkingMesh, patch: Patch) -> Int:
     return np.asarray(row * (int(primitive.max()) + 1) + primitive[:, None])
 
 
-def _heights(field: HeightField, patch: Patch, found: Remesh) -> tuple[Float, Float]:
-    """(N,) heights at the new points, and (N, 2) their gradients: those of the field, eased to 0 at the edge of the
-    patch, and 0 round the new triangles and on what they do not use."""
+def _heights(field: HeightField, found: Remesh) -> tuple[Float, Float]:
+    """(N,) heights at the new points, and (N, 2) their gradients: those of the field, eased to 0 round the new
+    triangles, and 0 on what these do not use."""
     plane = found.points[:, :2]
     height, gradient, nearest = field.at(plane), field.gradient(plane), plane.copy()
-    distance = distance_to_edges(plane, field.near(plane[patch.boundary]), nearest)
+    distance = distance_to_edges(plane, field.near(plane[found.boundary]), nearest)
     share = np.minimum(distance / (EASE * field.slope), 1.0)
     away = unit(np.pad(plane - nearest, ((0, 0), (0, 1))))[:, :2]
     steep = 6 * share * (1 - share) / (EASE * field.slope)
