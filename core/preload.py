@@ -6,7 +6,13 @@ from core.rendering import renderer
 
 # Modules that stages, readers and metrics import on demand; a test runs the engine and finds missing ones.
 LATER = (
-    *("core.analysis.analyse", "core.analysis.contrast", "core.analysis.regions", "core.analysis.skinning"),
+    *(
+        "core.analysis.analyse",
+        "core.analysis.contrast",
+        "core.analysis.heads",
+        "core.analysis.regions",
+        "core.analysis.skinning",
+    ),
     *("core.analysis.texture", "core.artwork.svg", "core.placement.place"),
     *("core.embossing.copies", "core.embossing.drawn", "core.embossing.marks", "core.embossing.islands"),
     *("core.embossing.unmarked", "core.reporting", "core.metrics.measure"),

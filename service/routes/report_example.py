@@ -53,6 +53,7 @@ REPORT: JsonDict = {
     "seed": 7,
     "engine": {"version": "0.1.0", "device": "cpu"},
     "units": {"model_size": 30.0, "scale": 17.46, "offset": [0.0, 0.1084, 0.19]},
+    "eye": {"distance": 75.0, "fov": 29.14},
     "watermarks": [
         {
             "id": 0,

@@ -16,7 +16,7 @@ from core.arrays import Float
 from core.errors import MeshmarkError
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
-from core.geometry.surface import Surface
+from core.geometry.surface import MODEL_SIZE, Surface
 from core.gltf.scene import Scene, scene_of
 from core.lab.attacks.attack import ATTACKS
 from core.lab.attacks.target import Attacked, Target, letter_faces, whole
@@ -141,7 +141,8 @@ class AssetBench:
         """
         options, marked = self._options, trial.marked
         seconds = dict(trial.seconds) if attack.name == NO_ATTACK else {}
-        attacked = self._attacked(marked, attack, seconds)
+        as_attacked = self._attacked(marked, attack, seconds)
+        attacked = self._framed(as_attacked)
         original, frame = self._original(attacked.transform)
         scale = float(np.cbrt(np.linalg.det(attacked.transform[:3, :3])))
         boxes = moved_boxes(marked.boxes[attacked.kept], attacked.transform)
@@ -180,7 +181,7 @@ class AssetBench:
         }
         if trial.bits is not None:
             try:
-                row["bit_accuracy"] = bit_accuracy(trial.bits, extract(attacked.mesh, len(trial.bits)))
+                row["bit_accuracy"] = bit_accuracy(trial.bits, extract(as_attacked.mesh, len(trial.bits)))
             except MeshmarkError as error:  # the attack left too few vertices to read anything
                 row["missing"]["bit_accuracy"] = error.code.value
         return row
@@ -206,6 +207,19 @@ class AssetBench:
             return whole(marked.mesh, target)
         with _timed(seconds, "attack"):
             return ATTACKS[attack.name](marked.mesh, target, attack.strength)
+
+    def _framed(self, attacked: Attacked) -> Attacked:
+        """An attacked asset in the size-30 frame of the original moved along with it: what is measured, and seen by
+        cameras, is framed first, as any viewer does."""
+        if (attacked.transform == np.eye(4)).all():
+            return attacked
+        surface = self._prepared.surface
+        moved = moved_points(surface.positions[np.unique(surface.faces)], attacked.transform)
+        low, high = moved.min(axis=0), moved.max(axis=0)
+        frame = np.diag([*np.full(3, MODEL_SIZE / (high - low).max()), 1.0])
+        frame[:3, 3] = -frame[0, 0] * (low + high) / 2
+        mesh = Mesh(moved_points(attacked.mesh.positions, frame), attacked.mesh.faces)
+        return replace(attacked, mesh=mesh, transform=frame @ attacked.transform)
 
     def _original(self, transform: Float) -> tuple[Subject, Frame | None]:
         """The original moved along with an attack, and the frame in which both are shown."""

@@ -37,7 +37,7 @@ def _rolling(columns: int, rows: int, depth: float, waves: float, slant: float) 
     return surface(np.column_stack([x, y, z + depth * np.sin(waves * x) * np.cos(waves * y) + slant * y]), flat.faces)
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(
     columns=st.integers(1, 40),
     rows=st.integers(1, 20),

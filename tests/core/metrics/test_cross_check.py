@@ -130,7 +130,7 @@ def test_smse_agrees_with_trimesh_asked_for_every_triangle(pair: Pair, monkeypat
     found = smse(index_of(pair.original), pair.watermarked, np.random.default_rng(2))
     points, _ = sample(pair.watermarked, 800, np.random.default_rng(2))
     expected = distance_to_all(points, pair.original)
-    assert expected.max() > pair.relief.min() / 2  # some samples lie on letters
+    assert expected.max() > pair.relief.min() / 4  # some samples lie on letters
     assert found == pytest.approx((expected.mean(), (expected**2).mean()), abs=1e-9)
 
 
