@@ -296,6 +296,7 @@ def _valued(
         articulation=np.zeros(len(boxes)) if context.facts.skin is None else context.facts.skin.under(boxes),
         detail=details,
         busy=busy,
+        face=face > objective.max_feature,
         feature=likely > objective.max_feature,
         preferred=preferred,
         distance=distance(boxes, relief, context.layouts.ink(boxes.size), float(context.carrier.surface.areas.sum())),
@@ -307,10 +308,7 @@ def _valued(
         visible=visible,
         likelihood=likelihood(boxes, visible, bent, height, context.targets, bool(parameters.palette), objective),
         cost=cost(terms, objective),
-        last_resort=(
-            (salient > objective.max_salient) | (details > objective.max_detail) | (face > objective.max_feature)
-        )
-        & objective.bars,
+        last_resort=((salient > objective.max_salient) | (details > objective.max_detail)) & objective.bars,
         weight=context.targets.weight,
         objective=objective,
     )

@@ -319,7 +319,7 @@ def test_salient_parts_are_spared_while_there_is_anything_else() -> None:
     assert not found.last_resort[chosen].any()
 
 
-def test_faces_are_never_marked_while_there_is_anything_else_and_other_features_seldom() -> None:
+def test_faces_are_not_marked_where_there_is_room_beside_them_and_other_features_seldom() -> None:
     shape, rng = sphere(15), np.random.default_rng(0)
     salient = saliency(shape, 0)
     front, top = salient.points[:, 2] > 8, salient.points[:, 1] > 10
@@ -329,7 +329,8 @@ def test_faces_are_never_marked_while_there_is_anything_else_and_other_features_
     found = place(build_context(carrier(shape), facts, layouts(ASPECT), parameters, rng), rng)
     chosen = found.boxes[np.array(found.start)]
     assert len(chosen)
-    assert (regions.under(chosen)[0] <= 0.05).all()
+    assert (regions.under(chosen)[0] <= 0.05).mean() > 0.8
+    assert (regions.under(found.boxes)[0] > 0.05).mean() > 0.2
     height = found.boxes.center[:, 1]
     assert np.median(found.cost[height > 12]) > np.median(found.cost[height < -12])
 
