@@ -112,9 +112,7 @@ class Objective:
     articulation: float = 40.0  # text torn by joints is worth nothing in motion
     detail: float = 1.4
     busy: float = 1.0
-    # Of a box that touches one. At 16 no mark is on the face of a fox, but from the front none is seen: Ray falls from
-    # .96 to .83; barred altogether, to .54. At 6 two of eleven are there, before 4 of 12.
-    face: float = 6.0
+    face: float = 6.0  # of a box that touches one; at 16 a fox has no mark that is seen from the front
     feature: float = 2.0
     preferred: float = 1.0
     mark: float = 0.0003  # a mark has to add more than an eighth of one of the 200 directions
