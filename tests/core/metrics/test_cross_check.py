@@ -126,11 +126,11 @@ def plain_wps(original: Surface, boxes: Boxes) -> list[float]:
 
 
 def test_smse_agrees_with_trimesh_asked_for_every_triangle(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(smse_module, "SAMPLES", 800)
+    monkeypatch.setattr(smse_module, "SAMPLES", 1600)
     found = smse(index_of(pair.original), pair.watermarked, np.random.default_rng(2))
-    points, _ = sample(pair.watermarked, 800, np.random.default_rng(2))
+    points, _ = sample(pair.watermarked, 1600, np.random.default_rng(2))
     expected = distance_to_all(points, pair.original)
-    assert expected.max() > pair.relief.min() / 4  # some samples lie on letters
+    assert expected.max() > pair.relief.min() / 2  # some samples lie on letters
     assert found == pytest.approx((expected.mean(), (expected**2).mean()), abs=1e-9)
 
 
