@@ -21,7 +21,7 @@ from core.parameters import Parameters
 from core.pipeline import watermark
 from core.rendering.pictures import PICTURE_SIZE, pictures
 from core.rendering.renderer import Renderer
-from tests.survey import ASSETS
+from tests.survey import assets
 
 TEXT = "watermark"
 COLUMNS = (
@@ -39,11 +39,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, help="also write the GLB and the preview of every asset here")
     options = parser.parse_args()
     color = options.color[0] if options.color and len(options.color) == 1 else options.color and tuple(options.color)
-    files = [
-        path
-        for path in sorted(options.folder.iterdir())
-        if path.suffix in ASSETS and (not options.only or path.name.startswith(tuple(options.only)))
-    ]
+    files = assets(options.folder, options.only)
     print(f"| {' | '.join(COLUMNS)} |\n|{' --- |' * len(COLUMNS)}", flush=True)
     scores = []
     with multiprocessing.get_context("spawn").Pool(1) as pool:

@@ -30,7 +30,7 @@ from core.parameters import Evaluate, Parameters, Preset
 from core.pipeline import watermark
 from core.placement.candidates import POLE, upright
 from core.report import Places
-from tests.survey import ASSETS
+from tests.survey import assets
 
 TEXT = "watermark"
 FINE = 12  # rays a text height under a mark
@@ -240,11 +240,7 @@ def main() -> int:
     parser.add_argument("--preset", type=Preset, default=Preset.MERCHANDISE, choices=list(Preset))
     parser.add_argument("--out", type=Path, help="also write the report and the preview of every asset here")
     options = parser.parse_args()
-    files = [
-        path
-        for path in sorted(options.folder.iterdir())
-        if path.suffix in ASSETS and (not options.only or path.name.startswith(tuple(options.only)))
-    ]
+    files = assets(options.folder, options.only)
     print(f"| {' | '.join(COLUMNS)} |\n|{' --- |' * len(COLUMNS)}", flush=True)
     found = []
     with multiprocessing.get_context("spawn").Pool(1) as pool:

@@ -30,7 +30,7 @@ from core.geometry.surface import Surface
 from core.gltf.scene import flatten
 from core.parameters import Evaluate, Parameters
 from core.pipeline import watermark
-from tests.survey import ASSETS
+from tests.survey import assets
 
 LABELS = Path(__file__).parent / "data" / "features.json"
 GRID = (49, 17)  # points along a text and across it whose ground is looked at
@@ -190,10 +190,9 @@ def main() -> int:
     parser.add_argument("--out", type=Path, help="also write the GLB of every asset here")
     options = parser.parse_args()
     known, files = labelled(), []
-    for path in sorted(options.folder.iterdir()):
-        if path.suffix in ASSETS and (not options.only or path.name.startswith(tuple(options.only))):
-            asset = known.get(hashlib.sha256(path.read_bytes()).hexdigest())
-            files += [] if asset is None else [(path, asset)]
+    for path in assets(options.folder, options.only):
+        asset = known.get(hashlib.sha256(path.read_bytes()).hexdigest())
+        files += [] if asset is None else [(path, asset)]
     print("| file | features | marks that touch one | kinds | which |\n|" + " --- |" * 5, flush=True)
     all_found: list[Touched] = []
     with multiprocessing.get_context("spawn").Pool(1) as pool:

@@ -50,6 +50,12 @@ COLUMNS = (
 )
 
 
+def assets(folder: Path, only: list[str] | None = None) -> list[Path]:
+    """The assets in a folder, in order of their names; those only whose names start with one of ``only``, if given."""
+    starts = tuple(only) if only else ""
+    return sorted(path for path in folder.iterdir() if path.suffix in ASSETS and path.name.startswith(starts))
+
+
 def main() -> int:
     """Prints the table; returns the number of files on which something is wrong."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -60,7 +66,7 @@ def main() -> int:
     wrong = 0
     # A fresh process for each file: one asset's caches and warm code do not flatter the next one's times.
     with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as pool:
-        files = sorted(path for path in options.folder.iterdir() if path.suffix in ASSETS)
+        files = assets(options.folder)
         for row, bad in pool.imap(_survey, [(path, options.out) for path in files]):
             print(f"| {' | '.join(row)} |", flush=True)
             wrong += bad
