@@ -89,7 +89,7 @@ def _delivered(
         f"{min(distances):.0f}" if distances else "",
         " ".join(f"{name} {count}" for name, count in colors.most_common()),
         *(f"{utility[name]:.4f}" for name in ("smse", "ipe", "se", "se_lee2005", "ss")),
-        " ".join(notice.code for notice in result.report["warnings"]),
+        " ".join(notice["code"] for notice in result.report["warnings"]),
     ]
     return row, quality["ocr"]
 

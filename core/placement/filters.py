@@ -8,16 +8,20 @@ them. They are not turned around: a renderer that culls back faces would not sho
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import label
 from scipy.spatial import cKDTree
 
 from core.arrays import Bool, Float, Int
 from core.geometry.boxes import Boxes, unit_grid
 from core.geometry.products import cross, product
 from core.geometry.spatial import Eye, SpatialIndex
+from core.geometry.triangles import unit
 from core.placement.finetune import ADAM
 
 # 1/cos has a pole at a right angle: steeper or opposed normals count as this rough.
 SMALLEST_COSINE = 0.05
+# Neighbours of a point in the plane of its own box, for labelling.
+PLANE = np.array([[[0] * 3] * 3, [[0, 1, 0], [1, 1, 1], [0, 1, 0]], [[0] * 3] * 3])
 FACING = 0.15  # cosine from which embossing takes a face as part of the patch
 
 
@@ -38,6 +42,8 @@ class FilterOptions:
         roughness: mean of 1/cos, below which surface is smooth. Paper, supplement "Filtering".
         roughness_samples: normals in a box that :func:`roughness` compares. The paper's H_r, its value not given.
         roughness_rays: one in so many of the footprint's rays counts for the roughness, 36 a box.
+        bend: cosine between the normals that neighbouring rays of a footprint meet, at least: more turned is an edge.
+        turned: cosine between the normals of the pieces of ground on either side of edges, below which text is folded.
         lift: reliefs above the surface at which visibility starts: just clear of the letters.
         sight_grid: rays along the text and across it that have to be free.
         sight: text heights in front of a text in which no other part may stand.
@@ -55,6 +61,8 @@ class FilterOptions:
     roughness: float = 1.25
     roughness_samples: int = 32
     roughness_rays: int = 4
+    bend: float = float(np.cos(np.radians(30.0)))
+    turned: float = float(np.cos(np.radians(25.0)))
     lift: float = 1.5
     sight_grid: tuple[int, int] = (8, 2)
     sight: float = 8.0
@@ -96,7 +104,11 @@ def footprint(
     unit face normals of the surface in ``index``.
     """
     spread = boxes.size[:, None, :2] + 2 * margin * boxes.size[:, None, 1:2]
-    local = unit_grid(grid)[None] * spread
+    return cast(boxes, unit_grid(grid)[None] * spread, index, normals, clearance)
+
+
+def cast(boxes: Boxes, local: Float, index: SpatialIndex, normals: Float, clearance: float | Float) -> Footprint:
+    """The same for rays at ``local`` (B, N, 2), right and up from the middle of each box, size-30 units."""
     start = boxes.size[:, 2] / 2 + clearance
     normal = boxes.axes[:, 2]
     origin = boxes.center + start[:, None] * normal
@@ -121,7 +133,7 @@ def recentre(boxes: Boxes, met: Footprint, component: Int, step: float) -> Boxes
     loss brings boxes near such places, but a point that hangs over an edge only a little hardly contributes.
     ``component`` as for :func:`fully_supported`.
     """
-    supported = _supported(met, boxes) & _on_one_component(met, component)
+    supported = held(met, boxes, component)
     share = supported.sum(axis=1, keepdims=True)
     middle = np.einsum("bn,bnk->bk", supported, met.local) / np.maximum(share, 1)
     return Boxes(boxes.center + step * np.einsum("bk,bkj->bj", middle, boxes.axes[:, :2]), boxes.axes, boxes.size)
@@ -135,12 +147,17 @@ def fully_supported(met: Footprint, boxes: Boxes, component: Int) -> Bool:
     ``footprint`` above it, because the rays start above that layer and meet it first. ``component`` (F,)
     numbers the component of each face: letters are not cut where one runs into another.
     """
-    return np.asarray((_supported(met, boxes) & _on_one_component(met, component)).all(axis=1))
+    return np.asarray(held(met, boxes, component).all(axis=1))
 
 
 def support(met: Footprint, boxes: Boxes, component: Int) -> Float:
     """(B,) share of each footprint that meets the conditions of :func:`fully_supported`."""
-    return np.asarray((_supported(met, boxes) & _on_one_component(met, component)).mean(axis=1))
+    return np.asarray(held(met, boxes, component).mean(axis=1))
+
+
+def held(met: Footprint, boxes: Boxes, component: Int) -> Bool:
+    """(B, N) rays that meet the conditions of :func:`fully_supported`."""
+    return _supported(met, boxes) & _on_one_component(met, component)
 
 
 def _supported(met: Footprint, boxes: Boxes) -> Bool:
@@ -169,6 +186,32 @@ def edge_proximity(
     rim[[0, across - 1]] = True
     rim[:, [0, down - 1]] = True
     return np.asarray(1 - _supported(met, boxes)[:, rim.ravel()].mean(axis=1))
+
+
+def folded(met: Footprint, normals: Float, options: FilterOptions = FILTERS) -> Float:
+    """(B,) share of each footprint on ground that an edge turns away from the ground under most of it.
+
+    Neighbouring rays are on one piece of ground where the normals of the faces they meet are alike: round a bend they
+    are, across an edge they are not. ``met`` is of the grid ``options.footprint``, ``normals`` as for
+    :func:`footprint`.
+    """
+    number, (across, down) = len(met.face), options.footprint
+    if number == 0:
+        return np.empty(0)
+    normal = np.where(met.face[..., None] >= 0, normals[met.face], 0.0).reshape(number, across, down, 3)
+    joined = np.zeros((number, 2 * across - 1, 2 * down - 1), dtype=bool)
+    joined[:, ::2, ::2] = True
+    joined[:, 1::2, ::2] = np.einsum("bxyi,bxyi->bxy", normal[:, 1:], normal[:, :-1]) > options.bend
+    joined[:, ::2, 1::2] = np.einsum("bxyi,bxyi->bxy", normal[:, :, 1:], normal[:, :, :-1]) > options.bend
+    piece = label(joined, PLANE)[0][:, ::2, ::2].reshape(-1) - 1
+    size = np.bincount(piece)
+    mean = unit(np.column_stack([np.bincount(piece, column) for column in normal.reshape(-1, 3).T]))
+    box = np.zeros(len(size), dtype=np.int64)
+    box[piece] = np.repeat(np.arange(number), across * down)
+    order = np.lexsort((-size, box))
+    largest = order[np.searchsorted(box[order], np.arange(number))]
+    away = np.einsum("pi,pi->p", mean, mean[largest[box]]) < options.turned
+    return np.bincount(box, size * away, number) / (across * down)
 
 
 def roughness(boxes: Boxes, points: Float, normals: Float, options: FilterOptions = FILTERS) -> Float:

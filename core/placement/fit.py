@@ -13,10 +13,12 @@ from core.geometry.spatial import Eye
 from core.parameters import Mode, Solver
 from core.placement.candidates import along_strips, candidates, right_way_up
 from core.placement.context import PlacementContext
+from core.placement.cost import Terms, cost, curvature_deviation, distance, obstructed, roll
 from core.placement.filters import (
     Footprint,
     above,
     edge_proximity,
+    folded,
     footprint,
     fully_supported,
     occluded,
@@ -28,19 +30,7 @@ from core.placement.filters import (
 )
 from core.placement.finetune import adam, correct, distinct, levenberg_marquardt, loss_limit
 from core.placement.legibility import text_width
-from core.placement.objective import (
-    FACING_VIEW,
-    Placement,
-    Terms,
-    contrast,
-    cost,
-    curvature_deviation,
-    distance,
-    facing,
-    likelihood,
-    obstructed,
-    roll,
-)
+from core.placement.objective import FACING_VIEW, Placement, contrast, facing, likelihood
 from core.placement.rejection import Stage
 from core.placement.selection import visibility
 
@@ -100,17 +90,15 @@ def fit(
     return _survivors(context, boxes, loss, loss_limit(boxes.size, solver), left, overhanging)
 
 
-def widen(context: PlacementContext, boxes: Boxes, most: Float) -> Placement:
-    """Wider text at the places of ``boxes``, each in several widths below its ``most`` (B,), where there is room."""
-    start, search, solver = Boxes.empty(), context.options.search, context.options.levenberg_marquardt
-    for step in range(1, search.growth_steps + 1):
-        size = np.maximum(boxes.size * search.growth**step, (0.0, 0.0, context.options.candidates.thinnest))
-        room = np.flatnonzero(size[:, 0] < most)
-        start = Boxes.concat(start, Boxes(boxes.center[room], boxes.axes[room], size[room]))
-    grown, loss = correct(
-        start, context.carrier.index, lambda fitted: _recentred_on_support(context, fitted), options=solver
+def refit(context: PlacementContext, boxes: Boxes) -> Placement:
+    """Those of the ``boxes``, which are nearly on the surface, that may carry the text where they are."""
+    fitted, loss = correct(
+        boxes,
+        context.carrier.index,
+        lambda moved: _recentred_on_support(context, moved),
+        options=context.options.levenberg_marquardt,
     )
-    return _survivors(context, grown, loss, loss_limit(grown.size, solver), {})[0]
+    return _survivors(context, fitted, loss, loss_limit(fitted.size, context.options.levenberg_marquardt), {})[0]
 
 
 def _relief(context: PlacementContext, boxes: Boxes) -> Float:
@@ -187,9 +175,9 @@ def _survivors(
         boxes, loss = boxes[kept], loss[kept]
     left[Stage.OPAQUE] = len(boxes)
 
-    rough = roughness_met(met, context.normals, options)[kept]
+    rough, fold = (measure(met, context.normals, options)[kept] for measure in (roughness_met, folded))
     kept = np.flatnonzero(smooth(rough, options))
-    boxes, loss, rough = boxes[kept], loss[kept], rough[kept]
+    boxes, loss, rough, fold = boxes[kept], loss[kept], rough[kept], fold[kept]
     left[Stage.SMOOTH] = len(boxes)
 
     relief = _relief(context, boxes)
@@ -205,7 +193,8 @@ def _survivors(
     kept = np.flatnonzero(visible.any(axis=1))
     left[Stage.SEEN] = len(kept)
     met = Footprint(met.height[kept], met.cosine[kept], met.local[kept], met.face[kept])
-    return _valued(context, boxes[kept], loss[kept], rough[kept], visible[kept], met, relief[kept]), left
+    ground = (rough[kept], fold[kept])
+    return _valued(context, boxes[kept], loss[kept], ground, visible[kept], met, relief[kept]), left
 
 
 def _candidates(
@@ -272,9 +261,17 @@ def _in_sight(
 
 
 def _valued(
-    context: PlacementContext, boxes: Boxes, loss: Float, rough: Float, visible: Bool, met: Footprint, relief: Float
+    context: PlacementContext,
+    boxes: Boxes,
+    loss: Float,
+    ground: tuple[Float, Float],
+    visible: Bool,
+    met: Footprint,
+    relief: Float,
 ) -> Placement:
-    """The ``boxes`` with their coverage and cost; ``met`` is the surface under each."""
+    """The ``boxes`` with their coverage and cost; the ``ground`` of each is so rough and so much folded, and ``met`` is
+    the surface there."""
+    rough, fold = ground
     parameters, objective = context.parameters, context.options.objective
     bent, preferred = curvature_deviation(boxes, met.height), np.zeros(len(boxes))
     if context.facts.regions is not None:
@@ -286,6 +283,7 @@ def _valued(
         legible = contrast(context.facts.texture.color_under(boxes), busy, parameters.palette, objective)
     face, likely = np.zeros((2, len(boxes))) if context.facts.features is None else context.facts.features.under(boxes)
     height = context.layouts.line_height(boxes.size) * legible
+    last_resort = (salient > objective.max_salient) | (details > objective.max_detail)
     terms = Terms(
         obstructed=obstructed(visible, facing(boxes, context.targets.directions), context.targets),
         salient=salient,
@@ -293,12 +291,14 @@ def _valued(
         curvature_deviation=bent,
         rough=rough - 1,
         edge_proximity=edge_proximity(boxes, context.carrier.index, context.normals, relief, context.options.filters),
+        folded=fold,
         articulation=np.zeros(len(boxes)) if context.facts.skin is None else context.facts.skin.under(boxes),
         detail=details,
         busy=busy,
         face=face > objective.max_feature,
         feature=likely > objective.max_feature,
         preferred=preferred,
+        last_resort=last_resort,
         distance=distance(boxes, relief, context.layouts.ink(boxes.size), float(context.carrier.surface.areas.sum())),
     )
     return Placement(
@@ -308,7 +308,7 @@ def _valued(
         visible=visible,
         likelihood=likelihood(boxes, visible, bent, height, context.targets, bool(parameters.palette), objective),
         cost=cost(terms, objective),
-        last_resort=((salient > objective.max_salient) | (details > objective.max_detail)) & objective.bars,
+        last_resort=last_resort,
         weight=context.targets.weight,
         objective=objective,
     )

@@ -3,7 +3,7 @@
 With candidate boxes m, a choice S of them, targets j, and fields of :class:`Objective` in capitals::
 
     F(S) = sum over j of w_j (best_j + REDUNDANCY second_j)  -  sum over m in S of cost_m
-           -  PROXIMITY_WEIGHT x sum over pairs in S of proximity(m, n)
+           -  sum over pairs in S of pair(m, n)
 
 where ``best_j`` and ``second_j`` are the largest and the second largest L[m, j] over m in S, and ``L[m, j]``, 0 to
 1, is how well mark m covers target j: from each direction the most legible visible mark counts; the second best counts
@@ -16,15 +16,16 @@ with a small weight, for when the first is removed. The targets are
   Visible is 1 where the mark faces the direction within 45 degrees and rays from all over its letters get out; size is
   the legibility of text of this height, coloured or not (:mod:`core.placement.legibility`), for the projected height
   times the contrast of the letters with the base colour under them, whose variation masks uncoloured ones, see
-  :func:`contrast`; facing is the cosine over
-  that of 40 degrees, at most 1; roll is ``1 - ROLLED (1 - cos r) / 2`` for the angle r between the text and the
-  picture's horizontal (1 for the even directions, whose pictures have no up); flatness is 1 less the curvature
-  deviation under the text;
+  :func:`contrast`; facing is the cosine over that of 40 degrees, at most 1; roll is ``1 - ROLLED (1 - cos r) / 2`` for
+  the angle r between the text and the picture's horizontal (1 for the even directions, whose pictures have no up);
+  flatness is 1 less the curvature deviation under the text;
 * 64 half-spaces through the surface's centroid, together worth ``CROPS``: L = 1 where the whole mark lies in the
   half-space, so that a crop by the plane leaves it.
 
-``proximity`` is 1 less the distance of the centres over 5, at least 0, for marks on the same side of the surface: marks
-close together are removed together; the term keeps them apart.
+``pair`` is PROXIMITY_WEIGHT times 1 less the distance of the centres over 5, at least 0, for marks on the same side of
+the surface: marks close together are removed together; the term keeps them apart. To it come STACKED for lines above
+each other on one face, and RAGGED for those beside each other off one baseline (:mod:`core.placement.pairs`): where two
+marks stand on one face, they stand as a designer would set them.
 
 F is submodular (the two largest of a set, the second weighing less; pairs only take away): a mark that shows only what
 two others show better adds nothing. Were it monotone too, greedy choice would reach 1 - 1/e of the best (Nemhauser,
@@ -33,20 +34,21 @@ shows a view, which stacks them on the best places. Without the second mark (RED
 were read in 0.77 of the views, with it 14.2 marks in 0.84. ::
 
     cost_m = PENALTY (6 obstructed + 1.4 salient + 3 sin(roll) + curvature_deviation + (roughness - 1)
-                      + edge_proximity + 40 articulation + 1.4 detail + busy + 6 face + 2 feature - preferred)
+                      + 3 edge_proximity + 6 folded + 40 articulation + 1.4 detail + busy + 6 face + 2 feature
+                      + 4 last_resort - preferred)
              + MARK + min(DISTORTION x (the letters' share of the surface) x relief, 0.05)
 
 Obstructed is the share of the directions a mark faces in which it is not visible (the paper's Ray punishes it); salient
 the share of salient surface under it; edge proximity the share of a margin around it that has no supporting surface
-(edges, silhouettes, holes); articulation the number of joints that share the skin under it (letters on an elbow are
-torn in other poses); detail the share on eyes, logos or print in the texture; busy the variance of colours there;
-face and feature whether it touches a face, and what may be a feature by its shape (:mod:`core.analysis.features`);
-preferred the share on regions asked for. Thin walls take no sunken letters at all
-(:func:`core.placement.filters.thin_walled`), and marks do not overlap (selection). Seams of the texture cost nothing of
-their own: letters carry the texture of either side, and a change of colour at a seam counts as busy. Marks on surface
-that is mostly salient, or a third of it detail, are a last resort: they are placed only where there is nothing else at
-all. The last two terms are the price of any mark: one that adds less is not placed. This takes the place of the paper's
-octants, which spread marks without asking what they show.
+(edges, silhouettes, holes); folded the share on ground that an edge turns away; articulation the number of joints that
+share the skin under it (letters on an elbow are torn in other poses); detail the share on eyes, logos or print in the
+texture; busy the variance of colours there; face and feature whether it touches a face, and what may be a feature by
+its shape (:mod:`core.analysis.features`); preferred the share on regions asked for. Thin walls take no sunken letters
+at all (:func:`core.placement.filters.thin_walled`), and marks do not overlap (selection). Seams of the texture cost
+nothing of their own: letters carry the texture of either side, and a change of colour at a seam counts as busy. Marks
+on surface that is mostly salient, or a third of it detail, are a last resort: such a mark has to show what a few views
+or a tenth of the even directions see nothing else of. The last two terms are the price of any mark: one that adds less
+is not placed. This takes the place of the paper's octants, which spread marks without asking what they show.
 
 The effect of each term on the metrics is in the report of ``meshmark benchmark --methods objective``.
 """
@@ -56,7 +58,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.distance import cdist
 
 from core.analysis.texture import cielab
 from core.arrays import Bool, Float, Int
@@ -65,8 +66,8 @@ from core.geometry.directions import cosines_to_cameras, fibonacci_directions, v
 from core.geometry.products import product
 from core.geometry.surface import Surface
 from core.gltf.colors import hex_linear
-from core.placement.candidates import upright
 from core.placement.legibility import legibility
+from core.placement.pairs import proximity, ragged, stacked
 
 Single = NDArray[np.float32]
 
@@ -108,7 +109,8 @@ class Objective:
     roll: float = 3.0
     curvature_deviation: float = 1.0
     rough: float = 1.0
-    edge_proximity: float = 1.0
+    edge_proximity: float = 3.0
+    folded: float = 6.0  # of the share on ground that is turned away by an edge
     articulation: float = 40.0  # text torn by joints is worth nothing in motion
     detail: float = 1.4
     busy: float = 1.0
@@ -119,9 +121,11 @@ class Objective:
     # Of a pair of marks at one place: more than the second is worth but on the only side of its kind.
     proximity_weight: float = 0.01
     proximity_range: float = 5.0  # between the centres of marks, size-30 units
+    stacked: float = 0.004  # of two lines in a stack on one face
+    ragged: float = 0.002  # of two beside each other on one face, but not on one baseline
     distortion: float = 35.0  # per unit of mean distance (SMSE) that a mark adds
     most_distorted: float = 0.05  # bound of that term, so that text requested as large as a side is on all sides
-    bars: bool = True  # salient parts and details are a last resort
+    last_resort: float = 4.0  # of a box mostly on salient parts or details
     max_salient: float = 0.45  # share, at most, of other marks; the metric's 0.5 less what the edges of a box hold
     max_detail: float = 0.3  # likewise: an eye or a line of print is a small part of a box
     max_feature: float = 0.05  # likewise on a face or feature: more than the samples at its border is touching it
@@ -175,7 +179,7 @@ class Placement:
         visible: (B, D) whether the box faces a direction within 45 degrees and all its rays get out.
         likelihood: (B, J) float32 how well the box covers each target, 0 to 1.
         cost: (B,) in the unit of ``weight``.
-        last_resort: (B,) boxes on salient parts, for use only where there is nothing else.
+        last_resort: (B,) boxes on salient parts; better ones are looked for in the directions that only they cover.
         weight: (J,) the weight of covering each target.
         objective: the values of the terms.
         start: a good choice among the boxes, which selection improves on.
@@ -201,7 +205,7 @@ class Placement:
         """(B,) the gain in the objective from adding each box to the ``chosen``."""
         best, second = self.coverage(chosen)
         added = (self._added(best, second) * self.weight).sum(axis=1)
-        return _even(added - self.objective.proximity_weight * self.proximity(chosen).sum(axis=1) - self.cost)
+        return _even(added - self.pairs(chosen).sum(axis=1) - self.cost)
 
     def gain_without(self, chosen: Sequence[int]) -> Float:
         """(B, K) :meth:`gain` where each of the K ``chosen`` boxes in turn is left out.
@@ -215,9 +219,8 @@ class Placement:
             without = self._added(one, other) * self.weight - whole
             for number in range(len(chosen)):
                 gain[:, number] += without[:, owner[rank] == number].sum(axis=1)
-        near = self.proximity(chosen)
-        pairs = self.objective.proximity_weight * (near.sum(axis=1, keepdims=True) - near)
-        return _even(gain - pairs - self.cost[:, None])
+        pairs = self.pairs(chosen)
+        return _even(gain - (pairs.sum(axis=1, keepdims=True) - pairs) - self.cost[:, None])
 
     def _leaders(self, chosen: Sequence[int]) -> tuple[Single, Int]:
         """(3, J) the three largest likelihoods of the ``chosen`` boxes for each target, 0 where there are fewer, and
@@ -238,22 +241,24 @@ class Placement:
         added += redundant
         return added
 
-    def proximity(self, chosen: Sequence[int]) -> Float:
-        """(B, K) proximity of each box to each of the K ``chosen``: 1 less the distance over
-        ``proximity_range`` on the same side of the surface, 0 for itself."""
-        chosen = list(chosen)
-        apart = cdist(self.boxes.center, self.boxes.center[chosen])
-        same_side = product(self.boxes.axes[:, 2], self.boxes.axes[chosen, 2].T) > 0
-        near = np.maximum(1 - apart / self.objective.proximity_range, 0) * same_side
-        near[chosen, np.arange(len(chosen))] = 0
-        return np.asarray(near)
+    def pairs(self, chosen: Sequence[int]) -> Float:
+        """(B, K) what each box costs beside each of the K ``chosen``; 0 for itself."""
+        chosen, objective = list(chosen), self.objective
+        others = self.boxes[np.array(chosen, dtype=np.int64)]
+        price = (
+            objective.proximity_weight * proximity(self.boxes, others, objective.proximity_range)
+            + objective.stacked * stacked(self.boxes, others)
+            + objective.ragged * ragged(self.boxes, others)
+        )
+        price[chosen, np.arange(len(chosen))] = 0
+        return np.asarray(price)
 
     def value(self, chosen: Sequence[int]) -> float:
         """The objective F of ``chosen``."""
         best, second = self.coverage(chosen)
-        close = self.objective.proximity_weight * self.proximity(chosen)[list(chosen)].sum() / 2
+        pairs = self.pairs(chosen)[list(chosen)].sum() / 2
         covered = (self.weight * (best + self.objective.redundancy * second)).sum()
-        return float(_even(covered - self.cost[list(chosen)].sum() - close))
+        return float(_even(covered - self.cost[list(chosen)].sum() - pairs))
 
 
 def _even(worth: Float) -> Float:
@@ -333,68 +338,3 @@ def likelihood(
     corners = boxes.corners() - goal.centroid
     whole = product(corners, goal.half_spaces.T).min(axis=1) > 0
     return np.concatenate([shown, whole], axis=1).astype(np.float32)
-
-
-@dataclass(frozen=True, eq=False)
-class Terms:
-    """Cost terms of B candidate boxes, all (B,)."""
-
-    obstructed: Float
-    salient: Float
-    roll: Float
-    curvature_deviation: Float
-    rough: Float
-    edge_proximity: Float
-    articulation: Float
-    detail: Float
-    busy: Float
-    face: Bool
-    feature: Bool
-    preferred: Float
-    distance: Float  # added to the mean distance between the surfaces, size-30 units
-
-
-def cost(terms: Terms, objective: Objective = OBJECTIVE) -> Float:
-    """(B,) cost of a mark in each box, in shares of all directions."""
-    penalty = (
-        objective.obstructed * terms.obstructed
-        + objective.salient * terms.salient
-        + objective.roll * terms.roll
-        + objective.curvature_deviation * terms.curvature_deviation
-        + objective.rough * terms.rough
-        + objective.edge_proximity * terms.edge_proximity
-        + objective.articulation * terms.articulation
-        + objective.detail * terms.detail
-        + objective.busy * terms.busy
-        + objective.face * terms.face
-        + objective.feature * terms.feature
-        - objective.preferred * terms.preferred
-    )
-    distorted = np.minimum(objective.distortion * terms.distance, objective.most_distorted)
-    return np.asarray(objective.penalty * penalty + objective.mark + distorted)
-
-
-def obstructed(visible: Bool, faced: Bool, goal: Targets) -> Float:
-    """(B,) weighted share of the directions each box faces (B, D) in which it is not ``visible`` (B, D)."""
-    weight = goal.weight[: len(goal.directions)]
-    return np.asarray(
-        1 - (visible * weight).sum(axis=1) / np.maximum((faced * weight).sum(axis=1), np.finfo(float).tiny)
-    )
-
-
-def roll(boxes: Boxes) -> Float:
-    """(B,) sine of the angle between a text's up and the asset's up as the text's plane shows it; 1 upside down."""
-    level = np.einsum("bi,bi->b", boxes.axes[:, 1], upright(boxes.axes[:, 2])[:, 1])
-    return np.asarray(np.sqrt(1 - np.clip(level, 0, 1) ** 2))
-
-
-def curvature_deviation(boxes: Boxes, height: Float) -> Float:
-    """(B,) root mean square ``height`` (B, N) of the surface above the middle plane over half the box's thickness;
-    at most 1."""
-    return np.asarray(np.minimum(np.sqrt((height**2).mean(axis=1)) / (boxes.size[:, 2] / 2), 1.0))
-
-
-def distance(boxes: Boxes, relief: Float, ink: Float, area: float) -> Float:
-    """(B,) estimate of the distance that each mark adds to the mean between the marked and the plain surface of an
-    ``area``; its letters are ``relief`` (B,) high and cover the share ``ink`` (B,) of its box."""
-    return np.asarray(ink * boxes.size[:, 0] * boxes.size[:, 1] * relief / area)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from core.parameters import Preset
+from core.placement.arrange import ARRANGE, ArrangeOptions
 from core.placement.candidates import CANDIDATES, PAPER_CANDIDATES, CandidateOptions
 from core.placement.filters import FILTERS, FilterOptions
 from core.placement.finetune import ADAM, LEVENBERG_MARQUARDT, AdamOptions, LevenbergMarquardtOptions
@@ -23,8 +24,6 @@ class SearchOptions:
         looking: share of the surface that has to look in a direction for text to be placed there.
         covered: share of the best possible coverage by text of a width, from which on a direction is covered well.
         enough: share of the directions covered well, from which on text of that width is not tried.
-        growth: ratio of widths when chosen text is widened.
-        growth_steps: of it, from each width to nearly the next wider one.
     """
 
     heights: tuple[float, ...] = (3.1, 2.4, 1.85, 1.4, 1.0)
@@ -34,8 +33,6 @@ class SearchOptions:
     looking: float = 0.001
     covered: float = 0.85
     enough: float = 0.98
-    growth: float = 1.1
-    growth_steps: int = 5
 
 
 SEARCH = SearchOptions()
@@ -52,11 +49,12 @@ class PlacementOptions:
     filters: FilterOptions = FILTERS
     rims: RimOptions = RIMS
     selection: SelectionOptions = SELECTION
+    arrange: ArrangeOptions | None = ARRANGE
     objective: Objective = OBJECTIVE
 
 
 PLACEMENT = PlacementOptions()
-PAPER = PlacementOptions(candidates=PAPER_CANDIDATES)
+PAPER = PlacementOptions(candidates=PAPER_CANDIDATES, arrange=None)
 
 
 def of_preset(preset: Preset) -> PlacementOptions:

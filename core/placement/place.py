@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise, zip_longest
 
 import numpy as np
@@ -13,8 +14,9 @@ from core.artwork.layouts import Layouts
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.boxes import Boxes
 from core.geometry.surface import MODEL_SIZE
+from core.placement.arrange import ArrangeOptions, moved, wider
 from core.placement.context import PlacementContext
-from core.placement.fit import fit, widen
+from core.placement.fit import fit, refit
 from core.placement.legibility import USUAL_ASPECT, legible_height, text_width
 from core.placement.objective import FACING_VIEW, Placement, best_possible_coverage
 from core.placement.options import SEARCH, SearchOptions
@@ -32,8 +34,8 @@ def ladder(line_height: float, options: SearchOptions = SEARCH, least: float = 0
     narrowest = options.last_resort * legible_height() / float(np.sqrt(line_height * USUAL_ASPECT))
     while widths[-1] > options.narrower * narrowest:
         widths.append(widths[-1] / options.narrower)
-    wider = [width for width in widths if width > least]
-    return wider if len(wider) == len(widths) else [*wider, least]
+    kept = [width for width in widths if width > least]
+    return kept if len(kept) == len(widths) else [*kept, least]
 
 
 def _steps(context: PlacementContext) -> list[Step]:
@@ -131,9 +133,10 @@ def _search(
             if number and len(chosen) == parameters.count and set(chosen) == set(found.start):
                 break  # there are as many marks as were asked for, and narrower text would replace none of them
             found = replace(found, start=tuple(chosen))
-            if len(chosen) and not found.last_resort[chosen].any():
+            well = [one for one in chosen if not found.last_resort[one]]
+            if well:
                 poorly = coverable & _poorly_covered(
-                    context, found, chosen, max(width * artwork.line_height for artwork, width in step)
+                    context, found, well, max(width * artwork.line_height for artwork, width in step)
                 )
                 if worth[poorly].sum() <= (1 - options.search.enough) * worth[coverable].sum():
                     break
@@ -153,22 +156,30 @@ def _search(
     if found is None:
         return None, left
     best = select(found, parameters.count, placed, rejected, found.start, options.selection)
-    found = _widened(context, steps, found, [one for one in best if one not in placed])
-    best = select(found, parameters.count, placed, rejected, best, options.selection)
+    if options.arrange is not None:
+        for arranged in (partial(_moved, context), partial(_widened, context, steps)):
+            which = np.array([one for one in best if one not in placed], dtype=np.int64)
+            found = _merge(found, refit(context, arranged(found.boxes[which], options.arrange)))
+            best = select(found, parameters.count, placed, rejected, best, options.selection)
     return replace(found, start=tuple(best)), left
 
 
-def _widened(context: PlacementContext, steps: list[Step], found: Placement, which: list[int]) -> Placement:
-    """``found`` and wider text at ``which`` of its boxes: as wide as each has room for, short of the next width of the
-    ``steps`` in its layout, which was tried there before."""
-    boxes, most = found.boxes[np.array(which, dtype=np.int64)], np.zeros(len(which))
-    layout = context.layouts.of(boxes.size)
+def _moved(context: PlacementContext, boxes: Boxes, options: ArrangeOptions) -> Boxes:
+    """Places near those of the ``boxes`` that look better, see :func:`core.placement.arrange.moved`."""
+    carrier = context.carrier
+    return moved(boxes, carrier.index, context.normals, carrier.component, options)
+
+
+def _widened(context: PlacementContext, steps: list[Step], boxes: Boxes, options: ArrangeOptions) -> Boxes:
+    """Wider text at the places of ``boxes``, short of the next width of the ``steps`` in its layout, which was tried
+    there before."""
+    most, layout = np.zeros(len(boxes)), context.layouts.of(boxes.size)
     for number, artwork in enumerate(context.layouts.artworks):
         widths = np.sort([width for step in steps for other, width in step if other is artwork])
         mine = np.flatnonzero(layout == number)
-        wider = np.searchsorted(widths, boxes.size[mine, 0], side="right")
-        most[mine] = np.append(widths, 0.0)[wider]
-    return _merge(found, widen(context, boxes, most))
+        following = np.searchsorted(widths, boxes.size[mine, 0], side="right")
+        most[mine] = np.append(widths, 0.0)[following]
+    return wider(boxes, most, context.options.candidates.thinnest, options)
 
 
 def _poorly_covered(context: PlacementContext, found: Placement, chosen: list[int], height: float) -> Bool:

@@ -58,7 +58,7 @@ def select(
 
     The box with the greatest gain of the objective is added while there is any gain; then single boxes are exchanged or
     dropped while that helps. The same is done from ``start``, and the better result is returned: a larger choice of
-    boxes never makes the result worse. Boxes of last resort are used only where no other is left.
+    boxes never makes the result worse.
 
     Args:
         placement: the survivors.
@@ -70,8 +70,6 @@ def select(
     """
     usable = np.ones(len(placement.boxes), dtype=bool)
     usable[list(rejected)] = False
-    if fixed or (usable & ~placement.last_resort).any():
-        usable &= ~placement.last_resort
     overlap = cache(lambda one: overlapping(placement.boxes, one, options.spacing))
 
     def overlaps(chosen: list[int]) -> Bool:

@@ -18,7 +18,7 @@ WITHOUT: dict[str, Objective] = {
     "joint": replace(OBJECTIVE, articulation=0.0),
     "crops": replace(OBJECTIVE, crops=0.0),
     "obstructed": replace(OBJECTIVE, obstructed=0.0),
-    "saliency": replace(OBJECTIVE, salient=0.0, face=0.0, feature=0.0, bars=False),
+    "saliency": replace(OBJECTIVE, salient=0.0, face=0.0, feature=0.0, last_resort=0.0),
     "roll": replace(OBJECTIVE, roll=0.0),
     "flatness": replace(OBJECTIVE, curvature_deviation=0.0, rough=0.0),
     "exposed": replace(OBJECTIVE, edge_proximity=0.0),

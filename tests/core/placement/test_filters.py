@@ -11,6 +11,7 @@ from core.placement.filters import (
     FilterOptions,
     above,
     edge_proximity,
+    folded,
     footprint,
     fully_supported,
     occluded,
@@ -195,6 +196,27 @@ def test_the_far_side_of_a_thin_wall_is_not_roughness() -> None:
 
 def test_a_box_away_from_the_surface_is_infinitely_rough() -> None:
     assert rough(plane(10, 10), box((0, 0, 9))) == np.inf
+
+
+def fold(shape: Surface, where: Boxes) -> list[float]:
+    return folded(footprint(where, index_of(shape), shape.normals, CLEARANCE), shape.normals).tolist()
+
+
+def test_text_over_an_edge_is_folded_by_what_lies_beyond_it() -> None:
+    left = moved(plane(20, 20), rotation((0, 1, 0), -30), (-10 * np.cos(np.pi / 6), 0, -5))
+    right = moved(plane(20, 20), rotation((0, 1, 0), 30), (10 * np.cos(np.pi / 6), 0, -5))
+    where = boxes(*(box((x, 0, 0), size=(4, 0.5, 4)) for x in (0.0, 1.0, 3.0)))
+    assert fold(join(left, right), where) == pytest.approx([0.5, 0.25, 0], abs=0.05)
+
+
+def test_text_round_a_bend_or_on_shallow_facets_is_not_folded() -> None:
+    where = box((0, 0, 10), size=(8, 1, 3))
+    assert fold(sphere(10), where) == fold(plane(10, 10), box(size=(8, 1, 1))) == [0]
+    across, down = 10 * np.cos(np.radians(8)), 10 * np.sin(np.radians(8))
+    left = moved(plane(20, 20), rotation((0, 1, 0), -8), (-across, 0, -down))
+    right = moved(plane(20, 20), rotation((0, 1, 0), 8), (across, 0, -down))
+    assert fold(join(left, right), box(size=(4, 0.5, 4))) == [0]
+    assert fold(plane(10, 10), Boxes.empty()) == []
 
 
 def test_roughness_of_no_boxes_is_empty() -> None:

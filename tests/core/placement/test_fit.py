@@ -7,7 +7,7 @@ from core.geometry.boxes import Boxes
 from core.geometry.surface import Surface
 from core.parameters import Parameters
 from core.placement.context import PlacementContext, build_context
-from core.placement.fit import fit, widen
+from core.placement.fit import fit, refit
 from core.placement.rejection import Stage
 from tests.core.placement.shapes import box, carrier, cuboid, inside_out, join, layouts, moved, sphere, text
 
@@ -65,19 +65,9 @@ def test_candidates_that_stand_badly_are_not_fitted() -> None:
     assert left[Stage.COVERED] > 0.9 * left[Stage.CANDIDATES]  # 0.63 of candidates as they are drawn
 
 
-def grown(shape: Surface, where: Boxes, most: float) -> list[float]:
-    found = widen(opened(shape), where, np.full(len(where), most))
-    assert np.allclose(found.boxes.size[:, 1] / found.boxes.size[:, 0], where.size[0, 1] / where.size[0, 0])
-    return sorted(found.boxes.size[:, 0].tolist())
-
-
-def test_text_grows_as_wide_as_its_place_has_room_for() -> None:
-    rim = box((0, 0.02, 15), size=(1.2, 0.15, 0.25))
-    assert grown(cuboid(30, 0.3, 30), rim, most=2.0) == pytest.approx([1.2 * 1.1**step for step in (1, 2, 3, 4, 5)])
-    assert max(grown(cuboid(30, 0.22, 30), rim, most=2.0)) == pytest.approx(1.2 * 1.1**2)
-
-
-def test_text_grows_to_less_than_the_width_that_was_tried_before() -> None:
-    front = box((0, 0, 15), size=(2.0, 0.25, 0.3))
-    assert grown(cuboid(30, 30, 30), front, most=2.8) == pytest.approx([2.2, 2.42, 2.662])
-    assert grown(cuboid(30, 30, 30), front, most=2.0) == []
+def test_a_box_that_has_no_room_where_it_is_moved_to_is_dropped() -> None:
+    front = opened(cuboid(30, 30, 30))
+    there = Boxes.concat(box((0, 0, 15), size=(2, 0.25, 0.3)), box((0, 0, 0), size=(2, 0.25, 0.3)))
+    found = refit(front, there)
+    assert found.boxes.center.round(2).tolist() == [[0, 0, 15]]
+    assert len(refit(front, Boxes.empty()).boxes) == 0

@@ -1,4 +1,4 @@
-from dataclasses import fields, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -14,17 +14,11 @@ from core.placement.objective import (
     OBJECTIVE,
     Objective,
     Placement,
-    Terms,
     best_possible_coverage,
     centroid,
     contrast,
-    cost,
-    curvature_deviation,
-    distance,
     facing,
     likelihood,
-    obstructed,
-    roll,
     targets,
 )
 from tests.core.placement.shapes import box, boxes, cuboid, plane, rotation
@@ -40,10 +34,6 @@ def shown(
     faced = facing(where, SERVED.directions)
     bends, heights = np.full(len(where), bent), contrast * where.size[:, 1]
     return likelihood(where, faced, bends, heights, SERVED, colored, replace(OBJECTIVE, seen=0.0))
-
-
-def terms(**given: float) -> Terms:
-    return Terms(**{one.name: np.array([given.get(one.name, 0.0)]) for one in fields(Terms)})
 
 
 def a_placement(number: int, seed: int) -> Placement:
@@ -154,18 +144,29 @@ def test_a_view_that_reads_one_mark_gains_from_a_second_but_from_no_third() -> N
     assert placement.value([0, 1, 2]) == placement.value([0, 1])
 
 
-def test_marks_in_a_stack_pay_for_it_and_marks_apart_or_back_to_back_do_not() -> None:
-    def crowded(other: Boxes) -> float:
-        pair = boxes(box((0, 0, 0)), other)
-        nothing = np.zeros((2, 1), np.float32)
-        placement = replace(a_placement(2, 0), boxes=pair, likelihood=nothing, weight=np.ones(1), cost=np.zeros(2))
-        gain = placement.gain([0])[1]
-        assert placement.value([0, 1]) == pytest.approx(gain)
-        return float(-gain)
+def crowded(other: Boxes) -> float:
+    """What a box pays beside that at the origin."""
+    pair = boxes(box((0, 0, 0)), other)
+    nothing = np.zeros((2, 1), np.float32)
+    placement = replace(a_placement(2, 0), boxes=pair, likelihood=nothing, weight=np.ones(1), cost=np.zeros(2))
+    gain = placement.gain([0])[1]
+    assert placement.value([0, 1]) == pytest.approx(gain)
+    return float(-gain)
 
-    assert crowded(box((0, 1, 0))) == pytest.approx(0.8 * OBJECTIVE.proximity_weight)
-    assert crowded(box((0, 1, 0))) > crowded(box((0, 3, 0))) > 0
+
+def test_marks_close_together_pay_for_it_and_marks_apart_or_back_to_back_do_not() -> None:
+    across = rotation((0, 0, 1), 90)
+    assert crowded(box((0, 4, 0), axes=across)) == pytest.approx(0.2 * OBJECTIVE.proximity_weight)
+    assert crowded(box((0, 3, 0), axes=across)) > crowded(box((0, 4, 0), axes=across)) > 0
     assert crowded(box((0, 6, 0))) == crowded(box((0, 0, -1), axes=rotation((1, 0, 0), 180))) == 0
+
+
+def test_lines_in_a_stack_and_lines_off_one_baseline_pay_for_it_as_well() -> None:
+    near = OBJECTIVE.proximity_weight
+    assert crowded(box((0, 2, 0))) == pytest.approx(0.6 * near + OBJECTIVE.stacked)
+    away = 1 - np.hypot(4.5, 0.2) / 5
+    assert crowded(box((4.5, 0.2, 0))) == pytest.approx(away * near + OBJECTIVE.ragged, abs=1e-6)
+    assert crowded(box((4.5, 0, 0))) == pytest.approx(0.1 * near)
 
 
 def test_a_range_and_a_weight_of_the_options_decide_how_far_marks_keep_apart() -> None:
@@ -173,7 +174,7 @@ def test_a_range_and_a_weight_of_the_options_decide_how_far_marks_keep_apart() -
     pair = boxes(box((0, 0, 0)), box((0, 1, 0)))
     nothing = np.zeros((2, 1), np.float32)
     placement = replace(a_placement(2, 0), boxes=pair, likelihood=nothing, weight=np.ones(1), cost=np.zeros(2))
-    assert replace(placement, objective=objective).value([0, 1]) == pytest.approx(-0.05)
+    assert replace(placement, objective=objective).value([0, 1]) == pytest.approx(-0.05 - objective.stacked)
 
 
 def test_letters_of_a_colour_stand_out_from_other_colours_and_letters_without_one_from_bright_ground() -> None:
@@ -229,42 +230,6 @@ def test_two_marks_on_opposite_sides_survive_nearly_every_crop_and_two_on_one_si
     )
     assert np.maximum(left, right).mean() > 0.9
     assert np.maximum(left, beside).mean() < 0.65
-
-
-@pytest.mark.parametrize(
-    "name",
-    ["obstructed", "salient", "roll", "curvature_deviation", "rough", "edge_proximity", "detail", "busy", "distance"],
-)
-def test_everything_unwelcome_costs(name: str) -> None:
-    assert cost(terms(**{name: 0.5})) > cost(terms())
-
-
-def test_preferred_places_cost_less_and_every_mark_costs_something() -> None:
-    assert cost(terms(preferred=1.0)) < cost(terms())
-    assert cost(terms()) > 0
-
-
-def test_the_obstructed_share_is_that_of_the_directions_a_mark_faces() -> None:
-    where = box((0, 0, 15))
-    faced = facing(where, SERVED.directions)
-    assert obstructed(faced, faced, SERVED) == pytest.approx(0)
-    assert obstructed(np.zeros_like(faced), faced, SERVED) == pytest.approx(1)
-
-
-@given(degrees=st.floats(0, 90))
-def test_roll_is_the_sine_of_the_turn_from_upright(degrees: float) -> None:
-    assert roll(box(axes=rotation((0, 0, 1), degrees)))[0] == pytest.approx(np.sin(np.radians(degrees)), abs=1e-6)
-
-
-def test_bend_is_the_part_of_the_boxs_thickness_that_the_surface_takes_up() -> None:
-    where = box(size=(4, 1, 0.5))
-    assert curvature_deviation(where, np.array([[0.1, -0.1]]))[0] == pytest.approx(0.4)
-    assert curvature_deviation(where, np.array([[-np.inf, 0.0]]))[0] == 1
-
-
-def test_a_mark_changes_a_small_surface_more() -> None:
-    relief, ink = np.array([0.2]), np.array([0.4])
-    assert distance(box(), relief, ink, 100.0) == pytest.approx(10 * distance(box(), relief, ink, 1000.0))
 
 
 def test_the_centroid_is_that_of_the_area_not_of_the_vertices() -> None:

@@ -92,16 +92,6 @@ def test_the_choice_is_better_than_the_best_of_many_random_ones(seed: int) -> No
     assert chosen > max(placement.value(rng.choice(200, 8, replace=False).tolist()) for _ in range(100))
 
 
-def test_marks_on_salient_parts_are_chosen_only_where_there_is_nothing_else() -> None:
-    placement = on_a_ball(100)
-    barred = placement.boxes.center[:, 1] > 0
-    chosen = select(replace(placement, last_resort=barred), 12)
-    assert chosen
-    assert not barred[chosen].any()
-    only = select(replace(placement, last_resort=np.ones(100, dtype=bool)), 12)
-    assert only
-
-
 def test_an_asset_on_which_no_place_is_worth_its_cost_still_gets_its_best_mark() -> None:
     placement = replace(on_a_ball(30), cost=np.linspace(2, 3, 30))
     chosen = select(placement, 10)
