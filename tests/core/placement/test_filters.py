@@ -199,7 +199,8 @@ def test_a_box_away_from_the_surface_is_infinitely_rough() -> None:
 
 
 def fold(shape: Surface, where: Boxes) -> list[float]:
-    return folded(footprint(where, index_of(shape), shape.normals, CLEARANCE), shape.normals).tolist()
+    met = footprint(where, index_of(shape), shape.normals, CLEARANCE)
+    return [float(share) for share in folded(met, shape.normals)]
 
 
 def test_text_over_an_edge_is_folded_by_what_lies_beyond_it() -> None:
