@@ -55,6 +55,7 @@ The effect of each term on the metrics is in the report of ``meshmark benchmark 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -243,14 +244,26 @@ class Placement:
 
     def pairs(self, chosen: Sequence[int]) -> Float:
         """(B, K) what each box costs beside each of the K ``chosen``; 0 for itself."""
-        chosen, objective = list(chosen), self.objective
-        others = self.boxes[np.array(chosen, dtype=np.int64)]
+        for one in chosen:
+            if one not in self._beside:
+                self._beside[one] = self._pair(one)
+        columns = [self._beside[one][:, None] for one in chosen]
+        return np.concatenate([np.empty((len(self.boxes), 0)), *columns], axis=1)
+
+    @cached_property
+    def _beside(self) -> dict[int, Float]:
+        """The columns of :meth:`pairs` that were asked for before: choices hardly change from one to the next."""
+        return {}
+
+    def _pair(self, one: int) -> Float:
+        """(B,) what each box costs beside box ``one``; 0 for itself."""
+        objective, other = self.objective, self.boxes[np.array([one])]
         price = (
-            objective.proximity_weight * proximity(self.boxes, others, objective.proximity_range)
-            + objective.stacked * stacked(self.boxes, others)
-            + objective.ragged * ragged(self.boxes, others)
-        )
-        price[chosen, np.arange(len(chosen))] = 0
+            objective.proximity_weight * proximity(self.boxes, other, objective.proximity_range)
+            + objective.stacked * stacked(self.boxes, other)
+            + objective.ragged * ragged(self.boxes, other)
+        )[:, 0]
+        price[one] = 0
         return np.asarray(price)
 
     def value(self, chosen: Sequence[int]) -> float:
