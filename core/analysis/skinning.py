@@ -4,14 +4,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from core.analysis.motion import turns
 from core.analysis.samples import SurfaceSamples
 from core.arrays import Float, Int
 from core.geometry.boxes import Boxes
+from core.geometry.products import product
 from core.geometry.surface import Surface
 from core.geometry.triangles import barycentric
 from core.gltf.primitives import DrawnPrimitive
 from core.gltf.scene import Scene
 from core.gltf.skin import read_influences
+
+TORN = np.radians(90.0)  # turn of two joints against each other from which on text across them is torn
+STILL = 0.2  # of that, joints that no animation of the asset turns against each other: others may
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,24 +26,29 @@ class SkinDeformation(SurfaceSamples):
     Attributes:
         joints: (N, K) int64, the nodes that move each sample; one may be named several times.
         weights: (N, K) float64, the weight of each of these; each row sums to 1.
+        nodes: (M,) int64 in ascending order, all of these joints.
+        torn: (M, M) how much text is torn that two of the ``nodes`` move, 0 to 1; 0 for one and the same.
     """
 
     joints: Int
     weights: Float
+    nodes: Int
+    torn: Float
 
     def under(self, boxes: Boxes) -> Float:
-        """(B,) articulation of the surface inside each of B boxes, 0 to 1: the Gini impurity of the mean weights. 0
-        where all of the text follows one joint. Where two share it half and half it is 0.5, whether one moves the left
-        half and the other the right (the text breaks) or both move all of it (blended rotations shrink)."""
+        """(B,) articulation of the surface inside each of B boxes, 0 to 1: how much its text is torn on average over
+        pairs of joints, drawn by the mean weights (Rao 1982; the Gini impurity where any two joints tear it). 0 where
+        all of the text follows one joint. Where two share it half and half it is half of what these two tear it,
+        whether one moves the left half and the other the right (the text breaks) or both move all of it (blended
+        rotations shrink)."""
         owner, which = self.pairs_in_boxes(boxes)
-        box = np.repeat(owner, self.joints.shape[1])
-        joint, weight = self.joints[which].ravel(), self.weights[which].ravel()
-        nodes = int(self.joints.max()) + 1
-        pair, same = np.unique(box * nodes + joint, return_inverse=True)
-        count = np.bincount(owner, minlength=len(boxes))
-        share = np.bincount(same, weights=weight) / count[pair // nodes]
-        squared = np.bincount(pair // nodes, weights=share**2, minlength=len(boxes))
-        return np.asarray(np.clip(1 - squared, 0, 1))
+        cell = owner[:, None] * len(self.nodes) + np.searchsorted(self.nodes, self.joints[which])
+        total = np.bincount(cell.ravel(), self.weights[which].ravel(), len(boxes) * len(self.nodes))
+        share = (
+            total.reshape(len(boxes), len(self.nodes))
+            / np.maximum(np.bincount(owner, minlength=len(boxes)), 1)[:, None]
+        )
+        return np.asarray(np.clip((product(share, self.torn) * share).sum(axis=1), 0, 1))
 
 
 def skin_deformation(scene: Scene, surface: Surface, points: Float, face: Int) -> SkinDeformation | None:
@@ -66,7 +76,16 @@ def skin_deformation(scene: Scene, surface: Surface, points: Float, face: Int) -
         columns = 3 * nodes.shape[1]
         moved[mine, :columns] = nodes[rows].reshape(len(mine), columns)
         weights[mine, :columns] = (share[mine][:, :, None] * strength[rows]).reshape(len(mine), columns)
-    return SkinDeformation(points, surface.normals[face], moved, weights)
+    nodes = np.unique(moved)
+    return SkinDeformation(points, surface.normals[face], moved, weights, nodes, _torn(turns(scene, nodes), len(nodes)))
+
+
+def _torn(turned: Float | None, number: int) -> Float:
+    """(M, M) see :class:`SkinDeformation`, of a ``number`` of nodes that are ``turned`` (M, M), radians, against each
+    other; None where that is not known."""
+    torn = np.ones((number, number)) if turned is None else np.clip(turned / TORN, STILL, 1)
+    np.fill_diagonal(torn, 0.0)
+    return torn
 
 
 def _influences(scene: Scene, drawn: DrawnPrimitive) -> tuple[Int, Float] | None:
