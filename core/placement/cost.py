@@ -44,9 +44,13 @@ def cost(terms: Terms, objective: Objective = OBJECTIVE) -> Float:
         + objective.articulation * terms.articulation
         + objective.detail * terms.detail
         + objective.busy * terms.busy
-        + objective.face * terms.face
-        + objective.feature * terms.feature
-        + objective.last_resort * terms.last_resort
+        + np.maximum.reduce(
+            [
+                objective.face * terms.face,
+                objective.feature * terms.feature,
+                objective.last_resort * terms.last_resort,
+            ]
+        )
         - objective.preferred * terms.preferred
     )
     distorted = np.minimum(objective.distortion * terms.distance, objective.most_distorted)

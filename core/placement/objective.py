@@ -34,8 +34,8 @@ shows a view, which stacks them on the best places. Without the second mark (RED
 were read in 0.77 of the views, with it 14.2 marks in 0.84. ::
 
     cost_m = PENALTY (6 obstructed + 1.4 salient + 3 sin(roll) + curvature_deviation + (roughness - 1)
-                      + 3 edge_proximity + 6 folded + 40 articulation + 1.4 detail + busy + 6 face + 2 feature
-                      + 4 last_resort - preferred)
+                      + 3 edge_proximity + 6 folded + 40 articulation + 1.4 detail + busy
+                      + max(6 face, 4 last_resort, 2 feature) - preferred)
              + MARK + min(DISTORTION x (the letters' share of the surface) x relief, 0.05)
 
 Obstructed is the share of the directions a mark faces in which it is not visible (the paper's Ray punishes it); salient
