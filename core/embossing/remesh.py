@@ -25,9 +25,7 @@ from core.geometry.triangles import barycentric, doubled_area, inside_rings
 FLAPS = 4  # rounds in which triangles at the rim that lie over others are left out
 ROUNDS = 4  # of bisecting the sides of contours over bent ground, at most
 INSIDE = 1e-7  # barycentric coordinate; corners that lie on a triangle's side up to this are in it
-TOWARDS = (
-    1e-4  # share of the way from a corner to its triangle's middle, where the ground under the corner is looked up
-)
+TOWARDS = 1e-4  # share of the way from a corner to its triangle's middle at which the ground under it is looked up
 
 
 @dataclass(frozen=True)
@@ -104,7 +102,7 @@ def remesh(
     triangles = patch.triangles[replaced]
     ground = Ground(patch.points, patch.triangles, replaced)
     rim = field.near(plane[boundary])
-    rings = [ground.bridged(ring, options.ground * relief, field.slope) for ring in (*field.outlines, *field.contours)]
+    rings = ground.bridged([*field.outlines, *field.contours], options.ground * relief, field.slope)
     outlines = sum(map(len, rings[: len(field.outlines)]))
     contour, sides = _chained(rings)
     kept = np.ones(len(contour), dtype=bool)
@@ -194,21 +192,27 @@ class Ground:
         area = np.stack([doubled_area(p, q, points) for p, q in ((b, c), (c, a), (a, b))], axis=2)
         return np.asarray(-area.min(axis=2) / doubled_area(a, b, c))
 
-    def bridged(self, ring: Float, tolerance: float, shortest: float) -> Float:
-        """The ``ring`` (N, 2) with its sides bisected until none is further than ``tolerance`` from the surface."""
+    def bridged(self, rings: list[Float], tolerance: float, shortest: float) -> list[Float]:
+        """The ``rings`` (N, 2) with their sides bisected until none is further than ``tolerance`` from the surface."""
+        shares = np.array([0.0, 0.25, 0.5, 0.75, 1.0])[:, None, None]
+        unknown = [np.ones(len(ring), dtype=bool) for ring in rings]
         for _ in range(ROUNDS):
-            ahead = np.roll(ring, -1, axis=0)
-            shares = (0.0, 0.25, 0.5, 0.75)
-            probes = np.concatenate([ring + share * (ahead - ring) for share in shares])
+            start, sides = _chained(rings)
+            which = np.flatnonzero(np.concatenate(unknown))
+            first, way = start[which], start[sides[which, 1]] - start[which]
+            probes = (first + shares * way).reshape(-1, 2)
             height = self.raised(probes, self.under(probes)[0])[:, 2].reshape(len(shares), -1)
-            last = np.roll(height[0], -1)
-            error = [np.abs(height[k] - height[0] - share * (last - height[0])) for k, share in enumerate(shares)]
-            long = np.linalg.norm(ahead - ring, axis=1) > shortest
-            split = np.flatnonzero((np.max(error, axis=0) > tolerance) & long)
-            if not len(split):
+            error = np.abs(height - height[0] - shares[:, 0] * (height[-1] - height[0])).max(axis=0)
+            split = np.zeros(len(start), dtype=bool)
+            split[which] = (error > tolerance) & (np.linalg.norm(way, axis=1) > shortest)
+            if not split.any():
                 break
-            ring = np.insert(ring, split + 1, (ring[split] + ahead[split]) / 2, axis=0)
-        return ring
+            ends = np.cumsum([len(ring) for ring in rings])[:-1]
+            middle = (start + start[sides[:, 1]]) / 2
+            halves = list(zip(rings, np.split(split, ends), np.split(middle, ends), strict=True))
+            rings = [np.insert(ring, np.flatnonzero(cut) + 1, at[cut], axis=0) for ring, cut, at in halves]
+            unknown = [np.repeat(cut, 1 + cut) for _, cut, _ in halves]
+        return rings
 
 
 def distance_to_edges(points: Float, edges: Float, toward: Float | None = None) -> Float:
@@ -332,8 +336,7 @@ def _triangulated(points: Float, constraints: Int) -> tuple[Float, Int] | None:
         triangulation.insert_vertices(vertices)
         triangulation.insert_edges(edges)
         triangulation.erase_super_triangle()
-    except RuntimeError as e:
-        print("CDT", e)
+    except RuntimeError:  # constraints that cross closer than numbers can tell
         return None
     found = triangulation.vertices_array()
     return np.column_stack([found["x"], found["y"]]), np.asarray(
