@@ -1,4 +1,4 @@
-"""How far an asset's own animations turn its nodes against each other."""
+"""Turns of the nodes of an asset against each other, by its own animations."""
 
 from collections.abc import Iterator
 from typing import Any

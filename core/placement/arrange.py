@@ -1,5 +1,5 @@
-"""Where a designer would move the chosen marks: to the middle of their ground, level, onto a neighbour's baseline, and
-wider as far as there is room."""
+"""Places to which a designer would move the chosen marks: in the middle of their ground, level, on a neighbour's
+baseline, and wider as far as there is room."""
 
 from dataclasses import dataclass
 
@@ -41,13 +41,14 @@ ARRANGE = ArrangeOptions()
 
 
 def moved(
-    boxes: Boxes, index: SpatialIndex, normals: Float, component: Int, options: ArrangeOptions = ARRANGE
+    boxes: Boxes, height: Float, index: SpatialIndex, normals: Float, component: Int, options: ArrangeOptions = ARRANGE
 ) -> Boxes:
     """The ``boxes``, level and as they are, in the middle of their ground along the text, across it and both; and on
     the baselines of their neighbours.
 
     Args:
         boxes: on the surface, size-30 units.
+        height: (B,) of a line of the text in each.
         index: over the surface.
         normals: (F, 3) unit normals of its faces.
         component: (F,) of its faces, as for :func:`core.placement.filters.fully_supported`.
@@ -58,7 +59,7 @@ def moved(
     turned = np.flatnonzero((np.abs(boxes.axes[:, 2, 1]) < POLE) & (roll > options.slanted))
     level = Boxes(boxes.center[turned], axes[turned], boxes.size[turned])
     both = Boxes.concat(boxes, level)
-    shift = _to_middle(both, index, normals, component, options)
+    shift = _to_middle(both, np.concatenate([height, height[turned]]), index, normals, component, options)
     centred = []
     for way in ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0)):
         center = both.center + np.einsum("bk,bkj->bj", shift * way, both.axes[:, :2])
@@ -77,18 +78,20 @@ def wider(boxes: Boxes, most: Float, thinnest: float, options: ArrangeOptions = 
     return found
 
 
-def _to_middle(boxes: Boxes, index: SpatialIndex, normals: Float, component: Int, options: ArrangeOptions) -> Float:
-    """(B, 2) ways to the right and up to the middle of the ground, size-30 units; 0 where there is enough on either
-    side."""
+def _to_middle(
+    boxes: Boxes, line: Float, index: SpatialIndex, normals: Float, component: Int, options: ArrangeOptions
+) -> Float:
+    """(B, 2) ways to the right and up to the middle of the ground, size-30 units, by the height (B,) of a ``line``; 0
+    where there is enough on either side."""
     away = np.arange(options.step, options.reach + options.step / 2, options.step)
-    half, height = boxes.size[:, None, None, :2] / 2, boxes.size[:, 1, None]
+    half, height = boxes.size[:, None, None, :2] / 2, line[:, None]
     room = np.zeros((len(boxes), 2, 2))
     for axis, count in enumerate(reversed(options.sides)):
         for side, sign in enumerate((-1.0, 1.0)):
             local = np.zeros((len(boxes), len(away) + 1, count, 2))  # the first row is the middle
             local[:, 1:, :, axis] = sign * (half[..., axis] + (height * away)[..., None])
             local[:, 1:, :, 1 - axis] = half[..., 1 - axis] * np.linspace(-1, 1, count)
-            met = cast(boxes, local.reshape(len(boxes), (len(away) + 1) * count, 2), index, normals, boxes.size[:, 1])
+            met = cast(boxes, local.reshape(len(boxes), (len(away) + 1) * count, 2), index, normals, line)
             rows = held(met, boxes, component).reshape(len(boxes), len(away) + 1, count)[:, 1:]
             ends = rows.mean(axis=2) < options.held
             room[:, axis, side] = np.where(ends.any(axis=1), away[ends.argmax(axis=1)] - options.step, options.reach)

@@ -1,4 +1,4 @@
-"""What a mark costs by itself: the terms of the objective that are subtracted (:mod:`core.placement.objective`)."""
+"""Costs of a mark by itself: the terms of the objective that are subtracted (:mod:`core.placement.objective`)."""
 
 from dataclasses import dataclass
 

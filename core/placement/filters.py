@@ -96,14 +96,14 @@ def footprint(
     normals: Float,
     clearance: float | Float,
     grid: tuple[int, int] = FILTERS.footprint,
-    margin: float = FILTERS.margin,
+    margin: float | Float = FILTERS.margin,
 ) -> Footprint:
     """Cast a ``grid`` of rays onto each box from ``clearance`` (one for all, or (B,)) above its front face.
 
-    The grid spans the front face and ``margin`` times the height more on all sides. ``normals`` (F, 3) are the
-    unit face normals of the surface in ``index``.
+    The grid spans the front face and ``margin`` (one for all, or (B,)) times the height more on all sides.
+    ``normals`` (F, 3) are the unit face normals of the surface in ``index``.
     """
-    spread = boxes.size[:, None, :2] + 2 * margin * boxes.size[:, None, 1:2]
+    spread = boxes.size[:, None, :2] + (2 * margin * boxes.size[:, 1])[:, None, None]
     return cast(boxes, unit_grid(grid)[None] * spread, index, normals, clearance)
 
 
@@ -173,14 +173,22 @@ def _on_one_component(met: Footprint, component: Int) -> Bool:
 
 
 def edge_proximity(
-    boxes: Boxes, index: SpatialIndex, normals: Float, clearance: float | Float, options: FilterOptions = FILTERS
+    boxes: Boxes,
+    height: Float,
+    index: SpatialIndex,
+    normals: Float,
+    clearance: float | Float,
+    options: FilterOptions = FILTERS,
 ) -> Float:
     """(B,) share of a margin around each box that has no supporting surface: near an edge, a hole or a silhouette a
     mark is cut off by the first crop, and looks misplaced.
 
-    ``clearance`` and ``normals`` as for :func:`footprint`.
+    ``height`` (B,) is that of a line of the text, by which the margin goes; ``clearance`` and ``normals`` as for
+    :func:`footprint`.
     """
-    met = footprint(boxes, index, normals, clearance, options.edge_grid, options.edge_margin)
+    met = footprint(
+        boxes, index, normals, clearance, options.edge_grid, options.edge_margin * height / boxes.size[:, 1]
+    )
     across, down = options.edge_grid
     rim = np.zeros(options.edge_grid, dtype=bool)
     rim[[0, across - 1]] = True

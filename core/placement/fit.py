@@ -282,7 +282,8 @@ def _valued(
         _, details, busy = context.facts.texture.under(boxes)
         legible = contrast(context.facts.texture.color_under(boxes), busy, parameters.palette, objective)
     face, likely = np.zeros((2, len(boxes))) if context.facts.features is None else context.facts.features.under(boxes)
-    height = context.layouts.line_height(boxes.size) * legible
+    line = context.layouts.line_height(boxes.size)
+    height = line * legible
     last_resort = (salient > objective.max_salient) | (details > objective.max_detail)
     terms = Terms(
         obstructed=obstructed(visible, facing(boxes, context.targets.directions), context.targets),
@@ -290,7 +291,9 @@ def _valued(
         roll=roll(boxes),
         curvature_deviation=bent,
         rough=rough - 1,
-        edge_proximity=edge_proximity(boxes, context.carrier.index, context.normals, relief, context.options.filters),
+        edge_proximity=edge_proximity(
+            boxes, line, context.carrier.index, context.normals, relief, context.options.filters
+        ),
         folded=fold,
         articulation=np.zeros(len(boxes)) if context.facts.skin is None else context.facts.skin.under(boxes),
         detail=details,

@@ -1,4 +1,4 @@
-"""How two marks stand to each other: near, in a stack, or beside each other off one baseline."""
+"""Pairs of marks: near each other, in a stack, or beside each other off one baseline."""
 
 import numpy as np
 from scipy.spatial.distance import cdist

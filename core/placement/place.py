@@ -167,7 +167,8 @@ def _search(
 def _moved(context: PlacementContext, boxes: Boxes, options: ArrangeOptions) -> Boxes:
     """Places near those of the ``boxes`` that look better, see :func:`core.placement.arrange.moved`."""
     carrier = context.carrier
-    return moved(boxes, carrier.index, context.normals, carrier.component, options)
+    line = context.layouts.line_height(boxes.size)
+    return moved(boxes, line, carrier.index, context.normals, carrier.component, options)
 
 
 def _widened(context: PlacementContext, steps: list[Step], boxes: Boxes, options: ArrangeOptions) -> Boxes:

@@ -95,5 +95,5 @@ def test_a_mark_that_counts_as_seen_has_its_letters_in_the_picture() -> None:
     original = SPOT.read_bytes()
     result = watermark(original, Parameters(text="watermark", color="none", evaluate=Evaluate.NONE))
     share, pairs = agreement(original, result.model, Places.model_validate(result.report))
-    assert pairs > 100
+    assert pairs > 60
     assert share >= 0.98

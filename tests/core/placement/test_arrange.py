@@ -12,7 +12,7 @@ from tests.core.placement.test_fit import opened
 
 def proposed(shape: Surface, where: Boxes) -> Boxes:
     carried = carrier(shape)
-    return move(where, carried.index, carried.surface.normals, carried.component)
+    return move(where, where.size[:, 1], carried.index, carried.surface.normals, carried.component)
 
 
 def centers(found: Boxes) -> set[tuple[float, ...]]:

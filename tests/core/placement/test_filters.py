@@ -316,7 +316,7 @@ def test_of_near_copies_the_best_aligned_one_stays() -> None:
 def test_a_box_close_to_an_edge_is_exposed_on_that_side_only() -> None:
     shape = plane(20, 20)
     places = boxes(box((0, 0, 0), (4, 1, 0.5)), box((7.9, 0, 0), (4, 1, 0.5)), box((7.9, 9.4, 0), (4, 1, 0.5)))
-    middle, edge, corner = edge_proximity(places, index_of(shape), shape.normals, 0.2)
+    middle, edge, corner = edge_proximity(places, places.size[:, 1], index_of(shape), shape.normals, 0.2)
     assert middle == 0
     assert 0 < edge < corner < 1
 
@@ -325,7 +325,9 @@ def test_edges_are_looked_for_as_far_around_a_box_as_the_options_say() -> None:
     shape = plane(30, 30)
     near = box((11.5, 0, 0), (5.5, 1, 0.5))  # ends 0.75 from the border
     shares = [
-        edge_proximity(near, index_of(shape), shape.normals, 0.05, FilterOptions(edge_margin=margin))[0]
+        edge_proximity(near, near.size[:, 1], index_of(shape), shape.normals, 0.05, FilterOptions(edge_margin=margin))[
+            0
+        ]
         for margin in (0.5, 0.8)
     ]
     assert shares[0] == 0 < shares[1]

@@ -204,9 +204,9 @@ def test_a_varied_texture_hides_letters_without_a_colour_and_hardly_those_with_o
 
 
 def test_text_is_read_worse_where_its_tone_is_that_of_the_ground() -> None:
-    where = box((0, 0, 15), size=(7.5, 0.94, 0.5))
+    where = box((0, 0, 15), size=(4, 0.5, 0.5))
     assert shown(where, contrast=0.5)[0, FRONT] < 0.8 * shown(where)[0, FRONT]
-    larger = box((0, 0, 15), size=(15, 1.88, 0.6))
+    larger = box((0, 0, 15), size=(8, 1, 0.6))
     assert shown(larger, contrast=0.5)[0, FRONT] == pytest.approx(shown(where)[0, FRONT])
 
 
