@@ -3,7 +3,11 @@
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
+import numpy as np
+
 from core.arrays import Float
+
+SOFT_REACH = 1.8  # mean stroke widths round letters of a soft profile in which the ground changes: their trench
 
 Logo: TypeAlias = Literal["svg", "qr"]
 
@@ -50,3 +54,9 @@ class Artwork:
     logo: Logo | None = None
     least_width: float = 0.0
     light: tuple[Float, ...] | None = None
+
+    @property
+    def stroke(self) -> float:
+        """Mean width of the shapes' strokes, text widths: as a strip of their area and perimeter has."""
+        around = sum(float(np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1).sum()) for ring in self.rings)
+        return 2 * self.ink * self.aspect / around

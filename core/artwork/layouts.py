@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.arrays import Float, Int
-from core.artwork.artwork import Artwork, Logo
+from core.artwork.artwork import SOFT_REACH, Artwork, Logo
 
 ALIKE = 0.02  # relative difference of two aspects, up to which the layouts would serve the same places
 
@@ -43,6 +43,12 @@ class Layouts:
     def ink(self, size: Float) -> Float:
         """(B,) share of each box of a ``size`` (B, 3) that the artwork in it covers."""
         return np.array([artwork.ink for artwork in self.artworks])[self.of(size)]
+
+    def soft_reach(self, size: Float) -> Float:
+        """(B,) how far round the letters in each box of a ``size`` (B, 3) a soft profile changes the ground, in its
+        unit."""
+        share = np.array([SOFT_REACH * artwork.stroke for artwork in self.artworks])
+        return np.asarray(size[:, 0] * share[self.of(size)])
 
 
 def distinct_layouts(artworks: Sequence[Artwork]) -> Layouts:

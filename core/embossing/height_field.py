@@ -12,6 +12,7 @@ from manifold3d import CrossSection, JoinType
 from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinates
 
 from core.arrays import Bool, Float
+from core.artwork.artwork import SOFT_REACH
 from core.artwork.raster import filled
 
 MAX_TEXELS = 1_000_000  # of a field: an eighth of a second
@@ -41,7 +42,7 @@ class ProfileOptions:
     trench: float = 0.9
     rise: float = 1.3
     sink: float = 0.6
-    reach: float = 1.8
+    reach: float = SOFT_REACH
     texel: float = 0.25
     contours: tuple[float, ...] = (1.3, -1.2, -2.4)
     coarse: float = 0.25

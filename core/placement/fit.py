@@ -10,7 +10,7 @@ from core.geometry.boxes import Boxes
 from core.geometry.directions import cosines_to_cameras, to_cameras
 from core.geometry.sampling import sample
 from core.geometry.spatial import Eye
-from core.parameters import Mode, Solver
+from core.parameters import Mode, Profile, Solver
 from core.placement.candidates import along_strips, candidates, right_way_up
 from core.placement.context import PlacementContext
 from core.placement.cost import Terms, cost, curvature_deviation, distance, obstructed, roll
@@ -150,9 +150,10 @@ def _survivors(
     boxes, loss = boxes[kept], loss[kept]
     left[Stage.DISTINCT] = len(boxes) + overhanging
     if context.facts.regions is not None:
-        kept = np.flatnonzero(
-            ~context.facts.regions.touches(boxes, margin=float(_relief(context, boxes).max(initial=0)))
-        )
+        beside = _relief(context, boxes)
+        if parameters.profile is Profile.SOFT:
+            beside = np.maximum(beside, context.layouts.soft_reach(boxes.size))
+        kept = np.flatnonzero(~context.facts.regions.touches(boxes, margin=float(beside.max(initial=0))))
         boxes, loss = boxes[kept], loss[kept]
     left[Stage.FREE] = len(boxes) + overhanging
 

@@ -78,12 +78,13 @@ def test_no_letter_reaches_into_a_box_around_the_head(mode: str) -> None:
     assert not inside(added(SPOT, result.model), HEAD).any()
 
 
-def test_a_large_face_that_is_partly_kept_out_carries_letters_on_its_rest() -> None:
-    result = marked(crate(), keep_out=[CORNER])
+@pytest.mark.parametrize("profile", ["flat", "soft"])
+def test_a_large_face_that_is_partly_kept_out_carries_letters_on_its_rest(profile: str) -> None:
+    result = marked(crate(), keep_out=[CORNER], profile=profile)
     new = added(crate(), result.model)
     assert not inside(new, CORNER).any()
     # Both large faces that look along z reach into the box; the free part of them is used.
-    assert {1.0, -1.0} <= set(np.round(new[:, 2], 3))
+    assert {1.0, -1.0} <= set(np.round(new[:, 2], 2))
 
 
 def test_deep_letters_beside_a_box_do_not_reach_into_it() -> None:
