@@ -115,14 +115,14 @@ PRESETS: dict[Preset, dict[str, Any]] = {
         "count": 16,
         "solver": Solver.LEVENBERG_MARQUARDT,
         "color": AUTO,
-        "profile": Profile.FLAT,
+        "profile": Profile.SOFT,
     },
     Preset.PROVENANCE: {
         "size": 3.0,
         "count": 4,
         "solver": Solver.LEVENBERG_MARQUARDT,
         "color": AUTO,
-        "profile": Profile.FLAT,
+        "profile": Profile.SOFT,
     },
     Preset.PAPER: {
         "size": 5.5,

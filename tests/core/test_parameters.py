@@ -35,9 +35,13 @@ def test_without_a_colour_the_preset_says_which(preset: str, palette: tuple[str,
 
 
 def test_letters_have_the_profile_that_is_asked_for_and_codes_are_flat() -> None:
-    for preset in Preset:
-        assert Parameters(text="a", preset=preset).resolved().profile is Profile.FLAT
-    assert Parameters(text="a", profile=Profile.SOFT).resolved().profile is Profile.SOFT
+    presets = {preset: Parameters(text="a", preset=preset).resolved().profile for preset in Preset}
+    assert presets == {
+        Preset.MERCHANDISE: Profile.SOFT,
+        Preset.PROVENANCE: Profile.SOFT,
+        Preset.PAPER: Profile.FLAT,
+    }
+    assert Parameters(text="a", profile=Profile.FLAT).resolved().profile is Profile.FLAT
     code = Parameters(text="a", qr="https://example.com")
     assert code.resolved().profile is Profile.FLAT
     code.require_content(logo=False)

@@ -49,7 +49,7 @@ def test_the_asset_stays_what_it_was_but_for_the_letters(spot: Result) -> None:
     assert asset["watertight"] is model["watertight"] is True
     assert asset["components"] == model["components"] == 1
     assert utility["ipe"] == 0
-    assert utility["lce"] < 1e-9
+    assert utility["lce"] < 1e-3, "of letters that are round on top"
     before, after = Document.from_glb(SPOT.read_bytes()), Document.from_glb(spot.model)
     assert unreferenced_bytes(after) == 0
     for key in ("images", "textures", "samplers", "nodes", "scenes"):
@@ -372,7 +372,7 @@ def test_a_measurement_that_fails_is_null_with_its_reason_and_the_others_are_the
     assert "secret" not in metrics["missing"]["ipe"]["message"]
     assert "secret detail" in caplog.text, "the log holds the details"
     assert capfd.readouterr() == ("", ""), "and nothing is printed"
-    assert metrics["asset_utility"]["lce"] < 1e-9
+    assert metrics["asset_utility"]["lce"] < 1e-3
 
 
 @pytest.mark.parametrize(

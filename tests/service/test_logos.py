@@ -61,7 +61,7 @@ def reliefs(model: trimesh.Trimesh, mark: Any, *, rows: int) -> Float:
 
 
 def test_a_logo_with_a_hole_stands_beside_a_text(service: Service) -> None:
-    model, report = result(service, {"logo": ("logo.svg", RING)}, text="HI")
+    model, report = result(service, {"logo": ("logo.svg", RING)}, text="HI", profile="flat")
     (mark,) = report["watermarks"]
     assert (mark["logo"], mark["text"], mark["lines"]) == ("svg", "HI", ["HI"])
     assert mark["drawn"]

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from core.analysis.analyse import eye_index
@@ -14,7 +15,7 @@ from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
 from core.gltf.scene import scene_of
 from core.metrics.ray_origins import above_letters
-from core.parameters import Evaluate, Parameters
+from core.parameters import Evaluate, Parameters, Profile
 from core.pipeline import watermark
 from core.placement.selection import visibility
 from core.rendering.renderer import Frame, Renderer
@@ -26,6 +27,7 @@ SIZE = 768
 THERE = 0.9  # of the pixels of a mark's letters
 STEP = 8  # between the shades of two marks
 SPECK = 0.01  # size-30 units
+RAISED = 0.6  # of the relief: tops of letters, also of those that are round
 FEWEST = 20  # pixels of letters that can be counted
 
 
@@ -63,7 +65,7 @@ def letters(original: SpatialIndex, written: Surface, boxes: Boxes, relief: Floa
         local = (centers - boxes.center[number]) @ boxes.axes[number].T
         inside = np.flatnonzero((np.abs(local) <= boxes.size[number] / 2 + height).all(axis=1))
         ahead = written.normals[inside] @ boxes.axes[number, 2] > 0.5
-        raised = original.closest(centers[inside])[0] > 0.9 * height
+        raised = original.closest(centers[inside])[0] > RAISED * height
         mark[inside[raised & ahead]] = number
     return mark
 
@@ -91,9 +93,10 @@ def counts(picture: NDArray[np.uint8], marks: int) -> Int:
     return np.asarray(np.bincount(own, minlength=256)[shades])
 
 
-def test_a_mark_that_counts_as_seen_has_its_letters_in_the_picture() -> None:
+@pytest.mark.parametrize("profile", Profile)
+def test_a_mark_that_counts_as_seen_has_its_letters_in_the_picture(profile: Profile) -> None:
     original = SPOT.read_bytes()
-    result = watermark(original, Parameters(text="watermark", color="none", evaluate=Evaluate.NONE))
+    result = watermark(original, Parameters(text="watermark", color="none", profile=profile, evaluate=Evaluate.NONE))
     share, pairs = agreement(original, result.model, Places.model_validate(result.report))
     assert pairs > 60
     assert share >= 0.98
