@@ -3,10 +3,13 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from core.artwork.artwork import SOFT_REACH, Artwork
 from core.artwork.layouts import ALIKE, distinct_layouts
+from core.artwork.outline import text_artwork
 from tests.core.placement.shapes import text
 
 
@@ -36,3 +39,12 @@ def test_marks_say_in_which_ways_they_break_the_text() -> None:
     assert layouts.settings(np.array([[10.0, 1.0, 1.0]])) == ("a b",)
     assert layouts.settings(np.array([[10.0, 5.0, 1.0], [10.0, 1.0, 1.0], [5.0, 2.5, 1.0]])) == ("a b", "a\nb")
     assert layouts.settings(np.empty((0, 3))) == ()
+
+
+def test_a_soft_profile_reaches_round_letters_by_the_width_of_their_strokes() -> None:
+    ring = np.array([[-0.5, -0.01], [0.5, -0.01], [0.5, 0.01], [-0.5, 0.01]])
+    bar = Artwork(label="-", rings=(ring,), aspect=0.02, ink=1.0, line_height=0.02)
+    assert bar.stroke == pytest.approx(0.02, rel=0.03)
+    reach = distinct_layouts([bar]).soft_reach(np.array([[1.0, 0.02, 0.1], [5.0, 0.1, 0.1]]))
+    assert reach == pytest.approx([SOFT_REACH * 0.02, SOFT_REACH * 0.1], rel=0.03)
+    assert 0.01 < text_artwork("watermark").stroke < 0.04

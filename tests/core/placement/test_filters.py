@@ -324,10 +324,10 @@ def test_a_box_close_to_an_edge_is_exposed_on_that_side_only() -> None:
 def test_edges_are_looked_for_as_far_around_a_box_as_the_options_say() -> None:
     shape = plane(30, 30)
     near = box((11.5, 0, 0), (5.5, 1, 0.5))  # ends 0.75 from the border
-    shares = [
-        edge_proximity(near, near.size[:, 1], index_of(shape), shape.normals, 0.05, FilterOptions(edge_margin=margin))[
-            0
-        ]
-        for margin in (0.5, 0.8)
-    ]
-    assert shares[0] == 0 < shares[1]
+
+    def share(line: float, margin: float) -> float:
+        options = FilterOptions(edge_margin=margin)
+        return float(edge_proximity(near, np.array([line]), index_of(shape), shape.normals, 0.05, options)[0])
+
+    assert share(1.0, 0.5) == 0 < share(1.0, 0.8)
+    assert share(0.5, 0.8) == 0, "by the height of a line, of which two stand in the box"
