@@ -17,11 +17,11 @@ class OtherSideOptions:
     """Values of :func:`hold_other_side`: all ours; the paper's marks are not looked up by their boxes.
 
     Attributes:
-        share: of a box's area that the other side may have: half of what letters and the ground between them have.
+        share: of a box's area that the other side may have: a good third of what letters and the ground between have.
         turned_away: cosine between the normals of a box and of a triangle, up to which the latter faces away.
     """
 
-    share: float = 0.5
+    share: float = 0.35
     turned_away: float = -0.5
 
 
