@@ -20,6 +20,7 @@ from core.geometry.spatial import SpatialIndex
 from core.geometry.triangles import unit
 from core.gltf.edit import Kind
 
+STILL, STEADY = 0.004, 0.02  # share of the relief, and change of it in a deviation of the slope, up to which it is 0
 EASE = 2.5  # deviations of the slope in which heights are eased to 0 at the rim
 TURNED = 1e-3  # share of the area that displacement may turn over: slivers of rounding errors
 
@@ -112,8 +113,11 @@ def _heights(field: HeightField, found: Remesh) -> tuple[Float, Float]:
     steep = 6 * share * (1 - share) / (EASE * field.slope)
     gradient = eased(share)[:, None] * gradient + (steep * height)[:, None] * away
     height *= eased(share)
-    still = np.ones(len(plane), dtype=bool)
-    still[found.triangles.ravel()] = False
+    # Where the trench runs out the ground stays as it is, to the last digit: what is not moved can carry other marks.
+    still = (np.abs(height) < STILL) & (np.linalg.norm(gradient, axis=1) * field.slope < STEADY)
+    unused = np.ones(len(plane), dtype=bool)
+    unused[found.triangles.ravel()] = False
+    still |= unused
     still[found.boundary.ravel()] = True
     height[still] = 0.0
     gradient[still] = 0.0
