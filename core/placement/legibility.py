@@ -15,7 +15,7 @@ from core.notices import Notice, NoticeCode
 # 6.5, 0.92 at 8.5 and hardly more up to 14, 0.99 above.
 PIXELS, TINY = 1024 / 36, 4.0  # pixels of a size-30 unit; pixels of height up to which nothing is read
 PLAIN, COLORED = (16.0, 0.5), (9.0, 1.0)  # pixels of height from which on text is read, and the exponent up to there
-LEGIBLE = 0.5093  # legibility below which text counts as legible from close up only
+CLOSE_UP = (0.5093, 0.3945)  # of either, legibility below which text counts as legible from close up only
 # Pixels of height, times the contrast of uncoloured letters with textured ground, below which a text is hard to read:
 # over 209 marks of 16 textured assets recognition reads 0.1 up to 7 of them, 0.4 to 0.5 from there to 10, 0.6 up to 12,
 # 0.85 up to 15, 0.99 above. Contrast below which the ground is to blame: marks at least 10 pixels high are read with
@@ -36,7 +36,7 @@ def legibility(height: Float, colored: bool = False) -> Float:
 def legible_height(colored: bool = False) -> float:
     """The height from which on text is legible from further away than close up, size-30 units."""
     readable, power = COLORED if colored else PLAIN
-    return float((TINY + (readable - TINY) * LEGIBLE ** (1 / power)) / PIXELS)
+    return float((TINY + (readable - TINY) * CLOSE_UP[colored] ** (1 / power)) / PIXELS)
 
 
 def text_width(height: float, line_height: float) -> float:
