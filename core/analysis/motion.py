@@ -15,9 +15,7 @@ from core.gltf.hierarchy import transforms
 from core.gltf.scene import Scene
 
 POSES = 24  # of all animations together
-MOST = (
-    1000  # nodes that are compared; of more, rigs of machines that found their way into a file, none is known to move
-)
+MOST = 1000  # nodes that are compared: their pairs are held at once; of more, none is known to move
 DIGITS = 6  # decimals of the cosine between two turns: equal on all processors
 
 

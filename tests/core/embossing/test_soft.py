@@ -93,7 +93,9 @@ def test_nine_letters_take_at_most_six_thousand_triangles_whatever_the_ground(gr
 def test_the_surface_is_displaced_by_the_height_field(relief: float) -> None:
     _, edit = _embossed(grid(10.0, 4.0, 20, 8), box_at(), relief)
     at = edit.position.reshape(-1, 3)
-    assert np.allclose(at[:, 2], relief * FIELD.at(at[:, :2] / 4.0), atol=1.01 * STILL * RELIEF)
+    height = FIELD.at(at[:, :2] / 4.0)
+    still = (at[:, 2] == 0) & (np.abs(height) < STILL)  # where the trench runs out
+    assert np.allclose(at[~still, 2], relief * height[~still], atol=1e-9)
     # Between the vertices too, where the triangles bridge it.
     rng = np.random.default_rng(0)
     weights = rng.dirichlet(np.ones(3), (len(edit.position), 4))
