@@ -236,14 +236,14 @@ class Parameters(StrictModel):
     keep_out: Annotated[
         list[Region],
         Field(max_length=MAX_REGIONS, description="Where no watermark may stand, by node, material or box."),
-    ] = []  # noqa: RUF012
+    ] = []  # noqa: RUF012 - pydantic copies it, and OpenAPI shows it
     prefer: Annotated[
         list[Region],
         Field(
             max_length=MAX_REGIONS,
             description="Where watermarks should rather stand. What is kept out stays out.",
         ),
-    ] = []  # noqa: RUF012
+    ] = []  # noqa: RUF012 - as above
     solver: Annotated[Solver | None, Field(description="How boxes are fitted to the surface.")] = None
     unmarked_copies: Annotated[
         UnmarkedCopies,

@@ -45,6 +45,7 @@ class Archive:
         within(data.count(b"PK\x01\x02"), budgets.archive_entries, "entries in the archive")
         try:
             self._zip = zipfile.ZipFile(io.BytesIO(data))
+        # All that zipfile raises on directories that lie or ask for what it cannot do.
         except (zipfile.BadZipFile, struct.error, ValueError, OSError, NotImplementedError):
             if b"PK\x05\x06" not in data:
                 raise truncated("The ZIP archive is cut off: its directory, which comes last, is missing.") from None

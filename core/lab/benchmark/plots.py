@@ -59,7 +59,7 @@ FIGURES = {
 def require_matplotlib() -> None:
     """Raise ``rendering_unavailable`` before hours of work where the plots could not be drawn in the end."""
     try:
-        import matplotlib  # noqa: F401
+        import matplotlib  # noqa: F401 - whether it is there is all that is asked
     except ImportError as error:
         raise MeshmarkError(
             ErrorCode.RENDERING_UNAVAILABLE,
