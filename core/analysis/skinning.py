@@ -16,6 +16,7 @@ from core.gltf.scene import Scene
 from core.gltf.skin import read_influences
 
 TORN = np.radians(90.0)  # turn of two joints against each other from which on text across them is torn
+UNKNOWN = 0.5  # of that, joints of an asset without animations: some are elbows, more are the spine of a body
 STILL = 0.2  # of that, joints that no animation of the asset turns against each other: others may
 
 
@@ -83,7 +84,7 @@ def skin_deformation(scene: Scene, surface: Surface, points: Float, face: Int) -
 def _torn(turned: Float | None, number: int) -> Float:
     """(M, M) see :class:`SkinDeformation`, of a ``number`` of nodes that are ``turned`` (M, M), radians, against each
     other; None where that is not known."""
-    torn = np.ones((number, number)) if turned is None else np.clip(turned / TORN, STILL, 1)
+    torn = np.full((number, number), UNKNOWN) if turned is None else np.clip(turned / TORN, STILL, 1)
     np.fill_diagonal(torn, 0.0)
     return torn
 

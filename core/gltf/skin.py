@@ -25,7 +25,8 @@ def read_influences(document: Document, attributes: dict[str, Any]) -> tuple[Int
     """Joints (V, K) and weights (V, K) of a primitive, K = 4 per set, ordered by joint, each row summing to 1.
 
     The order makes rows that list the same influences differently equal. Weights are normalised, and a row without
-    any follows its first joint, as viewers do.
+    any follows its first joint, as viewers do. A slot without weight names joint 0, whatever it names in the file:
+    exporters write one past the last joint there.
     """
     sets = range(influence_sets(attributes))
     joints = np.hstack([read_accessor(document, attributes[f"JOINTS_{n}"]) for n in sets]).astype(np.int64)
@@ -33,6 +34,7 @@ def read_influences(document: Document, attributes: dict[str, Any]) -> tuple[Int
     weights = np.hstack([dequantize(values, {"normalized": True}) for values in stored])  # integer weights always are
     weights = np.clip(weights, 0.0, None)
     weights[~weights.any(axis=1), 0] = 1.0
+    joints[weights == 0] = 0
     order = np.argsort(joints, axis=1, kind="stable")
     joints, weights = np.take_along_axis(joints, order, 1), np.take_along_axis(weights, order, 1)
     total = np.zeros((len(weights), 1))

@@ -44,6 +44,7 @@ class FilterOptions:
         roughness_rays: one in so many of the footprint's rays counts for the roughness, 36 a box.
         bend: cosine between the normals that neighbouring rays of a footprint meet, at least: more turned is an edge.
         turned: cosine between the normals of the pieces of ground on either side of edges, below which text is folded.
+        tilted: cosine between a box's normal and the mean normal of its ground, at least.
         lift: reliefs above the surface at which visibility starts: just clear of the letters.
         sight_grid: rays along the text and across it that have to be free.
         sight: text heights in front of a text in which no other part may stand.
@@ -63,6 +64,7 @@ class FilterOptions:
     roughness_rays: int = 4
     bend: float = float(np.cos(np.radians(30.0)))
     turned: float = float(np.cos(np.radians(25.0)))
+    tilted: float = float(np.cos(np.radians(12.0)))
     lift: float = 1.5
     sight_grid: tuple[int, int] = (8, 2)
     sight: float = 8.0
@@ -88,6 +90,10 @@ class Footprint:
     cosine: Float
     local: Float
     face: Int
+
+    def __getitem__(self, which: Int | Bool) -> "Footprint":
+        """Those of some of the boxes."""
+        return Footprint(self.height[which], self.cosine[which], self.local[which], self.face[which])
 
 
 def footprint(
@@ -266,6 +272,15 @@ def _mean_inverse_cosine(normals: Float, valid: Bool) -> Float:
 def smooth(rough: Float, options: FilterOptions = FILTERS) -> Bool:
     """(B,) roughness below the threshold."""
     return np.asarray(rough < options.roughness)
+
+
+def tilted(boxes: Boxes, met: Footprint, normals: Float, options: FilterOptions = FILTERS) -> Bool:
+    """(B,) boxes that do not lie on their ground: turned against the mean normal of the faces ``met``.
+
+    At the rim of a plate such a box may hold the plate's other side too. ``normals`` as for :func:`footprint`.
+    """
+    mean = unit(np.where(met.face[..., None] >= 0, normals[met.face], 0.0).sum(axis=1))
+    return np.asarray(np.einsum("bi,bi->b", mean, boxes.axes[:, 2]) < options.tilted)
 
 
 def occluded(boxes: Boxes, points: Float, index: SpatialIndex, reach: float | Float) -> Bool:

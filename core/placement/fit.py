@@ -27,6 +27,7 @@ from core.placement.filters import (
     smooth,
     support,
     thin_walled,
+    tilted,
 )
 from core.placement.finetune import adam, correct, distinct, levenberg_marquardt, loss_limit
 from core.placement.legibility import text_width
@@ -159,25 +160,22 @@ def _survivors(
 
     met = _footprint(context, boxes, _relief(context, boxes))
     kept = np.flatnonzero(fully_supported(met, boxes, context.carrier.component))
-    boxes, loss = boxes[kept], loss[kept]
-    met = Footprint(met.height[kept], met.cosine[kept], met.local[kept], met.face[kept])
+    boxes, loss, met = boxes[kept], loss[kept], met[kept]
     left[Stage.COVERED] = len(boxes)
 
-    kept = np.arange(len(boxes))
     if context.rims is not None:
         kept = np.flatnonzero(~context.rims.crossed(boxes, index))
-        boxes, loss = boxes[kept], loss[kept]
+        boxes, loss, met = boxes[kept], loss[kept], met[kept]
     left[Stage.WHOLE] = len(boxes)
 
     if context.carrier.opacity is not None:
-        met = Footprint(met.height[kept], met.cosine[kept], met.local[kept], met.face[kept])
         points = above(boxes, met, 0.0).reshape(-1, 3)
         kept = np.flatnonzero(context.carrier.opacity(points, met.face.ravel()).reshape(met.face.shape).all(axis=1))
-        boxes, loss = boxes[kept], loss[kept]
+        boxes, loss, met = boxes[kept], loss[kept], met[kept]
     left[Stage.OPAQUE] = len(boxes)
 
-    rough, fold = (measure(met, context.normals, options)[kept] for measure in (roughness_met, folded))
-    kept = np.flatnonzero(smooth(rough, options))
+    rough, fold = roughness_met(met, context.normals, options), folded(met, context.normals, options)
+    kept = np.flatnonzero(smooth(rough, options) & ~tilted(boxes, met, context.normals, options))
     boxes, loss, rough, fold = boxes[kept], loss[kept], rough[kept], fold[kept]
     left[Stage.SMOOTH] = len(boxes)
 
@@ -193,9 +191,8 @@ def _survivors(
     visible[~blocked] = visibility(boxes[~blocked], sight[~blocked], index, context.targets.directions)
     kept = np.flatnonzero(visible.any(axis=1))
     left[Stage.SEEN] = len(kept)
-    met = Footprint(met.height[kept], met.cosine[kept], met.local[kept], met.face[kept])
     ground = (rough[kept], fold[kept])
-    return _valued(context, boxes[kept], loss[kept], ground, visible[kept], met, relief[kept]), left
+    return _valued(context, boxes[kept], loss[kept], ground, visible[kept], met[kept], relief[kept]), left
 
 
 def _candidates(

@@ -21,7 +21,7 @@ class Stage(StrEnum):
     OPAQUE = "opaque"
     """On opaque surface only."""
     SMOOTH = "smooth"
-    """With a roughness below the threshold."""
+    """With a roughness below the threshold, and level with the surface."""
     OPEN = "open"
     """Without another part in front of them."""
     THICK = "thick"
@@ -37,7 +37,7 @@ REASONS: dict[Stage, tuple[str, str]] = {
     Stage.COVERED: ("it hangs over an edge, a hole or a second layer", SMALLER),
     Stage.WHOLE: ("a letter would cross a sharp edge, a crack or a fold", SMALLER),
     Stage.OPAQUE: ("it lies over holes or glass", SMALLER),
-    Stage.SMOOTH: ("the surface under it is too rough", SMALLER),
+    Stage.SMOOTH: ("the surface under it is too rough or turned against it", SMALLER),
     Stage.OPEN: ("another part is right in front of it", SMALLER),
     Stage.THICK: (
         "the wall under it is so thin that sunken letters would come through its back",

@@ -66,6 +66,16 @@ def test_a_vertex_without_weights_follows_its_first_joint() -> None:
     assert joints[weights == 1].tolist() == [2]
 
 
+def test_a_slot_without_weight_names_no_joint_of_its_own() -> None:
+    builder = Builder()
+    attributes = {
+        "JOINTS_0": builder.accessor([[1, 22, 22, 22]], "u1"),
+        "WEIGHTS_0": builder.accessor([[1.0, 0.0, 0.0, 0.0]]),
+    }
+    joints, weights = read_influences(builder.document(), attributes)
+    assert sorted(zip(joints[0].tolist(), weights[0].tolist(), strict=True)) == [(0, 0), (0, 0), (0, 0), (1, 1)]
+
+
 def test_a_joint_that_the_skin_lacks_is_out_of_range() -> None:
     with pytest.raises(MeshmarkError) as caught:
         blend(np.array([[4]]), np.ones((1, 1)), np.zeros((2, 3, 4)))

@@ -22,6 +22,7 @@ from core.placement.filters import (
     smooth,
     support,
     thin_walled,
+    tilted,
     well_aligned,
 )
 from core.placement.finetune import distinct
@@ -218,6 +219,18 @@ def test_text_round_a_bend_or_on_shallow_facets_is_not_folded() -> None:
     right = moved(plane(20, 20), rotation((0, 1, 0), 8), (across, 0, -down))
     assert fold(join(left, right), box(size=(4, 0.5, 4))) == [0]
     assert fold(plane(10, 10), Boxes.empty()) == []
+
+
+@pytest.mark.parametrize(("degrees", "refused"), [(0, False), (8, False), (20, True)])
+def test_a_box_turned_against_the_flat_ground_under_it_is_refused(degrees: float, refused: bool) -> None:
+    where = Boxes(np.zeros((1, 3)), rotation((0, 1, 0), degrees)[None].transpose(0, 2, 1), np.array([[4.0, 1.0, 4.0]]))
+    shape = plane(20, 20)
+    assert tilted(where, footprint(where, index_of(shape), shape.normals, CLEARANCE), shape.normals)[0] == refused
+
+
+def test_a_box_over_a_bend_lies_on_its_ground() -> None:
+    shape, where = sphere(10), box((0, 0, 10), size=(8, 1, 3))
+    assert not tilted(where, footprint(where, index_of(shape), shape.normals, CLEARANCE), shape.normals)[0]
 
 
 def test_roughness_of_no_boxes_is_empty() -> None:
