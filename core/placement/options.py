@@ -20,6 +20,8 @@ class SearchOptions:
         heights: of the text, as multiples of the legible height.
         small: such a multiple, used only for directions that nothing higher covers.
         last_resort: such a multiple, used only where nothing else fits at all.
+        rounds: times that the lowest height before that is searched, or that which is asked for, each time for the
+            directions still uncovered.
         narrower: ratio of widths below those, which long text needs on small assets.
         looking: share of the surface that has to look in a direction for text to be placed there.
         covered: share of the best possible coverage by text of a width, from which on a direction is covered well.
@@ -29,6 +31,7 @@ class SearchOptions:
     heights: tuple[float, ...] = (3.1, 2.4, 1.85, 1.4, 1.0)
     small: float = 0.6
     last_resort: float = 0.4
+    rounds: int = 8
     narrower: float = 1.5
     looking: float = 0.001
     covered: float = 0.85

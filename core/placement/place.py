@@ -62,6 +62,11 @@ def _steps(context: PlacementContext) -> list[Step]:
         for widths, following in pairwise([*zip_longest(*ladders), (None,) * len(artworks)])
     ]
     steps = [step for step in steps if step]
+    if steps:
+        lowest = max(
+            number for number, step in enumerate(steps) if number == 0 or not _tiny(step, context.options.search)
+        )
+        steps[lowest:lowest] = [steps[lowest]] * (context.options.search.rounds - 1)
     if not steps:
         raise MeshmarkError(
             ErrorCode.NO_PLACEMENT,
@@ -70,6 +75,11 @@ def _steps(context: PlacementContext) -> list[Step]:
             "Check for vertices far away from the others, or use a smaller `size`.",
         )
     return steps
+
+
+def _tiny(step: Step, options: SearchOptions) -> bool:
+    """Whether a step is for assets only that nothing higher fits on."""
+    return all(width < text_width(options.small, artwork.line_height) for artwork, width in step)
 
 
 def place(
@@ -130,8 +140,11 @@ def _search(
         wanted = None
         if found is not None:
             chosen = select(found, parameters.count, placed, rejected, found.start, options.selection)
-            if number and len(chosen) == parameters.count and set(chosen) == set(found.start):
-                break  # there are as many marks as were asked for, and narrower text would replace none of them
+            if number and len(found.boxes) and set(chosen) == set(found.start):
+                if len(chosen) == parameters.count:
+                    break  # there are as many marks as were asked for, and lower text would replace none of them
+                if step is steps[number - 1]:
+                    break  # nor did more of this height
             found = replace(found, start=tuple(chosen))
             well = [one for one in chosen if not found.last_resort[one]]
             if well:
@@ -141,8 +154,7 @@ def _search(
                 if worth[poorly].sum() <= (1 - options.search.enough) * worth[coverable].sum():
                     break
                 wanted = context.targets.directions[poorly]
-            small = [width < text_width(options.search.small, artwork.line_height) for artwork, width in step]
-            if len(found.boxes) and all(small):
+            if len(found.boxes) and _tiny(step, options.search):
                 break
         for layout, (artwork, width) in enumerate(step):
 
