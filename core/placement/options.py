@@ -57,7 +57,7 @@ class PlacementOptions:
 
 
 PLACEMENT = PlacementOptions()
-PAPER = PlacementOptions(candidates=PAPER_CANDIDATES, arrange=None)
+PAPER = PlacementOptions(search=SearchOptions(rounds=1), candidates=PAPER_CANDIDATES, arrange=None)
 
 
 def of_preset(preset: Preset) -> PlacementOptions:

@@ -44,9 +44,9 @@ def _steps(context: PlacementContext) -> list[Step]:
     Raises:
         MeshmarkError: ``no_placement`` where there is less surface than any text covers.
     """
-    asked, artworks = context.parameters.size, context.layouts.artworks
+    asked, artworks, search = context.parameters.size, context.layouts.artworks, context.options.search
     ladders = [
-        [asked] if asked is not None else ladder(artwork.line_height, context.options.search, artwork.least_width)
+        [asked] if asked is not None else ladder(artwork.line_height, search, artwork.least_width)
         for artwork in artworks
     ]
     # Letters need as much surface as they cover. An asset with less consists of needles, on which searches for the
@@ -62,11 +62,6 @@ def _steps(context: PlacementContext) -> list[Step]:
         for widths, following in pairwise([*zip_longest(*ladders), (None,) * len(artworks)])
     ]
     steps = [step for step in steps if step]
-    if steps:
-        lowest = max(
-            number for number, step in enumerate(steps) if number == 0 or not _tiny(step, context.options.search)
-        )
-        steps[lowest:lowest] = [steps[lowest]] * (context.options.search.rounds - 1)
     if not steps:
         raise MeshmarkError(
             ErrorCode.NO_PLACEMENT,
@@ -74,7 +69,8 @@ def _steps(context: PlacementContext) -> list[Step]:
             f"less than the {subject(context.layouts)} would cover.",
             "Check for vertices far away from the others, or use a smaller `size`.",
         )
-    return steps
+    lowest = max(number for number, step in enumerate(steps) if number == 0 or not _tiny(step, search))
+    return [*steps[:lowest], *[steps[lowest]] * search.rounds, *steps[lowest + 1 :]]
 
 
 def _tiny(step: Step, options: SearchOptions) -> bool:
@@ -103,6 +99,7 @@ def place(
     """
     steps = _steps(context)
     found, left = _search(context, steps, None, (), (), rng, progress)
+    progress(1.0)
     if found is None or len(found.boxes) == 0:
         raise _no_placement(context.layouts, sorted(width for step in steps for _, width in step), left)
     return found

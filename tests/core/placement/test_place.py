@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -83,8 +84,27 @@ def test_the_same_seed_gives_the_same_placement_and_another_seed_another() -> No
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_where_all_marks_have_their_places_narrower_text_is_not_looked_for(count: int) -> None:
-    assert max(progress(cuboid(30, 30, 30), count=count)) <= 3 / len(WIDTHS)
+    *searched, done = progress(cuboid(30, 30, 30), count=count)
+    assert max(searched) <= 3 / (len(WIDTHS) + SEARCH.rounds - 1)
+    assert done == 1
     assert np.all(placed(cuboid(30, 30, 30), count=count).boxes.size[:, 0] >= WIDTHS[1])
+
+
+def test_what_one_search_finds_nothing_for_is_searched_again() -> None:
+    shift = np.random.default_rng(5).uniform(-13, 13, (40, 2))
+    needles = [moved(cuboid(0.3, 3, 0.3), shift=(x, 1.6, z)) for x, z in shift]
+    corners = [moved(cuboid(1.4, 0.4, 1.4), shift=(side, 0.3, side)) for side in (-14.2, 14.2)]
+    shape = join(cuboid(30, 0.2, 30), *needles, *corners)
+
+    def uncovered(seed: int, rounds: int) -> int:
+        rng = np.random.default_rng(seed)
+        context = opened(shape, rng, seed=seed)
+        search = replace(context.options.search, rounds=rounds)
+        found = place(replace(context, options=replace(context.options, search=search)), rng)
+        covered, _ = found.coverage(found.start)
+        return int((covered[:24] == 0).sum())
+
+    assert sum(uncovered(seed, SEARCH.rounds) for seed in range(3)) < sum(uncovered(seed, 1) for seed in range(3))
 
 
 def test_a_size_that_is_asked_for_is_the_only_one_used() -> None:
