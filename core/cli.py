@@ -10,7 +10,7 @@ from core import __version__, process
 from core.cli_text import add_text_options
 from core.errors import ErrorCode, MeshmarkError
 from core.lab.benchmark.datasets import LAYOUTS
-from core.lab.benchmark.options import OBJECTIVE_METHODS, PAPER_ATTACKS, AttackRequest, BenchmarkOptions
+from core.lab.benchmark.options import OBJECTIVE_METHODS, PAPER_ATTACKS, THIEF, AttackRequest, BenchmarkOptions
 from core.parameters import Evaluate, Mode, Parameters, Preset, UnmarkedCopies, parse_parameters
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
@@ -155,7 +155,7 @@ def _add_benchmark(commands: Commands) -> None:
         default=known.methods,
         metavar="M,...",
         help="meshmark, meshmark-default, li, paper, paper-no-curve-matching, paper-no-optimization, "
-        "paper-no-filtering, invisible (default: all)",
+        "paper-no-filtering, invisible (default: all); meshmark-flat",
     )
     benchmark.add_argument("--counts", type=_numbers, default=known.counts, metavar="N,...", help="default 4,16,32")
     benchmark.add_argument(
@@ -163,7 +163,8 @@ def _add_benchmark(commands: Commands) -> None:
         type=_names,
         default=(),
         metavar="A[:STRENGTH],...",
-        help="see `meshmark attack --help`; all is crop,removal,remesh,decimate,subdivide",
+        help="see `meshmark attack --help`; all is crop,removal,remesh,decimate,subdivide; "
+        "thief is what those try who have only the marked file",
     )
     benchmark.add_argument(
         "--attack-counts", type=_numbers, default=(), metavar="N,...", help="default: the middle one of --counts"
@@ -314,10 +315,12 @@ def _attack(options: argparse.Namespace) -> None:
 
 
 def _benchmark(options: argparse.Namespace) -> None:
+    from core.lab.attacks.ladder import LADDER
     from core.lab.benchmark.run import run
 
     settings = {name: getattr(options, name) for name in BenchmarkOptions.__dataclass_fields__}
-    attacks = PAPER_ATTACKS if options.attacks == ("all",) else options.attacks
+    ladders = {("all",): PAPER_ATTACKS, (THIEF,): tuple(LADDER)}
+    attacks = ladders.get(options.attacks, options.attacks)
     settings["methods"] = OBJECTIVE_METHODS if options.methods == ("objective",) else options.methods
     settings["attacks"] = tuple(AttackRequest.parse(attack) for attack in attacks)
     rows = run(BenchmarkOptions(**settings | {"level": Evaluate(options.level)}))

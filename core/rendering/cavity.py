@@ -24,13 +24,19 @@ def cavity(picture: NDArray[np.uint8], depth: NDArray[np.float32], shaded: NDArr
             must be empty.
         shaded: (H, W) 0 to 1, the share of each pixel's colour that is made by light.
     """
+    fold = folds(depth, QUIET, STEP) * shaded
+    dark, bright = np.maximum(fold, 0)[..., None], np.maximum(-fold, 0)[..., None]
+    return np.asarray(np.rint(np.clip(picture * (1 - DARKEN * dark) + BRIGHTEN * bright, 0, 255)), dtype=np.uint8)
+
+
+def folds(depth: NDArray[np.float32], quiet: float, step: float) -> NDArray[np.float32]:
+    """(H, W) the second difference of a ``depth`` (H, W), the mean over four directions: 1 in folds deeper than a
+    ``step`` between neighbouring pixels, -1 on such ridges; what is within ``quiet`` is 0. Size-30 units."""
     distance = np.where(depth > 0, depth, np.nan)
     fold = np.zeros_like(distance)
     for shift in _NEIGHBOURS:
         before, after = (np.roll(distance, sign * np.array(shift), axis=(0, 1)) for sign in (1, -1))
         depth_of_fold = np.nan_to_num(2 * distance - before - after)
-        loud = np.sign(depth_of_fold) * np.maximum(np.abs(depth_of_fold) - QUIET, 0)
-        fold += np.clip(loud / STEP, -1, 1)
-    fold *= shaded / len(_NEIGHBOURS)
-    shaded = picture * (1 - DARKEN * np.maximum(fold, 0))[..., None] + BRIGHTEN * np.maximum(-fold, 0)[..., None]
-    return np.asarray(np.rint(np.clip(shaded, 0, 255)), dtype=np.uint8)
+        loud = np.sign(depth_of_fold) * np.maximum(np.abs(depth_of_fold) - quiet, 0)
+        fold += np.clip(loud / step, -1, 1)
+    return np.asarray(fold / len(_NEIGHBOURS))

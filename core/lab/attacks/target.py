@@ -4,9 +4,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from core.arrays import Bool, Float
+from core.arrays import Bool, Float, Int
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
+from core.gltf.scene import Scene
 from core.lab.plain import Mesh
 
 ON_SURFACE = 1e-3  # size-30 units of distance; a GLB's float32 rounds to 1e-6, the lowest relief is ten times as high
@@ -20,11 +21,14 @@ class Target:
         original_index: the surface without watermarks; only :mod:`core.lab.attacks.removal` queries it.
         boxes: of the B watermarks; only used to determine those that an attack leaves.
         rng: of every random draw; the same state gives the same attack.
+        file: the marked file, whose faces are those of the mesh that is attacked; None where there is only the mesh.
+            Only :mod:`core.lab.attacks.ladder` looks into it.
     """
 
     original_index: SpatialIndex
     boxes: Boxes
     rng: np.random.Generator
+    file: Scene | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,11 +43,14 @@ class Attacked:
         kept: (B,) bool, the boxes whose watermark the attack did not cut away.
         transform: (4, 4) float64, the similarity that was applied to column vectors; the identity where the asset stays
             in its place.
+        source: (F,) the face that each face of ``mesh`` was before, whose colour it has; -1 for the ground's. None
+            where the attack does not say.
     """
 
     mesh: Mesh
     kept: Bool
     transform: Float = field(default_factory=lambda: np.eye(4))
+    source: Int | None = None
 
 
 def whole(mesh: Mesh, target: Target) -> Attacked:

@@ -6,7 +6,7 @@ from core.geometry.boxes import Boxes
 from core.gltf.scene import scene_of
 from core.lab.baselines.strategy import Marked, Prepared
 from core.lab.plain import plain
-from core.parameters import Evaluate, Parameters
+from core.parameters import Evaluate, Parameters, Profile
 from core.pipeline import run_stages
 from core.placement.options import PlacementOptions
 from core.report import Report
@@ -36,6 +36,15 @@ def meshmark(
     relief = np.array([mark.relief for mark in marks]) * surface.scale
     scene = scene_of(result.model)
     return Marked(plain(scene.surface.in_frame_of(surface)), boxes, relief, scene)
+
+
+def meshmark_flat(prepared: Prepared, parameters: Parameters, rng: np.random.Generator) -> Marked:
+    """:func:`meshmark` with letters of the flat profile.
+
+    Raises:
+        MeshmarkError: as the pipeline.
+    """
+    return meshmark(prepared, parameters.model_copy(update={"profile": Profile.FLAT}), rng)
 
 
 def meshmark_default(prepared: Prepared, parameters: Parameters, rng: np.random.Generator) -> Marked:

@@ -19,6 +19,8 @@ from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import MODEL_SIZE, Surface
 from core.gltf.scene import Scene, scene_of
 from core.lab.attacks.attack import ATTACKS
+from core.lab.attacks.ladder import LADDER
+from core.lab.attacks.letters import materials
 from core.lab.attacks.target import Attacked, Target, letter_faces, whole
 from core.lab.baselines import STRATEGIES
 from core.lab.baselines.invisible import LENGTH, bit_accuracy, embed, extract
@@ -26,16 +28,19 @@ from core.lab.baselines.strategy import Marked, Prepared, prepare, text_width
 from core.lab.benchmark.datasets import Asset
 from core.lab.benchmark.options import INVISIBLE, NO_ATTACK, AttackRequest, BenchmarkOptions
 from core.lab.benchmark.rows import Row
+from core.lab.benchmark.theft import NOISE, STRIPPED, recovered
 from core.lab.plain import Mesh, plain, plain_glb
 from core.metrics.measure import Pair, Subject, measure
 from core.metrics.ocr import ocr
 from core.metrics.recognition import Reader
 from core.parameters import NO_COLOR, Evaluate, Parameters
 from core.rendering.pictures import DIRECTIONS, UPS, pictures
+from core.rendering.relief import relief_pictures
 from core.rendering.renderer import Frame, Renderer
 
 Pictures = NDArray[np.uint8]
 
+PAINT = "#d02020"  # of letters with a colour of their own, in pictures of clay
 
 # The parts of a prepared asset that a method needs. They are made once for all methods, and each method's run time
 # counts all that it needs; our own product, whole or without a term, reads the file itself and is not listed.
@@ -149,7 +154,8 @@ class AssetBench:
         surface = attacked.mesh.surface()
         # Of an invisible watermark only the bits are measured after an attack.
         only_read = trial.bits is not None and attack.name != NO_ATTACK
-        clay = scene_of(plain_glb(attacked.mesh))
+        left = self._painted(trial, attacked) if attack.name in LADDER else None
+        clay = scene_of(plain_glb(attacked.mesh, left, None if left is None else PAINT))
         seen = None if only_read else self._seen(clay, seconds, "pictures", frame)
         pair = Pair(
             original=original,
@@ -169,6 +175,8 @@ class AssetBench:
             letters = trial.letters(attacked, self._prepared.index)
             painted = scene_of(plain_glb(attacked.mesh, letters, options.color))
             values |= self._read(painted, "ocr_color", "coloured", seconds, frame)
+        if attack.name in LADDER:
+            values |= self._stolen(marked, attacked.mesh, clay, values["ocr"], seconds)
         if marked.delivered is not None and attack.name == NO_ATTACK and options.level is Evaluate.FULL:
             values |= self._read(marked.delivered, "ocr_delivered", "delivered", seconds, None)
         row: Row = {
@@ -202,11 +210,12 @@ class AssetBench:
     def _attacked(self, marked: Marked, attack: AttackRequest, seconds: dict[str, float]) -> Attacked:
         # Seeded by asset and attack: every method is cut by the same plane and turned about the same axis.
         stream = int.from_bytes(hashlib.sha256(attack.name.encode()).digest()[:4])
-        target = Target(self._prepared.index, marked.boxes, np.random.default_rng([self._seed, stream]))
+        rng = np.random.default_rng([self._seed, stream])
+        target = Target(self._prepared.index, marked.boxes, rng, marked.delivered or scene_of(plain_glb(marked.mesh)))
         if attack.name == NO_ATTACK:
             return whole(marked.mesh, target)
         with _timed(seconds, "attack"):
-            return ATTACKS[attack.name](marked.mesh, target, attack.strength)
+            return (ATTACKS | LADDER)[attack.name](marked.mesh, target, attack.strength)
 
     def _framed(self, attacked: Attacked) -> Attacked:
         """An attacked asset in the size-30 frame of the original moved along with it: what is measured, and seen by
@@ -238,6 +247,57 @@ class AssetBench:
         renderer = self._renderer if isinstance(seen, np.ndarray) and len(seen) else None
         return Subject(surface, index, seen, self._seed), renderer.frame if isinstance(renderer, Renderer) else None
 
+    def _painted(self, trial: Trial, attacked: Attacked) -> NDArray[np.bool_] | None:
+        """(F,) the faces of an ``attacked`` asset that still have the colour of letters; None where letters never had
+        one of their own."""
+        scene, source = trial.marked.delivered, attacked.source
+        if scene is None or source is None:
+            return None
+        letter = letter_faces(trial.marked.mesh, self._prepared.index)
+        material = materials(scene)
+        # The ground has faces off the original, too, in the trenches: what no face on it has is the letters' own.
+        own = letter & ~np.isin(material, material[~letter])
+        return np.where(source >= 0, own[source], False) if own.any() else None
+
+    def _stolen(
+        self, marked: Marked, mesh: Mesh, scene: Scene, readable: float | None, seconds: dict[str, float]
+    ) -> dict[str, float | None]:
+        """How far a thief got: see :mod:`core.lab.benchmark.theft`."""
+        original = Mesh(self._prepared.surface.positions, self._prepared.surface.faces)
+        regained = recovered(original, marked.mesh, mesh, marked.boxes)
+        if readable is None:
+            return {"recovered": regained}
+        relief = self._read_relief(scene, seconds)
+        noise, noise_relief = self._noise
+        lost = readable < noise + NOISE and relief < noise_relief + NOISE
+        return {
+            "recovered": regained,
+            "ocr_relief": relief,
+            "stripped": float(regained >= STRIPPED and lost),
+        }
+
+    @cached_property
+    def _noise(self) -> tuple[float, float]:
+        """What is read where there is no watermark, in ordinary and in relief pictures."""
+        scene = scene_of(plain_glb(self._mesh))
+        seen = self._unmoved[0].pictures
+        assert isinstance(seen, np.ndarray)
+        return ocr(seen, (self._options.text,), self._reader).ratio, self._read_relief(scene, {})
+
+    def _read_relief(self, scene: Scene, seconds: dict[str, float]) -> float:
+        renderer = self._renderer
+        assert isinstance(renderer, Renderer)
+        views = self._views
+        frame = self._unmoved[1]
+        with _timed(seconds, "relief pictures"):
+            seen = relief_pictures(scene, renderer, DIRECTIONS[views], UPS[views], frame)
+        with _timed(seconds, "relief OCR"):
+            return ocr(seen, (self._options.text,), self._reader).ratio
+
+    @property
+    def _views(self) -> NDArray[np.int64]:
+        return np.arange(self._options.views) * len(DIRECTIONS) // self._options.views
+
     def _read(
         self, scene: Scene, metric: str, kind: str, seconds: dict[str, float], frame: Frame | None
     ) -> dict[str, float]:
@@ -258,7 +318,7 @@ class AssetBench:
         renderer = self._renderer
         if isinstance(renderer, MeshmarkError):
             return renderer
-        views = np.arange(self._options.views) * len(DIRECTIONS) // self._options.views
+        views = self._views
         try:
             with _timed(seconds, step):
                 return pictures(scene, renderer, DIRECTIONS[views], UPS[views], frame)

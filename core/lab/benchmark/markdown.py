@@ -52,6 +52,9 @@ METRICS = {
         Metric("se_lee2005", "SE (Lee 2005)", False),
         Metric("ss", "SS", True),
         Metric("bit_accuracy", "Bit accuracy", True),
+        Metric("recovered", "Shape regained", False),
+        Metric("ocr_relief", "OCR relief", True),
+        Metric("stripped", "Stripped", False),
         Metric("survived", "Marks whole", True),
     )
 }

@@ -9,6 +9,7 @@ from core.parameters import Evaluate
 
 NO_ATTACK = "none"
 REMOVAL = "removal"
+THIEF = "thief"  # the attacks of `core.lab.attacks.ladder`, whose names begin so
 PAPER_ATTACKS = ("crop", "removal", "remesh", "decimate", "subdivide")
 INVISIBLE = "invisible"  # the one method that places no marks: it has no count
 METHODS = (

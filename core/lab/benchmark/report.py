@@ -81,6 +81,15 @@ def report(rows: Sequence[Row], pictures: dict[str, str]) -> str:
             ],
         ),
         (
+            "Thieves",
+            [
+                "Attacks by somebody who has only the marked file. An asset counts as stripped where 90 % of the clean "
+                "shape is regained near the marks and the text is read neither in pictures of clay, letters with a "
+                "colour of their own in red, nor in relief pictures.",
+                tables.removal_resistance(rows),
+            ],
+        ),
+        (
             "Beside an invisible watermark",
             [
                 "Nothing can be seen of it, so its Ray is 0 by definition; its OCR is what the reader makes of the "

@@ -107,22 +107,24 @@ def _sha256(path: Path) -> str:
 def _checked(options: BenchmarkOptions) -> BenchmarkOptions:
     """The options with every attack's strength spelled out, once all names are known to exist."""
     from core.lab.attacks.attack import ATTACKS
+    from core.lab.attacks.ladder import LADDER
     from core.lab.baselines import STRATEGIES
 
-    for what, names, known in (
+    known = ATTACKS | LADDER
+    for what, names, choices in (
         ("method", options.methods, [*STRATEGIES, INVISIBLE]),
-        ("attack", [attack.name for attack in options.attacks], [NO_ATTACK, *ATTACKS]),
+        ("attack", [attack.name for attack in options.attacks], [NO_ATTACK, *known]),
         ("dataset layout", [options.dataset], [*LAYOUTS]),
     ):
-        unknown = sorted(set(names) - set(known))
+        unknown = sorted(set(names) - set(choices))
         if unknown:
             raise MeshmarkError(
                 ErrorCode.INVALID_PARAMETERS,
                 f"There is no {what} {', '.join(unknown)}.",
-                f"Choose among: {', '.join(known)}.",
+                f"Choose among: {', '.join(choices)}.",
             )
     attacks = tuple(
-        attack if attack.strength is not None else AttackRequest(attack.name, float(ATTACKS[attack.name].strength))
+        attack if attack.strength is not None else AttackRequest(attack.name, float(known[attack.name].strength))
         for attack in options.attacks
         if attack.name != NO_ATTACK
     )

@@ -9,6 +9,7 @@ from core.lab.benchmark.rows import Row
 ORDER = (
     "meshmark",
     "meshmark-default",
+    "meshmark-flat",
     "li",
     "paper",
     "paper-no-curve-matching",

@@ -11,6 +11,7 @@ from core.lab.benchmark.options import NO_ATTACK
 from core.lab.benchmark.rows import Row
 from core.lab.benchmark.select import counts, methods, ok, paired, unattacked, values, visible
 from core.lab.benchmark.statistics import Mean, mean
+from core.lab.benchmark.theft import STRIPPED
 
 QUALITY = (
     "wps", "wps_area", "ray", "coverage", "crop_survival", "ocr", "ocr_ge_0.8", "ocr_exact", "ocr_color",
@@ -151,6 +152,26 @@ def attacks(rows: Sequence[Row], only_common: bool) -> str:
         for position, (method, one) in enumerate(groups):
             lines.append([name, method, str(len(ok(one))), *(column[position] for column in columns)])
     return table(["Attack", "Method", "Assets", *(METRICS[name].heading for name in shown)], lines)
+
+
+def removal_resistance(rows: Sequence[Row]) -> str:
+    """What a thief gets who has only the marked file: the share of assets that are not stripped, with what is regained
+    and read."""
+    stolen = [row for row in ok(rows) if row["metrics"].get("recovered") is not None]
+    if not stolen:
+        return "No thief was let in."
+    lines = []
+    for attack in dict.fromkeys(row["attack"] for row in stolen):
+        here = [row for row in stolen if row["attack"] == attack]
+        for method in methods(here):
+            one = of_method(here, method)
+            stripped, regained = values(one, "stripped"), values(one, "recovered")
+            resisted = f"{1 - sum(stripped) / len(stripped):.0%}" if stripped else NOTHING
+            much = f"{sum(value >= STRIPPED for value in regained)} of {len(regained)}"
+            read = [amount(mean(values(one, name))) for name in ("ocr", "ocr_relief", "ss")]
+            lines.append([attack, method, resisted, much, f"{np.median(regained):.2f}", *read])
+    headings = ["not stripped", "≥ 90 % regained", "regained, median", "OCR", "OCR relief", "SS"]
+    return table(["Attack", "Method", *headings], lines)
 
 
 def published_attacks() -> str:

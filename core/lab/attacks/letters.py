@@ -1,0 +1,115 @@
+"""How a thief who has only the marked file finds letters in it."""
+
+import igl
+import numpy as np
+from scipy.sparse.linalg import splu
+
+from core.arrays import Bool, Float, Int
+from core.geometry.edges import connected, edge_table
+from core.geometry.spatial import SpatialIndex
+from core.geometry.triangles import unit
+from core.gltf.accessors import read_accessor
+from core.gltf.references import accessor_references
+from core.gltf.scene import Scene
+from core.lab.plain import Mesh
+
+SHARP = np.cos(np.radians(35.0))  # edges turned by more are taken for those of letters
+SMALL = 1e-3  # share of the asset's area that a letter's top or wall has at most
+RARE = 0.1  # share of the area that all letters of one material have at most
+SEVERAL = 5  # letters look like this many separate pieces at least
+# Size-30 units: features narrower than the first are smoothed away to find what stands out of the rest by more than
+# the second; a word is not longer than the third.
+FINE, STANDS_OUT, LONG = 0.2, 0.01, 7.0
+
+
+def materials(scene: Scene) -> Int:
+    """(F,) the material of each face; -1 for the default one."""
+    found = [drawn.primitive.material.index for drawn in scene.primitives]
+    return np.array([-1 if one is None else one for one in found])[scene.surface.face_primitive]
+
+
+def by_material(scene: Scene, mesh: Mesh) -> Bool:
+    """(F,) faces of materials that cover little of the asset, in several pieces."""
+    material, areas, found = materials(scene), mesh.surface().areas, np.zeros(len(mesh.faces), dtype=bool)
+    for one in np.unique(material):
+        mine = material == one
+        pieces = np.unique(edge_table(mesh.faces).among(mine).components()[mine])
+        if areas[mine].sum() < RARE * areas.sum() and len(pieces) >= SEVERAL:
+            found |= mine
+    return found
+
+
+def by_order(scene: Scene, mesh: Mesh) -> Bool:
+    """(F,) the last triangles of each primitive, where they alone use its last vertices and lie in several pieces: what
+    a tool appended."""
+    found = np.zeros(len(mesh.faces), dtype=bool)
+    for number in range(len(scene.primitives)):
+        mine = np.flatnonzero(scene.surface.face_primitive == number)
+        highest = scene.primitives[number].triangles[scene.surface.face_triangle[mine]].max(axis=1)
+        before = np.maximum.accumulate(highest)
+        after = np.minimum.accumulate(highest[::-1])[::-1]
+        for first in (np.flatnonzero(before[:-1] < after[1:]) + 1).tolist():
+            last = np.zeros(len(mesh.faces), dtype=bool)
+            last[mine[first:]] = True
+            pieces = np.unique(edge_table(mesh.faces).among(last).components()[last])
+            if len(pieces) >= SEVERAL:
+                found |= last
+                break
+    return found
+
+
+def by_remains(scene: Scene, mesh: Mesh) -> Bool:
+    """(F,) faces nearest to what the file holds but does not draw: vertices that no triangle uses, of accessors in use
+    and of others."""
+    document = scene.document
+    used = {owner[key] for owner, key in accessor_references(document.json)}
+    dead = []
+    for number, accessor in enumerate(document.json.get("accessors", [])):
+        if number not in used and accessor.get("type") == "VEC3" and accessor.get("componentType") == 5126:
+            dead.append(read_accessor(document, number).astype(np.float64))
+    drawn = np.zeros(len(scene.surface.positions), dtype=bool)
+    drawn[scene.surface.faces] = True
+    framed = [(values - scene.surface.offset) * scene.surface.scale for values in dead]
+    remains = np.concatenate([scene.surface.positions[~drawn], *framed])
+    found = np.zeros(len(mesh.faces), dtype=bool)
+    if len(remains):
+        _, nearest, _ = SpatialIndex(mesh.positions, mesh.faces).closest(remains)
+        found[nearest] = True
+    return found
+
+
+def by_edges(mesh: Mesh) -> Bool:
+    """(F,) small patches between sharp edges: tops and walls of letters, and whatever else is small."""
+    surface = mesh.surface()
+    one, other, alike = edge_table(mesh.faces).pairs()
+    level = np.einsum("ni,ni->n", surface.normals[one // 3], surface.normals[other // 3]) > SHARP
+    joined = level & alike
+    patch = connected(len(mesh.faces), one[joined] // 3, other[joined] // 3)
+    area = np.bincount(patch, surface.areas)
+    return np.asarray((area < SMALL * area.sum())[patch])
+
+
+def by_height(mesh: Mesh) -> Bool:
+    """(F,) small parts that stand out of the surface, or lie in it, when all that is narrow is smoothed away."""
+    normal = unit(igl.per_vertex_normals(mesh.positions, mesh.faces))
+    height = np.abs(np.einsum("vi,vi->v", details(mesh, FINE), normal))
+    found = (height > STANDS_OUT)[mesh.faces].any(axis=1)
+    piece = edge_table(mesh.faces).among(found).components()
+    low, high = (np.full((len(mesh.faces), 3), sign * np.inf) for sign in (1, -1))
+    corners = mesh.positions[mesh.faces]
+    np.minimum.at(low, piece, corners.min(axis=1))
+    np.maximum.at(high, piece, corners.max(axis=1))
+    long = np.linalg.norm(high - low, axis=1) > LONG
+    return np.asarray(found & ~long[piece])
+
+
+def details(mesh: Mesh, length: float) -> Float:
+    """(V, 3) what features narrower than a ``length`` add to the positions: what an implicit step of mean curvature
+    flow (Desbrun et al. 1999) takes away, and again of that, which leaves out what it shrinks of wide shapes."""
+    cot = igl.intrinsic_delaunay_cotmatrix(mesh.positions, mesh.faces)[0]
+    mass = igl.massmatrix(mesh.positions, mesh.faces, igl.MASSMATRIX_TYPE_VORONOI)
+    step = splu((mass - length**2 * cot).tocsc())
+    left = mesh.positions
+    for _ in range(2):
+        left = left - step.solve(mass @ left)
+    return np.asarray(left)
