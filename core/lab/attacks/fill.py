@@ -12,7 +12,10 @@ from core.geometry.products import cross
 from core.geometry.triangles import unit
 from core.lab.plain import Mesh, compact
 
-ROUND, NEAREST = 8, 60  # vertices round each of a piece's rim that a plate goes through; of these for each place inside
+ROUND, NEAREST = (
+    24,
+    60,
+)  # vertices round each of a piece's rim that a plate goes through; of these for each place inside
 APART, STIFF = 6, 1e-9  # decimals by which places of a plate differ; its smoothing, so that it can be solved
 
 
@@ -39,10 +42,11 @@ def filled_flat(mesh: Mesh, found: Bool) -> tuple[Mesh, Int]:
     """The mesh without the ``found`` faces (F,), each hole closed by triangles between the corners of its border, as
     they lie in its mean plane; and the face that each was, -1 for new ones."""
     kept = np.flatnonzero(~found)
-    fills = np.concatenate(
-        [np.empty((0, 3), dtype=np.int64)]
-        + [_closed(mesh.positions, mesh.faces[hole]) for hole in _pieces(mesh.faces, found)]
-    )
+    touched = np.zeros(len(mesh.positions), dtype=bool)
+    touched[mesh.faces[kept]] = True
+    holes = [mesh.faces[piece] for piece in _pieces(mesh.faces, found)]
+    closed = [_closed(mesh.positions, hole) for hole in holes if touched[hole].any()]
+    fills = np.concatenate([np.empty((0, 3), dtype=np.int64), *closed])
     source = np.append(kept, np.full(len(fills), -1))
     return compact(Mesh(mesh.positions, np.concatenate([mesh.faces[kept], fills]))), source
 

@@ -15,7 +15,7 @@ from core.lab.plain import Mesh
 
 SHARP = np.cos(np.radians(35.0))  # edges turned by more are taken for those of letters
 SMALL = 1e-3  # share of the asset's area that a letter's top or wall has at most
-RARE = 0.1  # share of the area that all letters of one material have at most
+RARE = 0.1  # share of the area that all letters of one kind have at most
 SEVERAL = 5  # letters look like this many separate pieces at least
 # Size-30 units: features narrower than the first are smoothed away to find what stands out of the rest by more than
 # the second; a word is not longer than the third.
@@ -40,9 +40,9 @@ def by_material(scene: Scene, mesh: Mesh) -> Bool:
 
 
 def by_order(scene: Scene, mesh: Mesh) -> Bool:
-    """(F,) the last triangles of each primitive, where they alone use its last vertices and lie in several pieces: what
-    a tool appended."""
-    found = np.zeros(len(mesh.faces), dtype=bool)
+    """(F,) the last triangles of each primitive, where they alone use its last vertices and cover little, in several
+    pieces: what a tool appended."""
+    areas, found = mesh.surface().areas, np.zeros(len(mesh.faces), dtype=bool)
     for number in range(len(scene.primitives)):
         mine = np.flatnonzero(scene.surface.face_primitive == number)
         highest = scene.primitives[number].triangles[scene.surface.face_triangle[mine]].max(axis=1)
@@ -52,7 +52,7 @@ def by_order(scene: Scene, mesh: Mesh) -> Bool:
             last = np.zeros(len(mesh.faces), dtype=bool)
             last[mine[first:]] = True
             pieces = np.unique(edge_table(mesh.faces).among(last).components()[last])
-            if len(pieces) >= SEVERAL:
+            if len(pieces) >= SEVERAL and areas[last].sum() < RARE * areas.sum():
                 found |= last
                 break
     return found

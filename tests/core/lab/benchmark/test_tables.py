@@ -230,3 +230,14 @@ def test_a_benchmark_in_which_nothing_succeeded_still_has_a_report() -> None:
     text = report([refused("a", "meshmark"), refused("a", "paper")], {})
     assert "0 of 1 (0%)" in text
     assert "No asset was marked by both meshmark and paper." in text
+
+
+def test_resistance_is_the_share_of_assets_that_a_thief_did_not_strip() -> None:
+    thief = [
+        row("a", "meshmark", attack="thief-strip", recovered=0.95, stripped=1.0, ocr=0.1, ocr_relief=0.1, ss=0.9),
+        row("b", "meshmark", attack="thief-strip", recovered=0.95, stripped=0.0, ocr=0.1, ocr_relief=0.8, ss=0.9),
+        row("c", "meshmark", attack="thief-strip", recovered=-2.0, stripped=0.0, ocr=0.5, ocr_relief=0.9, ss=0.9),
+    ]
+    (line,) = cells(tables.removal_resistance([*ROWS, *thief]))[2:]
+    assert line[:5] == ["thief-strip", "meshmark", "67%", "2 of 3", "0.95"]
+    assert tables.removal_resistance(ROWS) == "No thief was let in."
