@@ -40,6 +40,14 @@ class Preset(StrEnum):
     PAPER = "paper"
 
 
+class Strength(StrEnum):
+    """Size and number of the marks, which go together."""
+
+    DISCREET = "discreet"
+    STANDARD = "standard"
+    STRONG = "strong"
+
+
 class Mode(StrEnum):
     """Raised letters or sunken ones."""
 
@@ -134,6 +142,14 @@ PRESETS: dict[Preset, dict[str, Any]] = {
     },
 }
 
+# What a strength puts in the place of the preset's values. The widths that are tried, and what a mark costs, go with
+# it: :func:`core.placement.options.tuned`.
+STRENGTHS: dict[Strength, dict[str, Any]] = {
+    Strength.DISCREET: {"size": None, "count": 6},
+    Strength.STANDARD: {},
+    Strength.STRONG: {"size": None, "count": 24},
+}
+
 
 def _hex_color(value: Any) -> str:
     if not isinstance(value, str) or not re.fullmatch(r"#[0-9a-fA-F]{6}", value):
@@ -199,6 +215,13 @@ class Parameters(StrictModel):
     preset: Annotated[Preset, Field(description="Starting values for size, relief, count and solver.")] = (
         Preset.MERCHANDISE
     )
+    strength: Annotated[
+        Strength,
+        Field(
+            description="discreet: few small marks, which label; strong: large ones, up to a width of 14, which deter, "
+            "at a greater change of the shape. What is given as size, relief or count wins."
+        ),
+    ] = Strength.STANDARD
     mode: Annotated[Mode, Field(description="Raised (emboss) or sunken (deboss) letters.")] = Mode.EMBOSS
     profile: Annotated[
         Profile | None,
@@ -289,7 +312,7 @@ class Parameters(StrictModel):
 
     def require_content(self, logo: bool) -> None:
         """Refuse a request for nothing: without a text, a QR code and a ``logo``; for both a QR code and a logo; for a
-        code with a soft profile; or for the place of a logo that is not there.
+        code with a soft profile; for another strength than the paper's; or for the place of a logo that is not there.
 
         Raises:
             MeshmarkError: ``empty_text``, ``invalid_parameters``.
@@ -311,6 +334,13 @@ class Parameters(StrictModel):
                 ErrorCode.INVALID_PARAMETERS,
                 'The request has `qr` and a `profile` of "soft", which would round the modules of the code.',
                 'Leave `profile` out, or send "flat".',
+            )
+        if self.preset is Preset.PAPER and self.strength is not Strength.STANDARD:
+            raise MeshmarkError(
+                ErrorCode.INVALID_PARAMETERS,
+                f'The request has the preset "paper", whose size and number are the paper\'s, and a `strength` of '
+                f'"{self.strength}".',
+                "Leave one of them out.",
             )
         if self.logo_position is not LogoPosition.LEFT and not (logo or self.qr):
             raise MeshmarkError(
@@ -335,7 +365,8 @@ class Parameters(StrictModel):
 
     def resolved(self) -> "Parameters":
         """This request with every ``None`` that the preset decides filled in; ``size`` and ``relief`` may stay so."""
-        preset = PRESETS[self.preset] | ({"profile": Profile.FLAT} if self.qr is not None else {})
+        preset = PRESETS[self.preset] | STRENGTHS[self.strength]
+        preset |= {"profile": Profile.FLAT} if self.qr is not None else {}
         values = {key: value for key, value in preset.items() if getattr(self, key) is None}
         return self.model_copy(update=values)
 

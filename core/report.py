@@ -156,6 +156,8 @@ class WatermarkQuality(Section):
     ray_box: Annotated[Score, Field(description="Visibility from 24 views, from the box's top, a share.")]
     coverage: Annotated[Score, Field(description="Visibility from 200 directions, a share of these.")]
     crop_survival: Annotated[Score, Field(description="Crops that leave a whole mark, a share.")]
+    prominence: Annotated[Score, Field(description="Letters' share of the asset's silhouette, mean over 24 views.")]
+    prominence_least: Annotated[Score, Field(description="The same in the view that shows the least of them.")]
     match: Annotated[Score, Field(description="Likeness of the marks' relief to their artwork, 0 to 1.")]
     ocr: Annotated[Score, Field(description="Readability: similarity of what is read, 0 to 1, mean over 24 views.")]
     ocr_ge_08: Annotated[Score, Field(alias="ocr_ge_0.8", description="Share of the views that read at 0.8 or more.")]

@@ -26,6 +26,7 @@ from core.metrics.match import match
 from core.metrics.measurement import Measurement, Values
 from core.metrics.mesh_saliency import mesh_saliency
 from core.metrics.ocr import ocr
+from core.metrics.prominence import prominence
 from core.metrics.ray import ray
 from core.metrics.ray_origins import above_letters, top_face
 from core.metrics.recognition import Reader
@@ -175,6 +176,13 @@ def _visibility(pair: Pair, _: Measurement) -> Values:
     }
 
 
+def _prominence(pair: Pair, _: Measurement) -> Values:
+    pair.require_boxes()
+    after = pair.watermarked
+    shares = prominence(pair.original.index, after.surface, after.index, pair.boxes, pair.relief)
+    return dict(zip(("prominence", "prominence_least"), shares, strict=True))
+
+
 def _artwork(pair: Pair, _: Measurement) -> Values:
     pair.require_boxes()
     if pair.layouts is None:
@@ -265,6 +273,7 @@ class _Group:
 _GROUPS = (
     _Group("placement", ("wps", "wps_area"), Evaluate.GEOMETRY, _placement),
     _Group("visibility", ("ray", "ray_box", "coverage", "crop_survival"), Evaluate.GEOMETRY, _visibility),
+    _Group("prominence", ("prominence", "prominence_least"), Evaluate.GEOMETRY, _prominence),
     _Group("artwork", ("match",), Evaluate.GEOMETRY, _artwork),
     _Group("shape", ("smse", "smse_squared", "ipe"), Evaluate.GEOMETRY, _shape),
     _Group("curvature", ("lce", "lce_pooled"), Evaluate.GEOMETRY, _curvature),

@@ -15,6 +15,8 @@ HIGHER_IS_BETTER = {
         "ray_box": True,
         "coverage": True,
         "crop_survival": True,
+        "prominence": True,
+        "prominence_least": True,
         "match": True,
         "ocr": True,
         "ocr_ge_0.8": True,

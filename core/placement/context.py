@@ -14,7 +14,7 @@ from core.geometry.surface import Surface
 from core.geometry.surfels import Surfels
 from core.parameters import Parameters
 from core.placement.objective import Targets, targets
-from core.placement.options import PlacementOptions, of_preset
+from core.placement.options import PlacementOptions, tuned
 from core.placement.rims import Rims, rims
 
 FEW = 5000  # samples of the surface that estimate how it looks in a direction
@@ -92,7 +92,7 @@ def build_context(
             face_triangle=surface.face_triangle[cuttable],
         )
         normals = np.where(cuttable[:, None], normals, 0.0)
-    options = options or of_preset(parameters.preset)
+    options = options or tuned(parameters)
     goal, surfels = targets(surface, options.objective), Surfels(ground, rng)
     return PlacementContext(
         carrier=carrier,

@@ -50,6 +50,8 @@ on surface that is mostly salient, or a third of it detail, are a last resort: s
 or a tenth of the even directions see nothing else of. The last two terms are the price of any mark: one that adds less
 is not placed. This takes the place of the paper's octants, which spread marks without asking what they show.
 
+With PROMINENT, which strong marks ask for, that share of legibility counts only up to text LARGE times as high.
+
 The effect of each term on the metrics is in the report of ``meshmark benchmark --methods objective``.
 """
 
@@ -92,6 +94,8 @@ class Objective:
     seen: float = 0.5  # of covering a direction, for being visible there at all
     redundancy: float = 0.15  # of covering a target, for the second best mark
     crops: float = 0.1  # all half-spaces together; nearly any choice of a few marks covers nearly all
+    prominent: float = 0.0  # share of legibility that text has to be ``large`` times as high for as the rest
+    large: float = 3.0
     legibility: float = 1.0  # exponent of size x facing x roll x flatness
     head_on: float = float(np.cos(np.radians(40.0)))  # turned less than this a text reads as well as from the front
     rolled: float = 0.5  # readers turn pictures in four ways; people do not
@@ -310,8 +314,16 @@ def contrast(ground: Float, busy: Float, palette: Sequence[str], objective: Obje
 def best_possible_coverage(height: float, cosine: Float, colored: bool, objective: Objective = OBJECTIVE) -> Float:
     """(D,) coverage of directions by a mark in the best case: its text has a ``height`` in size-30 units, and is turned
     away by the angles of these ``cosine`` (D,)."""
-    legible = legibility(np.array(height), colored) * np.clip(cosine / objective.head_on, 0, 1)
+    legible = _legible(np.array(height), colored, objective) * np.clip(cosine / objective.head_on, 0, 1)
     return np.asarray(objective.seen + (1 - objective.seen) * legible)
+
+
+def _legible(height: Float, colored: bool, objective: Objective) -> Float:
+    """Legibility of text of a ``height`` (any shape), where some of it may be asked of larger text."""
+    legible = legibility(height, colored)
+    if objective.prominent:
+        legible += objective.prominent * (legibility(height / objective.large, colored) - legible)
+    return legible
 
 
 def likelihood(
@@ -340,7 +352,8 @@ def likelihood(
     # The text is as high on the picture as its up is long there.
     upright_length = np.sqrt(np.clip(1 - upwards**2, 0, 1))
     turned = np.minimum(1.0, cosine / objective.head_on)
-    legible = legibility(height[:, None] * upright_length, colored) * turned * np.clip(1 - deviation, 0, 1)[:, None]
+    legible = _legible(height[:, None] * upright_length, colored, objective)
+    legible *= turned * np.clip(1 - deviation, 0, 1)[:, None]
     # The text's right on the picture: how far along its horizontal, how far along its vertical.
     views = goal.directions[: len(goal.up)]
     along = product(boxes.axes[:, 0], np.cross(goal.up, views).T)

@@ -1,8 +1,8 @@
 """All tuned values of placement: those of its search, and those of the algorithms that it runs, each in its file."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from core.parameters import Preset
+from core.parameters import Parameters, Preset, Strength
 from core.placement.arrange import ARRANGE, ArrangeOptions
 from core.placement.candidates import CANDIDATES, PAPER_CANDIDATES, CandidateOptions
 from core.placement.filters import FILTERS, FilterOptions
@@ -60,6 +60,21 @@ PLACEMENT = PlacementOptions()
 PAPER = PlacementOptions(search=SearchOptions(rounds=1), candidates=PAPER_CANDIDATES, arrange=None)
 
 
-def of_preset(preset: Preset) -> PlacementOptions:
-    """The values that a preset stands for."""
-    return PAPER if preset is Preset.PAPER else PLACEMENT
+# Larger text is tried first and is worth more, a second mark in a view is worth what the first is, marks may stand
+# closer, and the change of the shape is free: letters are 0.043 of the silhouette on six assets, at an SMSE of 0.007;
+# with redundancy 0.4, distortion 1 and the usual proximity 0.035 and 0.005; standard has 0.012 and 0.0007.
+STRONG = replace(
+    PLACEMENT,
+    search=replace(SEARCH, heights=(6.9, 5.3, 4.0, *SEARCH.heights)),
+    objective=replace(
+        OBJECTIVE, prominent=0.8, large=4.0, redundancy=1.0, mark=0.0, distortion=0.0, proximity_weight=0.003
+    ),
+)
+DISCREET = replace(PLACEMENT, search=replace(SEARCH, heights=SEARCH.heights[-2:]))
+
+
+def tuned(parameters: Parameters) -> PlacementOptions:
+    """The values that a preset and a strength stand for."""
+    if parameters.preset is Preset.PAPER:
+        return PAPER
+    return {Strength.DISCREET: DISCREET, Strength.STANDARD: PLACEMENT, Strength.STRONG: STRONG}[parameters.strength]

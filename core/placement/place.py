@@ -74,7 +74,7 @@ def _steps(context: PlacementContext) -> list[Step]:
 
 
 def _tiny(step: Step, options: SearchOptions) -> bool:
-    """Whether a step is for assets only that nothing higher fits on."""
+    """True of a step that is only for assets that nothing higher fits on."""
     return all(width < text_width(options.small, artwork.line_height) for artwork, width in step)
 
 

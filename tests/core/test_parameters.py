@@ -4,7 +4,7 @@ from typing import Any
 import pytest
 
 from core.errors import ErrorCode, MeshmarkError
-from core.parameters import AUTO_COLORS, Mode, Parameters, Preset, Profile, Solver, parse_parameters
+from core.parameters import AUTO_COLORS, Mode, Parameters, Preset, Profile, Solver, Strength, parse_parameters
 
 
 def test_a_text_is_all_one_needs() -> None:
@@ -53,6 +53,22 @@ def test_letters_have_the_profile_that_is_asked_for_and_codes_are_flat() -> None
 def test_what_is_given_wins_over_the_preset() -> None:
     asked = Parameters(text="a", preset=Preset.PAPER, relief=0.3).resolved()
     assert (asked.relief, asked.size, asked.count, asked.solver) == (0.3, 5.5, 10, Solver.ADAM)
+
+
+@pytest.mark.parametrize(("strength", "count"), [("discreet", 6), ("standard", 16), ("strong", 24)])
+def test_a_strength_says_how_many_marks_there_are_unless_that_is_given(strength: str, count: int) -> None:
+    asked = parse_parameters({"text": "a", "strength": strength})
+    assert asked.resolved().count == count
+    assert parse_parameters({"text": "a", "strength": strength, "count": 3, "size": 2.5}).resolved().count == 3
+
+
+def test_a_strength_takes_the_place_of_a_presets_width_and_the_papers_has_none_but_its_own() -> None:
+    widths = [Parameters(text="a", preset=Preset.PROVENANCE, strength=one).resolved().size for one in Strength]
+    assert widths == [None, 3.0, None]
+    assert Parameters(text="a", size=4.0, strength=Strength.STRONG).resolved().size == 4.0
+    with pytest.raises(MeshmarkError, match="strength") as caught:
+        Parameters(text="a", preset=Preset.PAPER, strength=Strength.STRONG).require_content(logo=False)
+    assert caught.value.code is ErrorCode.INVALID_PARAMETERS
 
 
 def test_relief_grows_with_the_text_unless_it_is_given_and_is_negative_when_sunken() -> None:

@@ -1,4 +1,4 @@
-"""What a thief puts in the place of letters: flat polygons, or a fair surface."""
+"""Fillings for the place of letters: flat polygons, or a fair surface."""
 
 import numpy as np
 from manifold3d import triangulate

@@ -41,8 +41,8 @@ def strip(mesh: Mesh, target: Target, _strength: float) -> Attacked:
 
 
 def lower(mesh: Mesh, target: Target, strength: float) -> Attacked:
-    """What stands out, and ``strength`` rings round it, is pushed to where the surface round it would go on; its colour
-    stays."""
+    """Parts that stand out, and ``strength`` rings round them, pushed to where the surface round them goes on; their
+    colour stays."""
     return _pushed(mesh, target, grown(mesh.faces, by_height(mesh), round(strength)), recolored=False)
 
 

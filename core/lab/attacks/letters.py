@@ -1,4 +1,4 @@
-"""How a thief who has only the marked file finds letters in it."""
+"""Detection of letters by a thief who has only the marked file."""
 
 import igl
 import numpy as np

@@ -8,7 +8,7 @@ from core.lab.baselines.meshmark import meshmark
 from core.lab.baselines.strategy import Marked, Prepared, Strategy
 from core.parameters import Parameters
 from core.placement.objective import OBJECTIVE, Objective
-from core.placement.options import of_preset
+from core.placement.options import tuned
 
 WITHOUT: dict[str, Objective] = {
     "seeing": replace(OBJECTIVE, seen=0.0),
@@ -29,7 +29,7 @@ WITHOUT: dict[str, Objective] = {
 
 def _without(objective: Objective) -> Strategy:
     def strategy(prepared: Prepared, parameters: Parameters, rng: np.random.Generator) -> Marked:
-        return meshmark(prepared, parameters, rng, replace(of_preset(parameters.preset), objective=objective))
+        return meshmark(prepared, parameters, rng, replace(tuned(parameters), objective=objective))
 
     return strategy
 

@@ -262,7 +262,7 @@ class AssetBench:
     def _stolen(
         self, marked: Marked, mesh: Mesh, scene: Scene, readable: float | None, seconds: dict[str, float]
     ) -> dict[str, float | None]:
-        """How far a thief got: see :mod:`core.lab.benchmark.theft`."""
+        """Metrics of a theft: see :mod:`core.lab.benchmark.theft`."""
         original = Mesh(self._prepared.surface.positions, self._prepared.surface.faces)
         regained = recovered(original, marked.mesh, mesh, marked.boxes)
         if readable is None:
@@ -278,7 +278,7 @@ class AssetBench:
 
     @cached_property
     def _noise(self) -> tuple[float, float]:
-        """What is read where there is no watermark, in ordinary and in relief pictures."""
+        """OCR where there is no watermark, in ordinary and in relief pictures."""
         scene = scene_of(plain_glb(self._mesh))
         seen = self._unmoved[0].pictures
         assert isinstance(seen, np.ndarray)

@@ -38,6 +38,8 @@ METRICS = {
         Metric("ray", "Ray", True),
         Metric("coverage", "Coverage", True),
         Metric("crop_survival", "Crop survival", True),
+        Metric("prominence", "Prominence", True),
+        Metric("prominence_least", "Prominence, least", True),
         Metric("ocr", "OCR clay", True),
         Metric("ocr_ge_0.8", "OCR clay ≥ 0.8", True),
         Metric("ocr_exact", "OCR clay exact", True),

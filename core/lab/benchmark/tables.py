@@ -155,8 +155,8 @@ def attacks(rows: Sequence[Row], only_common: bool) -> str:
 
 
 def removal_resistance(rows: Sequence[Row]) -> str:
-    """What a thief gets who has only the marked file: the share of assets that are not stripped, with what is regained
-    and read."""
+    """Thieves who have only the marked file: the share of assets that they do not strip, with what is regained and
+    read."""
     stolen = [row for row in ok(rows) if row["metrics"].get("recovered") is not None]
     if not stolen:
         return "No thief was let in."

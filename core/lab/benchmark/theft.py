@@ -1,4 +1,4 @@
-"""How far a thief got: how much of the clean shape is regained, and whether a watermark is left to be read."""
+"""Success of a thief: how much of the clean shape is regained, and whether a watermark is left to be read."""
 
 import numpy as np
 from scipy.spatial import cKDTree

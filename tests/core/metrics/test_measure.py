@@ -47,6 +47,8 @@ def test_the_report_carries_every_metric_and_says_which_way_is_better() -> None:
         "ray_box",
         "coverage",
         "crop_survival",
+        "prominence",
+        "prominence_least",
         "match",
         "ocr",
         "ocr_ge_0.8",

@@ -135,6 +135,15 @@ def test_no_mark_serves_a_direction_better_than_its_width_can(colored: bool) -> 
         assert served[seen[0]].min() > 0.7 * reach[seen[0]].min()
 
 
+def test_where_marks_shall_be_prominent_text_that_reads_well_is_worth_less_than_larger_text() -> None:
+    strong = replace(OBJECTIVE, prominent=0.8, large=4.0)
+    usual, large = (best_possible_coverage(height, np.ones(1), False) for height in (0.6, 2.4))
+    assert usual == large == 1
+    usual, large = (best_possible_coverage(height, np.ones(1), False, strong) for height in (0.6, 2.4))
+    assert 0.6 < usual < 0.8
+    assert large == 1
+
+
 def test_a_view_that_reads_one_mark_gains_from_a_second_but_from_no_third() -> None:
     placement = replace(a_placement(3, 0), likelihood=np.array([[0.9], [0.6], [0.3]], np.float32), weight=np.ones(1))
     placement = replace(placement, cost=np.zeros(3))

@@ -12,7 +12,7 @@ from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
 from core.geometry.surface import Surface
 from core.gltf.scene import flatten
-from core.parameters import NO_COLOR, Mode, Parameters, Preset
+from core.parameters import NO_COLOR, Mode, Parameters, Preset, Strength
 from core.placement.candidates import upright
 from core.placement.context import PlacementContext, build_context
 from core.placement.filters import overlapping
@@ -105,6 +105,16 @@ def test_what_one_search_finds_nothing_for_is_searched_again() -> None:
         return int((covered[:24] == 0).sum())
 
     assert sum(uncovered(seed, SEARCH.rounds) for seed in range(3)) < sum(uncovered(seed, 1) for seed in range(3))
+
+
+def test_strong_marks_are_larger_than_usual_ones_and_discreet_ones_smaller_and_fewer() -> None:
+    widest = {}
+    for strength in Strength:
+        found = placed(cuboid(30, 30, 30), strength=strength)
+        widest[strength] = found.boxes.size[list(found.start), 0].max()
+    assert widest[Strength.DISCREET] < widest[Strength.STANDARD] < widest[Strength.STRONG] <= 14
+    assert widest[Strength.DISCREET] <= WIDTHS[3]
+    assert widest[Strength.STRONG] > 1.5 * WIDTHS[0]
 
 
 def test_a_size_that_is_asked_for_is_the_only_one_used() -> None:
