@@ -175,7 +175,7 @@ class AssetBench:
             letters = trial.letters(attacked, self._prepared.index)
             painted = scene_of(plain_glb(attacked.mesh, letters, options.color))
             values |= self._read(painted, "ocr_color", "coloured", seconds, frame)
-        if attack.name in LADDER:
+        if attack.name in LADDER and len(marked.boxes):
             values |= self._stolen(marked, attacked.mesh, clay, values["ocr"], seconds)
         if marked.delivered is not None and attack.name == NO_ATTACK and options.level is Evaluate.FULL:
             values |= self._read(marked.delivered, "ocr_delivered", "delivered", seconds, None)

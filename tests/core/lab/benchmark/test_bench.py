@@ -15,6 +15,7 @@ from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
 from core.geometry.boxes import Boxes
 from core.gltf.scene import flatten
+from core.lab.attacks.ladder import LADDER
 from core.lab.attacks.target import letter_faces
 from core.lab.baselines import STRATEGIES
 from core.lab.baselines.strategy import Marked, Prepared
@@ -140,6 +141,33 @@ def test_what_a_user_gets_is_read_in_its_own_materials_and_everything_else_as_gr
     assert np.ptp(delivered, axis=-1).max() > 10
     crop = bench.measure(bench.mark("meshmark", 4), AttackRequest("crop", 0.5))
     assert "ocr_delivered" not in crop["metrics"]
+
+
+def test_what_a_thief_gets_is_measured_and_letters_that_he_leaves_keep_their_colour(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    seen: list[NDArray[np.uint8]] = []
+
+    def read(pictures: NDArray[np.uint8], *_: object) -> Ocr:
+        seen.append(pictures)
+        return Ocr(0.5, 0.25, 0.125, np.full(len(pictures), 0.5))
+
+    for module in ("core.lab.benchmark.bench", "core.metrics.measure"):
+        monkeypatch.setattr(f"{module}.ocr", read)
+    bench = AssetBench(SPOT.read_bytes(), 0, BenchmarkOptions(Path(), Path(), views=24, resolution=96))
+    trial = bench.mark("meshmark-default", 6)
+    red = {}
+    for name in ("thief-restore", "thief-by-material", "thief-lower"):
+        seen.clear()
+        found = bench.measure(trial, AttackRequest(name, LADDER[name].strength))["metrics"]
+        red[name] = bool(np.ptp(seen[0].astype(int), axis=-1).max() > 60)
+        assert found["ocr"] == found["ocr_relief"] == 0.5
+        # As much is read on the bare asset, so that nothing counts as read: what is left is the shape.
+        assert found["stripped"] == float(found["recovered"] >= 0.9)
+        assert (found["recovered"] == 0) == (name == "thief-restore")
+    assert red == {"thief-restore": True, "thief-by-material": False, "thief-lower": True}
+    geometry = AssetBench(SPOT.read_bytes(), 0, BenchmarkOptions(Path(), Path(), level=Evaluate.GEOMETRY))
+    assert "stripped" not in geometry.measure(trial, AttackRequest("thief-restore", 1))["metrics"]
 
 
 def test_a_small_benchmark_from_files_to_report(tmp_path: Path) -> None:
