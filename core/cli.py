@@ -10,7 +10,7 @@ from core import __version__, process
 from core.cli_text import add_text_options
 from core.errors import ErrorCode, MeshmarkError
 from core.lab.benchmark.datasets import LAYOUTS
-from core.lab.benchmark.options import OBJECTIVE_METHODS, PAPER_ATTACKS, THIEF, AttackRequest, BenchmarkOptions
+from core.lab.benchmark.options import OBJECTIVE_METHODS, BenchmarkOptions, attack_requests
 from core.parameters import Evaluate, Mode, Parameters, Preset, UnmarkedCopies, parse_parameters
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
@@ -302,7 +302,7 @@ def _evaluate(options: argparse.Namespace) -> None:
     metrics = report["metrics"]
     for name, value in (metrics["watermark_quality"] | metrics["asset_utility"]).items():
         missing = metrics["missing"].get(name)
-        print(f"{name:15}{missing['message'] if missing else format(value, '.4g')}")
+        print(f"{name:18}{missing['message'] if missing else format(value, '.4g')}")
 
 
 def _attack(options: argparse.Namespace) -> None:
@@ -315,14 +315,11 @@ def _attack(options: argparse.Namespace) -> None:
 
 
 def _benchmark(options: argparse.Namespace) -> None:
-    from core.lab.attacks.ladder import LADDER
     from core.lab.benchmark.run import run
 
     settings = {name: getattr(options, name) for name in BenchmarkOptions.__dataclass_fields__}
-    ladders = {("all",): PAPER_ATTACKS, (THIEF,): tuple(LADDER)}
-    attacks = ladders.get(options.attacks, options.attacks)
     settings["methods"] = OBJECTIVE_METHODS if options.methods == ("objective",) else options.methods
-    settings["attacks"] = tuple(AttackRequest.parse(attack) for attack in attacks)
+    settings["attacks"] = attack_requests(options.attacks)
     rows = run(BenchmarkOptions(**settings | {"level": Evaluate(options.level)}))
     failed = sum(row["status"] != "ok" for row in rows)
     print(f"{options.out / 'REPORT.md'}: {len(rows)} rows, {failed} of them refused or failed")

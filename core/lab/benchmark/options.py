@@ -1,5 +1,6 @@
 """Options of a benchmark run."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,6 @@ from core.parameters import Evaluate
 
 NO_ATTACK = "none"
 REMOVAL = "removal"
-THIEF = "thief"  # the attacks of `core.lab.attacks.ladder`, whose names begin so
 PAPER_ATTACKS = ("crop", "removal", "remesh", "decimate", "subdivide")
 INVISIBLE = "invisible"  # the one method that places no marks: it has no count
 METHODS = (
@@ -50,6 +50,18 @@ class AttackRequest:
                 f"The strength in {text!r} is not a number.",
                 "Write an attack as `name` or `name:strength`, for instance `remesh:0.3`.",
             ) from None
+
+
+def attack_requests(names: Sequence[str]) -> tuple[AttackRequest, ...]:
+    """The attacks that ``names`` ask for; "all" stands for the paper's, "thief" for those of the ladder.
+
+    Raises:
+        MeshmarkError: ``invalid_parameters`` for a strength that is no number.
+    """
+    from core.lab.attacks.ladder import LADDER
+
+    groups = {"all": PAPER_ATTACKS, "thief": tuple(LADDER)}
+    return tuple(AttackRequest.parse(one) for name in names for one in groups.get(name, (name,)))
 
 
 @dataclass(frozen=True)

@@ -52,7 +52,7 @@ def test_without_a_size_the_text_is_as_wide_as_in_the_papers_preset() -> None:
     assert text_width(wanted(4, size=3.0)) == 3.0
 
 
-@pytest.mark.parametrize("name", sorted(set(STRATEGIES) - {*OBJECTIVE_METHODS, "meshmark-default"}))
+@pytest.mark.parametrize("name", sorted(set(STRATEGIES) - {*OBJECTIVE_METHODS, "meshmark-default", "meshmark-flat"}))
 def test_sunken_letters_are_refused_by_the_baselines(block: Prepared, name: str) -> None:
     sunken = wanted(4).model_copy(update={"mode": Mode.DEBOSS})
     with pytest.raises(MeshmarkError) as refusal:
