@@ -51,19 +51,17 @@ def filled_flat(mesh: Mesh, found: Bool) -> tuple[Mesh, Int]:
     return compact(Mesh(mesh.positions, np.concatenate([mesh.faces[kept], fills]))), source
 
 
-def filled_fair(mesh: Mesh, found: Bool) -> tuple[Mesh, Int]:
+def filled_fair(mesh: Mesh, found: Bool) -> Mesh:
     """The mesh with the vertices inside the ``found`` faces (F,) moved along the mean normal of their piece, onto the
-    thin plate through the vertices round it (Duchon 1977); and the face that each was. Pieces without anything round
-    them are left out."""
+    thin plate through the vertices round it (Duchon 1977). Pieces without anything round them stay as they are."""
     kept = np.zeros(len(mesh.positions), dtype=bool)
     kept[mesh.faces[~found]] = True
     row = np.flatnonzero(kept)
-    positions, left = mesh.positions.copy(), np.ones(len(mesh.faces), dtype=bool)
+    positions = mesh.positions.copy()
     tree = cKDTree(mesh.positions[row])
     for piece in _pieces(mesh.faces, found):
         vertices = np.unique(mesh.faces[piece])
         inside, rim = vertices[~kept[vertices]], vertices[kept[vertices]]
-        left[piece] = len(rim) > 0
         normal = _mean_normal(mesh.positions, mesh.faces[piece])
         if not len(rim) or not len(inside) or not normal.any():
             continue
@@ -79,7 +77,7 @@ def filled_fair(mesh: Mesh, found: Bool) -> tuple[Mesh, Int]:
         )
         lift = plate(mesh.positions[inside] @ plane) - mesh.positions[inside] @ normal
         positions[inside] += lift[:, None] * normal
-    return compact(Mesh(positions, mesh.faces[left])), np.flatnonzero(left)
+    return Mesh(positions, mesh.faces)
 
 
 def _pieces(faces: Int, found: Bool) -> list[Int]:

@@ -64,8 +64,7 @@ def _cut_out(mesh: Mesh, target: Target, found: Bool) -> Attacked:
 def _pushed(mesh: Mesh, target: Target, found: Bool, recolored: bool) -> Attacked:
     if found.all() or not found.any():
         return _left(mesh, target)
-    fair, source = filled_fair(mesh, found)
-    return _result(target, fair, np.where(recolored & found[source], -1, source))
+    return _result(target, filled_fair(mesh, found), np.where(recolored & found, -1, np.arange(len(found))))
 
 
 def _left(mesh: Mesh, target: Target) -> Attacked:
@@ -94,7 +93,7 @@ LADDER: dict[str, Attack] = {
         Attack("thief-by-material", material, 1, 1, 1, "Cut out what has a rare material."),
         Attack("thief-by-order", order, 1, 1, 1, "Cut out what was appended to vertices and triangles."),
         Attack("thief-strip", strip, 1, 1, 1, "Cut out small patches between sharp edges."),
-        Attack("thief-lower", lower, 1, 0, 20, "Push back what stands out; strength is the rings round it."),
+        Attack("thief-lower", lower, 0, 0, 20, "Push back what stands out; strength is the rings round it."),
         Attack("thief-strip-wide", strip_wide, 3, 0, 20, "Smooth what any of these finds, and rings round it."),
         Attack("thief-smooth", taubin, 300, 1, 10_000, "Taubin smoothing of everything; strength is the steps."),
     )

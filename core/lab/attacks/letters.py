@@ -2,6 +2,7 @@
 
 import igl
 import numpy as np
+from scipy.sparse import coo_array, diags_array
 from scipy.sparse.linalg import splu
 
 from core.arrays import Bool, Float, Int
@@ -20,6 +21,7 @@ SEVERAL = 5  # letters look like this many separate pieces at least
 # Size-30 units: features narrower than the first are smoothed away to find what stands out of the rest by more than
 # the second; a word is not longer than the third.
 FINE, STANDS_OUT, LONG = 0.2, 0.01, 7.0
+STEEPEST, TINY = 10.0, 1e-12  # cotangent, at most; area added to every vertex, so that loose ones can be solved for
 
 
 def materials(scene: Scene) -> Int:
@@ -94,7 +96,10 @@ def by_height(mesh: Mesh) -> Bool:
     normal = unit(igl.per_vertex_normals(mesh.positions, mesh.faces))
     height = np.abs(np.einsum("vi,vi->v", details(mesh, FINE), normal))
     found = (height > STANDS_OUT)[mesh.faces].any(axis=1)
-    piece = edge_table(mesh.faces).among(found).components()
+    edges = edge_table(mesh.faces)
+    part = edges.components()
+    found &= np.bincount(part, ~found)[part] > 0  # a part of the asset that is narrow all over stands out of nothing
+    piece = edges.among(found).components()
     low, high = (np.full((len(mesh.faces), 3), sign * np.inf) for sign in (1, -1))
     corners = mesh.positions[mesh.faces]
     np.minimum.at(low, piece, corners.min(axis=1))
@@ -106,10 +111,14 @@ def by_height(mesh: Mesh) -> Bool:
 def details(mesh: Mesh, length: float) -> Float:
     """(V, 3) what features narrower than a ``length`` add to the positions: what an implicit step of mean curvature
     flow (Desbrun et al. 1999) takes away, and again of that, which leaves out what it shrinks of wide shapes."""
-    cot = igl.intrinsic_delaunay_cotmatrix(mesh.positions, mesh.faces)[0]
-    mass = igl.massmatrix(mesh.positions, mesh.faces, igl.MASSMATRIX_TYPE_VORONOI)
-    step = splu((mass - length**2 * cot).tocsc())
-    left = mesh.positions
+    count = len(mesh.positions)
+    # Needles have no angles to speak of, and edges of three faces no Delaunay triangulation: weights are bounded.
+    weight = np.clip(np.nan_to_num(igl.cotmatrix_entries(mesh.positions, mesh.faces)), 0, STEEPEST).ravel()
+    start, end = mesh.faces[:, [1, 2, 0]].ravel(), mesh.faces[:, [2, 0, 1]].ravel()
+    joined = coo_array((np.tile(weight, 2), (np.append(start, end), np.append(end, start))), shape=(count, count))
+    area = np.bincount(mesh.faces.ravel(), np.repeat(mesh.surface().areas / 3, 3), count) + TINY
+    flow = diags_array(area + length**2 * joined.sum(axis=1)) - length**2 * joined
+    step, left = splu(flow.tocsc()), mesh.positions
     for _ in range(2):
-        left = left - step.solve(mass @ left)
+        left = left - step.solve(area[:, None] * left)
     return np.asarray(left)
