@@ -1,8 +1,9 @@
 """Prominence: how much of what a viewer sees of an asset is letters."""
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from core.arrays import Bool, Float, Int
+from core.arrays import Float
 from core.geometry.boxes import Boxes
 from core.geometry.directions import EYE_DISTANCE, view_directions
 from core.geometry.products import cross, product
@@ -31,47 +32,30 @@ def prominence(
     """
     directions, ups = view_directions()
     views, row = np.unique(np.hstack([directions, ups]), axis=0, return_inverse=True)
-    shares = np.array([_share(original_index, watermarked, watermarked_index, boxes, relief, view) for view in views])
-    return float(shares[row].mean()), float(shares.min())
+    drawn = watermarked.positions[np.unique(watermarked.faces)]
+    near = Boxes(boxes.center, boxes.axes, boxes.size + 2 * np.abs(relief)[:, None] * (0, 0, 1))
+    shares = []
+    for view in views:
+        points = _seen(drawn, watermarked_index, view[:3], view[3:])
+        owner, which, _ = near.contained(cKDTree(points))
+        apart, _, _ = original_index.closest(points[which])
+        letters = np.unique(which[apart > STANDS_OUT * np.abs(relief[owner])])
+        shares.append(len(letters) / max(len(points), 1))
+    return float(np.mean(np.array(shares)[row])), float(min(shares))
 
 
-def _share(
-    original_index: SpatialIndex, watermarked: Surface, index: SpatialIndex, boxes: Boxes, relief: Float, view: Float
-) -> float:
-    """Share in one ``view`` (6,): the direction to the camera and what is up in the picture."""
-    direction, up = view[:3], view[3:]
-    used = watermarked.positions[np.unique(watermarked.faces)]
-    middle = (used.min(axis=0) + used.max(axis=0)) / 2
+def _seen(drawn: Float, index: SpatialIndex, direction: Float, up: Float) -> Float:
+    """(N, 3) points of the surface in ``index``, with vertices ``drawn`` (V, 3), that a camera in a ``direction`` sees
+    in the pixels of a picture with ``up`` upwards."""
+    middle = (drawn.min(axis=0) + drawn.max(axis=0)) / 2
     right = unit(cross(up, direction)[None])[0]
     axes = np.stack([right, cross(direction, right)])
     eye = middle + EYE_DISTANCE * direction
     # Over all of the asset's own outline: from its edge, a plate would fall between rays spread over its length.
-    shown = product(used - middle, axes.T) / (1 - product(used - middle, direction[:, None]) / EYE_DISTANCE)
+    shown = product(drawn - middle, axes.T) / (1 - product(drawn - middle, direction[:, None]) / EYE_DISTANCE)
     low, high = shown.min(axis=0), shown.max(axis=0)
     steps = low + (high - low) * ((np.arange(PIXELS) + 0.5) / PIXELS)[:, None]
     screen = middle + (steps[:, None, :1] * axes[0] + steps[None, :, 1:] * axes[1]).reshape(-1, 3)
     rays = unit(screen - eye)
     distance, face = index.first_hit(np.broadcast_to(eye, rays.shape), rays, Eye.ORIGIN)
-    hit = face >= 0
-    if not hit.any():
-        return 0.0
-    points = eye + distance[hit, None] * rays[hit]
-    return float(_letters(original_index, points, boxes, relief).mean())
-
-
-def _letters(original_index: SpatialIndex, points: Float, boxes: Boxes, relief: Float) -> Bool:
-    """(N,) the ``points`` that are of letters."""
-    found = np.zeros(len(points), dtype=bool)
-    owner, which = _inside(boxes, points, relief)
-    apart, _, _ = original_index.closest(points[which])
-    found[which[apart > STANDS_OUT * np.abs(relief[owner])]] = True
-    return found
-
-
-def _inside(boxes: Boxes, points: Float, relief: Float) -> tuple[Int, Int]:
-    """Pairs of a mark and a point in its box, which is made higher by its relief."""
-    local = np.einsum("bij,bnj->bni", boxes.axes, points[None] - boxes.center[:, None])
-    half = boxes.size / 2
-    half[:, 2] += np.abs(relief)
-    owner, which = np.nonzero((np.abs(local) <= half[:, None]).all(axis=2))
-    return owner, which
+    return np.asarray((eye + distance[:, None] * rays)[face >= 0])
