@@ -3,19 +3,16 @@
 import numpy as np
 from manifold3d import triangulate
 from scipy.interpolate import RBFInterpolator
-from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from core.arrays import Bool, Float, Int
-from core.geometry.edges import boundary_edges, directed_edges, edge_table
+from core.geometry.edges import boundary_edges, edge_table
 from core.geometry.products import cross
 from core.geometry.triangles import unit
 from core.lab.plain import Mesh, compact
 
-ROUND, NEAREST = (
-    24,
-    60,
-)  # vertices round each of a piece's rim that a plate goes through; of these for each place inside
+# Vertices nearest to each of a piece's rim that a plate goes through, and of these that count at a place inside.
+ROUND, NEAREST = 24, 60
 APART, STIFF = 6, 1e-9  # decimals by which places of a plate differ; its smoothing, so that it can be solved
 
 
@@ -26,16 +23,6 @@ def grown(faces: Int, found: Bool, rings: int) -> Bool:
         near[faces[found]] = True
         found = np.asarray(near[faces].any(axis=1))
     return found
-
-
-def neighbours(mesh: Mesh) -> csr_array:
-    """(V, V) the mean over the vertices that share an edge with each, every edge once; rows of lone vertices are 0."""
-    count = len(mesh.positions)
-    start, end = directed_edges(mesh.faces).T
-    rows, columns = np.divmod(np.unique(np.concatenate([start * count + end, end * count + start])), count)
-    rows, columns = rows[rows != columns], columns[rows != columns]
-    degree = np.bincount(rows, minlength=count)
-    return csr_array((1 / degree[rows], (rows, columns)), shape=(count, count))
 
 
 def filled_flat(mesh: Mesh, found: Bool) -> tuple[Mesh, Int]:

@@ -9,8 +9,9 @@ import numpy as np
 
 from core.arrays import Bool, Int
 from core.lab.attacks.attack import Attack
-from core.lab.attacks.fill import filled_fair, filled_flat, grown, neighbours
+from core.lab.attacks.fill import filled_fair, filled_flat, grown
 from core.lab.attacks.letters import by_edges, by_height, by_material, by_order, by_remains
+from core.lab.attacks.smooth import relaxed
 from core.lab.attacks.target import Attacked, Target, whole
 from core.lab.plain import Mesh
 
@@ -78,12 +79,8 @@ def _result(target: Target, mesh: Mesh, source: Int) -> Attacked:
 
 def taubin(mesh: Mesh, target: Target, strength: float) -> Attacked:
     """Smoothing of the whole mesh that shrinks and swells it in turn (Taubin 1995), ``strength`` times."""
-    mean, positions = neighbours(mesh), mesh.positions
-    joined = np.asarray(mean.sum(axis=1) > 0)[:, None]
-    for _ in range(round(strength)):
-        for step in (SHRINK, SWELL):
-            positions = positions + step * (mean @ positions - positions * joined)
-    return _result(target, Mesh(np.asarray(positions), mesh.faces), np.arange(len(mesh.faces)))
+    positions = relaxed(mesh, [SHRINK, SWELL] * round(strength))
+    return _result(target, Mesh(positions, mesh.faces), np.arange(len(mesh.faces)))
 
 
 LADDER: dict[str, Attack] = {

@@ -17,6 +17,7 @@ from core.lab.plain import Mesh
 SHARP = np.cos(np.radians(35.0))  # edges turned by more are taken for those of letters
 SMALL = 1e-3  # share of the asset's area that a letter's top or wall has at most
 RARE = 0.1  # share of the area that all letters of one kind have at most
+TRIED = 64  # starts of what may have been appended, at most: a mesh in good order has one at every triangle
 SEVERAL = 5  # letters look like this many separate pieces at least
 # Size-30 units: features narrower than the first are smoothed away to find what stands out of the rest by more than
 # the second; a word is not longer than the third.
@@ -44,17 +45,18 @@ def by_material(scene: Scene, mesh: Mesh) -> Bool:
 def by_order(scene: Scene, mesh: Mesh) -> Bool:
     """(F,) the last triangles of each primitive, where they alone use its last vertices and cover little, in several
     pieces: what a tool appended."""
-    areas, found = mesh.surface().areas, np.zeros(len(mesh.faces), dtype=bool)
+    areas, found, edges = mesh.surface().areas, np.zeros(len(mesh.faces), dtype=bool), edge_table(mesh.faces)
     for number in range(len(scene.primitives)):
         mine = np.flatnonzero(scene.surface.face_primitive == number)
         highest = scene.primitives[number].triangles[scene.surface.face_triangle[mine]].max(axis=1)
         before = np.maximum.accumulate(highest)
         after = np.minimum.accumulate(highest[::-1])[::-1]
-        for first in (np.flatnonzero(before[:-1] < after[1:]) + 1).tolist():
+        rest = areas[mine][::-1].cumsum()[::-1]
+        starts = np.flatnonzero((before[:-1] < after[1:]) & (rest[1:] < RARE * areas.sum())) + 1
+        for first in starts[:: len(starts) // TRIED + 1].tolist():
             last = np.zeros(len(mesh.faces), dtype=bool)
             last[mine[first:]] = True
-            pieces = np.unique(edge_table(mesh.faces).among(last).components()[last])
-            if len(pieces) >= SEVERAL and areas[last].sum() < RARE * areas.sum():
+            if len(np.unique(edges.among(last).components()[last])) >= SEVERAL:
                 found |= last
                 break
     return found

@@ -1,8 +1,11 @@
 """Laplacian smoothing."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.sparse import csr_array
 
+from core.arrays import Float
 from core.lab.attacks.target import Attacked, Target, whole
 from core.lab.plain import Mesh
 
@@ -17,6 +20,12 @@ def smooth(mesh: Mesh, target: Target, strength: float = 10) -> Attacked:
         target: unused but for the watermarks' number.
         strength: iterations, rounded to a whole number.
     """
+    return whole(Mesh(relaxed(mesh, [STEP] * round(strength)), mesh.faces), target)
+
+
+def relaxed(mesh: Mesh, steps: Sequence[float]) -> Float:
+    """(V, 3) positions of vertices that go each of the ``steps``, in shares of the way to the mean of their neighbours,
+    one after the other, all at once."""
     count = len(mesh.positions)
     start, end = mesh.faces.ravel(), np.roll(mesh.faces, -1, axis=1).ravel()
     # An edge counts once, independent of the number of its faces; one from a vertex to itself does not count.
@@ -26,6 +35,6 @@ def smooth(mesh: Mesh, target: Target, strength: float = 10) -> Attacked:
     mean = csr_array((1 / degree[rows], (rows, columns)), shape=(count, count))
     joined = (degree > 0)[:, None]
     positions = mesh.positions
-    for _ in range(round(strength)):
-        positions = positions + STEP * (mean @ positions - positions * joined)
-    return whole(Mesh(np.asarray(positions), mesh.faces), target)
+    for step in steps:
+        positions = positions + step * (mean @ positions - positions * joined)
+    return np.asarray(positions)
