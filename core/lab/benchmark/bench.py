@@ -211,7 +211,10 @@ class AssetBench:
         # Seeded by asset and attack: every method is cut by the same plane and turned about the same axis.
         stream = int.from_bytes(hashlib.sha256(attack.name.encode()).digest()[:4])
         rng = np.random.default_rng([self._seed, stream])
-        target = Target(self._prepared.index, marked.boxes, rng, marked.delivered or scene_of(plain_glb(marked.mesh)))
+        file = marked.delivered
+        if file is None and attack.name in LADDER:
+            file = scene_of(plain_glb(marked.mesh))
+        target = Target(self._prepared.index, marked.boxes, rng, file)
         if attack.name == NO_ATTACK:
             return whole(marked.mesh, target)
         with _timed(seconds, "attack"):

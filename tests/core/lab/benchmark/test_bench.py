@@ -114,22 +114,28 @@ def test_our_own_pipeline_is_asked_for_the_colour_that_letters_are_read_in(monke
     assert [one.color for one in asked] == ["none", "#d02020"]
 
 
+@pytest.fixture
+def seen(monkeypatch: pytest.MonkeyPatch) -> list[NDArray[np.uint8]]:
+    """The pictures that are read, of each of which half is."""
+    found: list[NDArray[np.uint8]] = []
+
+    def read(pictures: NDArray[np.uint8], *_: object) -> Ocr:
+        found.append(pictures)
+        return Ocr(0.5, 0.25, 0.125, np.full(len(pictures), 0.5))
+
+    for module in ("core.lab.benchmark.bench", "core.metrics.measure"):
+        monkeypatch.setattr(f"{module}.ocr", read)
+    return found
+
+
 def test_what_a_user_gets_is_read_in_its_own_materials_and_everything_else_as_grey_clay(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, seen: list[NDArray[np.uint8]]
 ) -> None:
     def strategy(prepared: Prepared, _parameters: Parameters, _rng: np.random.Generator) -> Marked:
         scene = flatten(document_of(admit(prepared.data)))
         return Marked(plain(scene.surface), Boxes.empty(), np.empty(0), scene)
 
     monkeypatch.setitem(STRATEGIES, "meshmark", strategy)
-    seen: list[NDArray[np.uint8]] = []
-
-    def read(pictures: NDArray[np.uint8], *_: object) -> Ocr:
-        seen.append(pictures)
-        return Ocr(0.5, 0.25, 0.125, np.full(len(pictures), 0.5))
-
-    for module in ("core.lab.benchmark.bench", "core.metrics.measure"):
-        monkeypatch.setattr(f"{module}.ocr", read)
     asked = BenchmarkOptions(Path(), Path(), views=1, resolution=96)
     bench = AssetBench(SPOT.read_bytes(), 0, asked)
     found = bench.measure(bench.mark("meshmark", 4), AttackRequest("none"))
@@ -144,16 +150,8 @@ def test_what_a_user_gets_is_read_in_its_own_materials_and_everything_else_as_gr
 
 
 def test_what_a_thief_gets_is_measured_and_letters_that_he_leaves_keep_their_colour(
-    monkeypatch: pytest.MonkeyPatch,
+    seen: list[NDArray[np.uint8]],
 ) -> None:
-    seen: list[NDArray[np.uint8]] = []
-
-    def read(pictures: NDArray[np.uint8], *_: object) -> Ocr:
-        seen.append(pictures)
-        return Ocr(0.5, 0.25, 0.125, np.full(len(pictures), 0.5))
-
-    for module in ("core.lab.benchmark.bench", "core.metrics.measure"):
-        monkeypatch.setattr(f"{module}.ocr", read)
     bench = AssetBench(SPOT.read_bytes(), 0, BenchmarkOptions(Path(), Path(), views=24, resolution=96))
     trial = bench.mark("meshmark-default", 6)
     red = {}
