@@ -353,7 +353,7 @@ def likelihood(
     upright_length = np.sqrt(np.clip(1 - upwards**2, 0, 1))
     turned = np.minimum(1.0, cosine / objective.head_on)
     legible = _legible(height[:, None] * upright_length, colored, objective)
-    legible *= turned * np.clip(1 - deviation, 0, 1)[:, None]
+    legible = legible * turned * np.clip(1 - deviation, 0, 1)[:, None]
     # The text's right on the picture: how far along its horizontal, how far along its vertical.
     views = goal.directions[: len(goal.up)]
     along = product(boxes.axes[:, 0], np.cross(goal.up, views).T)
