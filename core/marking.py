@@ -24,6 +24,7 @@ from core.geometry.boxes import Boxes
 from core.gltf.prune import unreferenced_bytes
 from core.gltf.scene import flatten, scene_of
 from core.gltf.textures import undecoded_textures
+from core.gltf.tint import Tints
 from core.gltf.validate import is_beside
 from core.gltf.write import write
 from core.notices import Notice, NoticeCode
@@ -294,9 +295,10 @@ def _written(asset: Asset, context: "PlacementContext", embossed: Embossed) -> O
     boxes = Boxes.concat(*(mark.box for mark in embossed.marks.values()))
     looks = [mark.look for mark in embossed.marks.values()]
     styles = [look.style for look in looks]
-    model = write(asset.scene, asset.analysis.with_file_winding(embossed.mesh.edit()), styles)
+    edit = asset.analysis.with_file_winding(embossed.mesh.edit())
+    model, coloring = write(asset.scene, edit, styles), Tints(asset.scene.document).of_marks(asset.scene, edit, styles)
     marks = AssetMarks(surface, boxes, looks, embossed.letters, parameters)
     model, copies = mark_copies(model, marks)
     scene = scene_of(model)
     del model  # its bytes are in the scene, and the file takes as many
-    return Output(embossed, copies, scene, WRITERS[Format.GLB](scene))
+    return Output(embossed, coloring, copies, scene, WRITERS[Format.GLB](scene))

@@ -73,7 +73,7 @@ class Align(StrEnum):
 class Wrap(StrEnum):
     """Whether a text without line breaks may be set in several lines."""
 
-    AUTO, NO_COLOR = "auto", "none"
+    AUTO = "auto"
     NONE = "none"
 
 

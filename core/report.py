@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from core.artwork.artwork import Logo
 from core.embossing.refusal import Refusal
+from core.gltf.tint import ColoredBy
 from core.notices import Notice
 from core.parameters import Parameters
 
@@ -97,6 +98,18 @@ class Watermark(Section):
         float | None,
         Field(description="Distance of that colour from what lies under and round it, CIELAB; null without a colour."),
     ]
+    colored_by: Annotated[
+        ColoredBy | None,
+        Field(
+            description="How the file holds that colour: in vertex colours of the asset's own primitive; with texture "
+            "coordinates on an even texel of its own texture besides; or, where neither shows, in a material of its "
+            "own. Null without a colour."
+        ),
+    ] = None
+    color_error: Annotated[
+        float | None,
+        Field(description="CIELAB distance of the colour in the file from `color`, at most 8; null without a colour."),
+    ] = None
     relief: Annotated[float, Field(description="Height of its letters, world units.")]
     loss: Annotated[
         float, Field(description="Mean squared distance of its outline to the surface, squared size-30 units.")

@@ -155,6 +155,8 @@ def _watermarks(surface: Surface, output: Output, parameters: Parameters) -> lis
             size=(boxes.size[number] / surface.scale).tolist(),
             color=mark.look.style.color,
             contrast=mark.look.contrast,
+            colored_by=None if coloring is None else coloring.colored_by,
+            color_error=None if coloring is None else coloring.error,
             relief=float(relief[number] / surface.scale),
             loss=float(placement.loss[box]),
             roughness=float(placement.roughness[box]),
@@ -164,7 +166,7 @@ def _watermarks(surface: Surface, output: Output, parameters: Parameters) -> lis
             cut=mark.cut,
             drawn=True,
         )
-        for number, (box, mark) in enumerate(marks.items())
+        for number, ((box, mark), coloring) in enumerate(zip(marks.items(), output.coloring, strict=True))
     ]
 
 

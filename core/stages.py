@@ -14,6 +14,7 @@ from core.embossing.mesh import WorkingMesh
 from core.errors import MeshmarkError
 from core.formats.format import Format, OutputFile
 from core.gltf.scene import Scene
+from core.gltf.tint import Coloring
 from core.notices import Notice
 from core.parameters import Parameters
 
@@ -132,12 +133,14 @@ class Output:
 
     Attributes:
         embossed: the marks that it shows.
+        coloring: how each of them has the colour of its letters; None for that of the surface.
         copies: the other scenes, levels of detail and unused meshes of the file.
         scene: the marked asset, read back from the bytes of its GLB.
         file: ``scene`` as it is published.
     """
 
     embossed: Embossed
+    coloring: list[Coloring | None]
     copies: "list[MarkedCopy]"
     scene: Scene
     file: OutputFile

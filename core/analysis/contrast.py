@@ -10,13 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.analysis.color import Appearance, appearance
-from core.analysis.texture import cielab, from_cielab
 from core.arrays import Bool, Float
 from core.geometry.boxes import Boxes
 from core.geometry.products import product
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
-from core.gltf.colors import hex_linear, hex_srgb
+from core.gltf.colors import cielab, from_cielab, hex_linear, hex_srgb
 from core.gltf.edit import Style
 from core.gltf.scene import Scene
 from core.notices import Notice, NoticeCode

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from core.arrays import Float, Int
 from core.geometry.morton import morton_order
+from core.gltf.accessors import dequantize
 from core.gltf.attributes import encode, read_rows
 from core.gltf.builder import Builder
 from core.gltf.colors import hex_linear
@@ -23,6 +24,7 @@ from core.gltf.materials import UNLIT, Material
 from core.gltf.primitives import TRIANGLES, Primitive
 from core.gltf.references import OUTLINE
 from core.gltf.scene import Scene
+from core.gltf.tint import Tints
 from core.gltf.vertices import CutPrimitives, cut_primitives, has_normals, row_labels
 
 Owner = tuple[int, int | None]  # a node, and the number of its instance
@@ -44,9 +46,9 @@ def write(scene: Scene, edit: SurfaceEdit, styles: Sequence[Style]) -> bytes:
     Args:
         scene: that the edit refers to.
         edit: removed faces and new triangles.
-        styles: of each mark that ``edit.mark`` counts. A colour puts its caps and walls into a primitive with a plain
-            material, which is unlit where the source is, and then need not glow; without one they stay in the source
-            primitive.
+        styles: of each mark that ``edit.mark`` counts. Caps and walls with a colour have it in the vertices of the
+            source primitive, and lie on an even patch of its texture: see :mod:`core.gltf.tint`. Where that cannot be,
+            they are a primitive with a plain material, which is unlit where the source is, and then need not glow.
 
     Raises:
         MeshmarkError: ``unsupported_feature`` where a touched vertex cannot be transformed back to its node's frame.
@@ -54,34 +56,43 @@ def write(scene: Scene, edit: SurfaceEdit, styles: Sequence[Style]) -> bytes:
     if edit.keep.all() and not len(edit.source_face):
         return scene.document.to_glb()
     editor = Builder(scene.document)
-    paint = _Paint(editor)
+    paint, tints = _Paint(editor), Tints(scene.document)
     # Styles are numbered so that letters of one style share a primitive; 0 is the source's own.
     palette = [style for style in dict.fromkeys(styles) if style.color is not None]
     look_of_mark = np.array([palette.index(style) + 1 if style in palette else 0 for style in styles], dtype=np.int64)
     changes: dict[Owner, dict[int, Replacement]] = {}
     for cut in cut_primitives(scene, edit):
-        table = _rows(scene.document, cut)
+        owner = scene.surface.face_primitive[edit.source_face[cut.triangles]]
+        is_letter = np.isin(edit.kind[cut.triangles], LETTERS)
+        look = np.where(is_letter, look_of_mark[edit.mark[cut.triangles]], 0)
+        factors = _tint(scene, cut, owner, look, tints, palette)
+        table = _rows(scene.document, cut, deep=bool(factors))
         base: dict[int, Int] = {}
         letters: dict[int, list[tuple[int, Int]]] = {}
         for index in cut.drawn:
-            drawn = scene.primitives[index]
+            drawn, mine = scene.primitives[index], owner == index
             first = np.searchsorted(scene.surface.face_primitive, index)  # its faces are consecutive, in order
             kept = drawn.triangles[edit.keep[first : first + len(drawn.triangles)]]
-            mine = scene.surface.face_primitive[edit.source_face[cut.triangles]] == index
             added = table.corners.reshape(-1, 3)[mine][:, [0, 2, 1] if drawn.mirrored else [0, 1, 2]]
-            is_letter = np.isin(edit.kind[cut.triangles][mine], LETTERS)
-            look = np.where(is_letter, look_of_mark[edit.mark[cut.triangles][mine]], 0)
-            base[index] = np.concatenate([kept, added[look == 0]])
+            painted = look[mine]
+            base[index] = np.concatenate([kept, added[painted == 0]])
             if drawn.primitive.is_blended:
-                came = scene.surface.face_triangle[edit.source_face[cut.triangles][mine][look == 0]]
+                came = scene.surface.face_triangle[edit.source_face[cut.triangles][mine][painted == 0]]
                 stay = np.flatnonzero(edit.keep[first : first + len(drawn.triangles)])
                 base[index] = base[index][np.argsort(np.concatenate([stay, came]), kind="stable")]
-            letters[index] = [(number, added[look == number]) for number in np.unique(look[look > 0]).tolist()]
-        shared = _Vertices(editor, cut, table, [triangles for triangles in base.values() if len(triangles)])
+            letters[index] = [(number, added[painted == number]) for number in np.unique(painted[painted > 0]).tolist()]
+        together = [triangles for index, triangles in base.items() if len(triangles) and index not in factors]
+        shared = _Vertices(editor, cut, table, together)
         for index in cut.drawn:
             drawn, source = scene.primitives[index], scene.primitives[index].primitive
+            rest = None
+            if index in factors:
+                own = _Vertices(editor, cut, table.darkened(factors[index]), [base[index]])
+                rest = own.primitive(source, base[index]) | {"material": paint.freed(source.material)}
+            elif len(base[index]):
+                rest = shared.primitive(source, base[index])
             changes.setdefault((drawn.node.index, drawn.instance), {})[source.number] = (
-                shared.primitive(source, base[index]) if len(base[index]) else None,
+                rest,
                 [
                     paint.primitive(source, cut, table, triangles, palette[number - 1])
                     for number, triangles in letters[index]
@@ -92,6 +103,40 @@ def write(scene: Scene, edit: SurfaceEdit, styles: Sequence[Style]) -> bytes:
     return editor.to_document().to_glb()
 
 
+def _tint(
+    scene: Scene, cut: CutPrimitives, owner: Int, look: Int, tints: Tints, palette: Sequence[Style]
+) -> dict[int, Float]:
+    """Give letters their colour in the attributes of their corners where that is possible, and take their ``look`` (M,)
+    back to 0.
+
+    Returns:
+        The factor (3,) of each drawn primitive (``owner`` (M,)) that has to go from its material into its vertices.
+    """
+    factors: dict[int, Float] = {}
+    for index in cut.drawn:
+        source, mine = scene.primitives[index].primitive, owner == index
+        numbers = np.unique(look[mine & (look > 0)]).tolist()
+        found = {number: tint for number in numbers if (tint := tints.of(source, palette[number - 1])) is not None}
+        moved = any(tint.moved for tint in found.values())
+        factor, tinted = np.clip(source.material.color[:3], 0, 1), np.zeros(len(cut.vertex), dtype=bool)
+        if found and "COLOR_0" not in cut.values[0]:
+            cut.values[0]["COLOR_0"] = np.ones((len(cut.vertex), 4))
+        for number, tint in found.items():
+            corners = np.repeat(mine & (look == number), 3)
+            look[mine & (look == number)] = 0
+            cut.original[corners] = -1
+            cut.values[0]["COLOR_0"][corners, :3] = tint.color * (factor if moved and not tint.moved else 1.0)
+            cut.values[0]["COLOR_0"][corners, 3:] = 1.0
+            if tint.uv is not None:
+                cut.values[0][f"TEXCOORD_{source.material.uv_set}"][corners] = tint.uv
+            tinted |= corners
+        if moved:
+            ground = np.repeat(mine, 3) & ~tinted
+            cut.values[0]["COLOR_0"][ground, :3] *= factor
+            factors[index] = factor
+    return factors
+
+
 @dataclass(frozen=True, eq=False)
 class _Rows:
     """The vertex rows of cut primitives: those of the file, then new ones.
@@ -100,28 +145,49 @@ class _Rows:
         values: for each map of the primitives, semantic -> (V, n), in the component type that is written.
         corners: (C,) the row of each of their new corners.
         local: (V, 3) positions.
+        old: number of the rows of the file.
     """
 
     values: list[dict[str, NDArray[Any]]]
     corners: Int
     local: Float
+    old: int
+
+    def darkened(self, factor: Float) -> "_Rows":
+        """The rows with the vertex colours of the file times a ``factor`` (3,), which those of new rows have."""
+        values = self.values[0]["COLOR_0"]
+        colors = _fractions(values)
+        colors[: self.old, :3] *= factor
+        changed = self.values[0] | {"COLOR_0": encode(colors, values.dtype, normalized=True)}
+        return replace(self, values=[changed, *self.values[1:]])
 
 
-def _rows(document: Document, cut: CutPrimitives) -> _Rows:
+def _rows(document: Document, cut: CutPrimitives, deep: bool) -> _Rows:
+    """The rows of cut primitives; vertex colours in 16 bits where they must be ``deep``."""
     new = np.flatnonzero((cut.original < 0) | (cut.wall & has_normals(cut)))
     _, representative, label = np.unique(row_labels(cut, new), return_index=True, return_inverse=True)
-    corners = cut.original.copy()
-    corners[new] = document.entry("accessors", cut.maps[0]["POSITION"])["count"] + label
+    corners, count = cut.original.copy(), document.entry("accessors", cut.maps[0]["POSITION"])["count"]
+    corners[new] = count + label
     values = []
     for attributes, added in zip(cut.maps, cut.values, strict=True):
         columns = {}
-        for name, accessor in attributes.items():
-            old = read_rows(document, name, accessor)
-            normalized = document.entry("accessors", accessor).get("normalized", False) or name.startswith("WEIGHTS_")
-            rows = encode(added[name][new[representative]], old.dtype, normalized)
+        for name, values_there in added.items():
+            normalized, old = True, np.full((count, 4), 255, dtype=np.uint8)
+            if name in attributes:
+                old = read_rows(document, name, attributes[name])
+                normalized = document.entry("accessors", attributes[name]).get("normalized", False)
+                normalized |= name.startswith("WEIGHTS_")
+            if name == "COLOR_0" and deep and old.dtype == np.uint8:
+                old = encode(_fractions(old), np.dtype("<u2"), normalized=True)
+            rows = encode(values_there[new[representative]], old.dtype, normalized)
             columns[name] = np.concatenate([old, rows])
-        values.append(columns)
-    return _Rows(values, corners, values[0]["POSITION"].astype(np.float64))
+        values.append({name: columns[name] for name in (*attributes, *(columns.keys() - attributes.keys()))})
+    return _Rows(values, corners, values[0]["POSITION"].astype(np.float64), count)
+
+
+def _fractions(colors: NDArray[Any]) -> Float:
+    """Vertex colours as fractions, of normalized integers or floats."""
+    return dequantize(colors, {"normalized": True})
 
 
 class _Vertices:
@@ -148,8 +214,10 @@ class _Vertices:
         self._number[used] = np.arange(len(used))
         self.maps: list[dict[str, int]] = [
             {
-                name: editor.add_attribute(values[name][used], accessor, name == "POSITION")
-                for name, accessor in attributes.items()
+                name: editor.add_attribute(rows[used], attributes[name], name == "POSITION")
+                if name in attributes
+                else editor.add_accessor(rows[used], "VEC4", normalized=True)
+                for name, rows in values.items()
                 if names is None or name in names
             }
             for attributes, values in zip(cut.maps, table.values, strict=True)
@@ -197,6 +265,7 @@ class _Paint:
     def __init__(self, editor: Builder) -> None:
         self._editor = editor
         self._materials: dict[tuple[bool, bool, bool, str], int] = {}
+        self._freed: dict[int, int] = {}
 
     def primitive(
         self, source: Primitive, cut: CutPrimitives, table: _Rows, triangles: Int, style: Style
@@ -209,11 +278,21 @@ class _Paint:
         vertices = _Vertices(self._editor, cut, table, [triangles], kept)
         return vertices.bare(source, triangles) | {"material": self._material(source.material, style)}
 
+    def freed(self, ground: Material) -> int:
+        """The material without its factor, which vertices have instead."""
+        assert ground.index is not None
+        if ground.index not in self._freed:
+            source = self._editor.json["materials"][ground.index]
+            base = source["pbrMetallicRoughness"] | {"baseColorFactor": [1.0, 1.0, 1.0, float(ground.color[3])]}
+            self._freed[ground.index] = self._editor.append("materials", source | {"pbrMetallicRoughness": base})
+        return self._freed[ground.index]
+
     def _material(self, ground: Material, style: Style) -> int:
         unlit = ground.unlit
         key = ground.double_sided, unlit, style.glows and not unlit, str(style.color)
         if key not in self._materials:
-            self._materials[key] = self._editor.append("materials", letter_material(*key))
+            named = {"name": f"{ground.name}.001"} if ground.name else {}
+            self._materials[key] = self._editor.append("materials", named | letter_material(*key))
             used = self._editor.json.get("extensionsUsed", [])
             if unlit and UNLIT not in used:  # a file may use the extension without declaring it
                 self._editor.json["extensionsUsed"] = [*used, UNLIT]

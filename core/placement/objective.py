@@ -62,13 +62,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from core.analysis.texture import cielab
 from core.arrays import Bool, Float, Int
 from core.geometry.boxes import Boxes
 from core.geometry.directions import cosines_to_cameras, fibonacci_directions, view_directions
 from core.geometry.products import product
 from core.geometry.surface import Surface
-from core.gltf.colors import hex_linear
+from core.gltf.colors import cielab, hex_linear
 from core.placement.legibility import legibility
 from core.placement.pairs import proximity, ragged, stacked
 

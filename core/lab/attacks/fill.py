@@ -2,6 +2,7 @@
 
 import numpy as np
 from manifold3d import triangulate
+from numpy.linalg import LinAlgError
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial import cKDTree
 
@@ -40,7 +41,8 @@ def filled_flat(mesh: Mesh, found: Bool) -> tuple[Mesh, Int]:
 
 def filled_fair(mesh: Mesh, found: Bool) -> Mesh:
     """The mesh with the vertices inside the ``found`` faces (F,) moved along the mean normal of their piece, onto the
-    thin plate through the vertices round it (Duchon 1977). Pieces without anything round them stay as they are."""
+    thin plate through the vertices round it (Duchon 1977). Pieces without anything round them, or with a straight
+    line only, stay as they are."""
     kept = np.zeros(len(mesh.positions), dtype=bool)
     kept[mesh.faces[~found]] = True
     row = np.flatnonzero(kept)
@@ -62,7 +64,11 @@ def filled_fair(mesh: Mesh, found: Bool) -> Mesh:
         plate = RBFInterpolator(
             round_it @ plane, round_it @ normal, neighbors=min(NEAREST, len(round_it)), smoothing=STIFF
         )
-        lift = plate(mesh.positions[inside] @ plane) - mesh.positions[inside] @ normal
+        try:
+            height = plate(mesh.positions[inside] @ plane)
+        except LinAlgError:  # the nearest of them lie in a line, through which there are many plates
+            continue
+        lift = height - mesh.positions[inside] @ normal
         positions[inside] += lift[:, None] * normal
     return Mesh(positions, mesh.faces)
 

@@ -25,7 +25,7 @@ def restore(mesh: Mesh, target: Target, _strength: float) -> Attacked:
 
 
 def material(mesh: Mesh, target: Target, _strength: float) -> Attacked:
-    """Faces of rare materials."""
+    """Faces of rare materials and colours."""
     assert target.file is not None
     return _cut_out(mesh, target, by_material(target.file, mesh))
 
@@ -87,7 +87,7 @@ LADDER: dict[str, Attack] = {
     attack.name: attack
     for attack in (
         Attack("thief-restore", restore, 1, 1, 1, "Cut out what lies at vertices that the file does not draw."),
-        Attack("thief-by-material", material, 1, 1, 1, "Cut out what has a rare material."),
+        Attack("thief-by-material", material, 1, 1, 1, "Cut out what has a rare material or colour."),
         Attack("thief-by-order", order, 1, 1, 1, "Cut out what was appended to vertices and triangles."),
         Attack("thief-strip", strip, 1, 1, 1, "Cut out small patches between sharp edges."),
         Attack("thief-lower", lower, 0, 0, 20, "Push back what stands out; strength is the rings round it."),

@@ -9,7 +9,7 @@ from core.arrays import Bool, Float, Int
 from core.geometry.edges import connected, edge_table
 from core.geometry.spatial import SpatialIndex
 from core.geometry.triangles import unit
-from core.gltf.accessors import read_accessor
+from core.gltf.accessors import read_accessor, read_values
 from core.gltf.references import accessor_references
 from core.gltf.scene import Scene
 from core.lab.plain import Mesh
@@ -17,6 +17,7 @@ from core.lab.plain import Mesh
 SHARP = np.cos(np.radians(35.0))  # edges turned by more are taken for those of letters
 SMALL = 1e-3  # share of the asset's area that a letter's top or wall has at most
 RARE = 0.1  # share of the area that all letters of one kind have at most
+SAME, DIGITS = 1e-6, 5  # between corners of one colour, or at one place of a texture; and of decimals compared
 TRIED = 64  # starts of what may have been appended, at most: a mesh in good order has one at every triangle
 SEVERAL = 5  # letters look like this many separate pieces at least
 # Size-30 units: features narrower than the first are smoothed away to find what stands out of the rest by more than
@@ -25,21 +26,32 @@ FINE, STANDS_OUT, LONG = 0.2, 0.01, 7.0
 STEEPEST, TINY = 10.0, 1e-12  # cotangent, at most; area added to every vertex, so that loose ones can be solved for
 
 
-def materials(scene: Scene) -> Int:
-    """(F,) the material of each face; -1 for the default one."""
-    found = [drawn.primitive.material.index for drawn in scene.primitives]
-    return np.array([-1 if one is None else one for one in found])[scene.surface.face_primitive]
+def looks(scene: Scene) -> Int:
+    """(F,) a number for the material of each face and, where these are the same at its three corners, for its vertex
+    colour and for the place of the base colour's texture that it shows."""
+    found = np.zeros((len(scene.surface.faces), 6))
+    for number, drawn in enumerate(scene.primitives):
+        material, attributes = drawn.primitive.material, drawn.primitive.attributes
+        mine = scene.surface.face_primitive == number
+        found[mine, 0] = -1 if material.index is None else material.index
+        uv = None if material.texture is None else attributes.get(f"TEXCOORD_{material.uv_set}")
+        for accessor, first, count in ((attributes.get("COLOR_0"), 1, 3), (uv, 4, 2)):
+            if accessor is not None:
+                corners = read_values(scene.document, accessor)[drawn.triangles][..., :count]
+                even = np.ptp(corners, axis=1).max(axis=1) <= SAME
+                found[mine, first : first + count] = np.where(even[:, None], corners[:, 0].round(DIGITS), -1)
+    return np.asarray(np.unique(found, axis=0, return_inverse=True)[1].reshape(-1))
 
 
 def by_material(scene: Scene, mesh: Mesh) -> Bool:
-    """(F,) faces of materials that cover little of the asset, in several pieces."""
-    material, areas, found = materials(scene), mesh.surface().areas, np.zeros(len(mesh.faces), dtype=bool)
-    for one in np.unique(material):
-        mine = material == one
-        pieces = np.unique(edge_table(mesh.faces).among(mine).components()[mine])
-        if areas[mine].sum() < RARE * areas.sum() and len(pieces) >= SEVERAL:
-            found |= mine
-    return found
+    """(F,) faces of materials, vertex colours and single texels that cover little of the asset, in several pieces."""
+    look, areas = looks(scene), mesh.surface().areas
+    one, other, _ = edge_table(mesh.faces).pairs()
+    joined = look[one // 3] == look[other // 3]
+    piece = connected(len(mesh.faces), one[joined] // 3, other[joined] // 3)
+    pieces = np.bincount(look[np.unique(piece, return_index=True)[1]], minlength=look.max() + 1)
+    rare = np.bincount(look, areas) < RARE * areas.sum()
+    return np.asarray((rare & (pieces >= SEVERAL))[look])
 
 
 def by_order(scene: Scene, mesh: Mesh) -> Bool:

@@ -20,7 +20,7 @@ from core.geometry.surface import MODEL_SIZE, Surface
 from core.gltf.scene import Scene, scene_of
 from core.lab.attacks.attack import ATTACKS
 from core.lab.attacks.ladder import LADDER
-from core.lab.attacks.letters import materials
+from core.lab.attacks.letters import looks
 from core.lab.attacks.target import Attacked, Target, letter_faces, whole
 from core.lab.baselines import STRATEGIES
 from core.lab.baselines.invisible import LENGTH, bit_accuracy, embed, extract
@@ -257,9 +257,9 @@ class AssetBench:
         if scene is None or source is None:
             return None
         letter = letter_faces(trial.marked.mesh, self._prepared.index)
-        material = materials(scene)
+        look = looks(scene)
         # The ground has faces off the original, too, in the trenches: what no face on it has is the letters' own.
-        own = letter & ~np.isin(material, material[~letter])
+        own = letter & ~np.isin(look, look[~letter])
         return np.where(source >= 0, own[source], False) if own.any() else None
 
     def _stolen(

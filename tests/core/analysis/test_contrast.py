@@ -18,10 +18,9 @@ from core.analysis.contrast import (
     stands_out,
     unreadable_codes,
 )
-from core.analysis.texture import cielab, from_cielab
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
-from core.gltf.colors import hex_linear, hex_srgb
+from core.gltf.colors import cielab, from_cielab, hex_linear, hex_srgb
 from core.gltf.edit import Style
 from core.gltf.scene import Scene, scene_of
 from core.notices import NoticeCode
