@@ -55,7 +55,7 @@ class Tint:
     """The colour of letters in the source's own primitive and material.
 
     Attributes:
-        color: (3,) linear, 0 to 1: their COLOR_0.
+        color: (3,) linear, 0 to 1: their COLOR_0; in steps of 1/255 where that is in 8 bits.
         uv: (2,) their texture coordinates, as the attribute stores them; None without a texture.
         moved: the material's factor is darker than the letters: it goes into the vertex colours of the primitive.
         error: CIELAB distance of what is reached from what was asked for.
@@ -112,9 +112,9 @@ class Tints:
         That is where more than the base colour decides what is seen (emission, transparency, mirrors, variants), and
         where no patch of the texture can be made to look like the colour.
         """
-        if style.glows or not self._is_plain(primitive):
-            return None
         material, uv = primitive.material, None
+        if (style.glows and not material.unlit) or not self._is_plain(primitive):
+            return None
         if material.texture is not None:
             uv = primitive.attributes.get(f"TEXCOORD_{material.uv_set}", -1)
         return self._tint(material, uv, str(style.color))
@@ -167,6 +167,7 @@ class Tints:
         for moved in (False,) if fixed else (False, True):
             ground = found.color * (1.0 if moved else np.clip(material.color[:3], 0, 1))
             share = np.divide(wanted, ground, out=np.ones_like(ground), where=ground > wanted)
+            share = share if moved else np.round(share * 255) / 255  # 8 bits, as they are written
             error = np.linalg.norm(cielab(share * ground) - asked, axis=1)
             # Of those that come as near as the nearest does, the patch that needs the least tint.
             alike = np.flatnonzero(error <= error.min() + ALIKE)

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -163,16 +164,17 @@ class _Rows:
 
 
 def _rows(document: Document, cut: CutPrimitives, deep: bool) -> _Rows:
-    """The rows of cut primitives; vertex colours in 16 bits where they must be ``deep``."""
+    """The rows of cut primitives. New vertex colours have 8 bits, for white ground needs no more; where they must be
+    ``deep``, 16."""
     new = np.flatnonzero((cut.original < 0) | (cut.wall & has_normals(cut)))
     _, representative, label = np.unique(row_labels(cut, new), return_index=True, return_inverse=True)
-    corners, count = cut.original.copy(), document.entry("accessors", cut.maps[0]["POSITION"])["count"]
-    corners[new] = count + label
+    corners, length = cut.original.copy(), document.entry("accessors", cut.maps[0]["POSITION"])["count"]
+    corners[new] = length + label
     values = []
     for attributes, added in zip(cut.maps, cut.values, strict=True):
         columns = {}
         for name, values_there in added.items():
-            normalized, old = True, np.full((count, 4), 255, dtype=np.uint8)
+            normalized, old = True, np.full((length, 4), 255, dtype=np.uint8)
             if name in attributes:
                 old = read_rows(document, name, attributes[name])
                 normalized = document.entry("accessors", attributes[name]).get("normalized", False)
@@ -182,7 +184,7 @@ def _rows(document: Document, cut: CutPrimitives, deep: bool) -> _Rows:
             rows = encode(values_there[new[representative]], old.dtype, normalized)
             columns[name] = np.concatenate([old, rows])
         values.append({name: columns[name] for name in (*attributes, *(columns.keys() - attributes.keys()))})
-    return _Rows(values, corners, values[0]["POSITION"].astype(np.float64), count)
+    return _Rows(values, corners, values[0]["POSITION"].astype(np.float64), length)
 
 
 def _fractions(colors: NDArray[Any]) -> Float:
@@ -287,12 +289,17 @@ class _Paint:
             self._freed[ground.index] = self._editor.append("materials", source | {"pbrMetallicRoughness": base})
         return self._freed[ground.index]
 
+    def _named(self, ground: Material) -> dict[str, str]:
+        """A name such as an editor gives a copy of ``ground``, if that has one."""
+        taken = {material.get("name") for material in self._editor.json["materials"]} if ground.name else set()
+        number = next(number for number in count(1) if f"{ground.name}.{number:03}" not in taken)
+        return {"name": f"{ground.name}.{number:03}"} if ground.name else {}
+
     def _material(self, ground: Material, style: Style) -> int:
         unlit = ground.unlit
         key = ground.double_sided, unlit, style.glows and not unlit, str(style.color)
         if key not in self._materials:
-            named = {"name": f"{ground.name}.001"} if ground.name else {}
-            self._materials[key] = self._editor.append("materials", named | letter_material(*key))
+            self._materials[key] = self._editor.append("materials", self._named(ground) | letter_material(*key))
             used = self._editor.json.get("extensionsUsed", [])
             if unlit and UNLIT not in used:  # a file may use the extension without declaring it
                 self._editor.json["extensionsUsed"] = [*used, UNLIT]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.format import Format
+from core.gltf.colors import hex_linear
 from core.gltf.document import Document
 from core.gltf.prune import unreferenced_bytes
 from core.gltf.scene import scene_of
@@ -20,6 +21,7 @@ from core.parameters import AUTO_COLORS, Evaluate, Mode, Parameters, Preset, Pro
 from core.pipeline import STAGES, Result, watermark
 from core.report import Report
 from tests.core.artwork.fontsmith import SQUARE, make_font
+from tests.core.gltf.edited import colors_of_corners
 from tests.core.gltf.ktx2_samples import UASTC
 from tests.core.rendering.glb import CORNERS, CUBE_FACES, GlbWriter, plain
 from tests.validator import error_counts
@@ -155,23 +157,25 @@ def test_a_full_report_has_all_eight_metrics_of_the_paper_and_what_each_of_them_
     assert all(0 <= mark["saliency"] <= 1 for mark in report["watermarks"])
 
 
-def test_letters_with_a_colour_are_a_primitive_of_their_own() -> None:
+def test_letters_with_a_colour_have_no_primitive_and_no_material_of_their_own() -> None:
     result = watermark(SPOT.read_bytes(), UNMEASURED.model_copy(update={"color": "#d02020"}), preview=False)
-    document = Document.from_glb(result.model)
-    primitives = document.json["meshes"][0]["primitives"]
-    assert len(primitives) == 2
-    material = document.json["materials"][primitives[1]["material"]]
-    assert material["pbrMetallicRoughness"]["baseColorFactor"] == pytest.approx([0.6308, 0.0144, 0.0144, 1], abs=1e-3)
+    before, document = Document.from_glb(SPOT.read_bytes()), Document.from_glb(result.model)
+    assert len(document.json["meshes"][0]["primitives"]) == 1
+    assert document.json["materials"] == before.json["materials"]
+    assert {mark["colored_by"] for mark in result.report["watermarks"]} == {"texel"}
+    assert all(mark["color_error"] < 1 for mark in result.report["watermarks"])
     assert not error_counts(result.model)
+    scene = scene_of(result.model)
+    shown = colors_of_corners(scene)
+    red = (np.abs(shown - hex_linear("#d02020")) < 0.01).all(axis=2).all(axis=1)
+    assert 0.0005 < scene.surface.areas[red].sum() / scene.surface.areas.sum() < 0.1, "letters, and nothing but"
 
 
-def test_letters_of_chosen_colours_are_no_metal_and_the_same_every_time() -> None:
+def test_letters_of_chosen_colours_are_the_same_every_time() -> None:
     first, second = (watermark(SPOT.read_bytes(), UNMEASURED, preview=False) for _ in range(2))
     assert first.model == second.model
     assert first.report["parameters"]["color"] == "auto"
     assert all(mark["color"] in AUTO_COLORS and mark["contrast"] > 30 for mark in first.report["watermarks"])
-    letters = Document.from_glb(first.model).json["materials"][1:]
-    assert {material["pbrMetallicRoughness"]["metallicFactor"] for material in letters} == {0.0}
 
 
 def test_letters_that_no_light_would_show_get_a_colour_by_themselves() -> None:
@@ -185,12 +189,13 @@ def test_letters_that_no_light_would_show_get_a_colour_by_themselves() -> None:
     colors = [(mark["color"], mark["center"][0] > 2.5) for mark in result.report["watermarks"]]
     assert {color is not None for color, is_unlit in colors if is_unlit} == {True}
     assert {color for color, is_unlit in colors if not is_unlit} == {None}
+    assert {mark["colored_by"] for mark in result.report["watermarks"]} == {None, "vertex_colors"}
     document = Document.from_glb(result.model)
-    letters = document.json["materials"][2:]
-    assert letters
-    for material in letters:
-        assert "KHR_materials_unlit" in material["extensions"]
-        assert max(material["pbrMetallicRoughness"]["baseColorFactor"][:3]) < 0.1
+    assert len(document.json["materials"]) == 2
+    lit, unlit = (mesh["primitives"][0]["attributes"] for mesh in document.json["meshes"])
+    assert "COLOR_0" not in lit
+    assert colors_of_corners(scene_of(result.model)).min() < 0.1
+    assert "COLOR_0" in unlit
     assert not error_counts(result.model)
 
 

@@ -129,26 +129,52 @@ def _added_draws(before: Document, after: Document) -> int:
 
 def _compare_primitive(before: Document, after: Document, old: Json, new: Json) -> bool:
     """Material, extras and kinds of attributes stay; the triangles that are left are old ones, to the last bit of
-    every attribute and target. Returns whether all are left, in their old order."""
-    assert old.get("material") == new.get("material")
+    every attribute and target. Returns whether all are left, in their old order.
+
+    Where letters have a colour, vertex colours may be new: white on the ground, or the factor of its material, if that
+    is a copy without it."""
+    factor = _factor_taken(before, after, old, new)
     assert old.get("extras") == new.get("extras")
-    assert list(old["attributes"]) == list(new["attributes"])
+    assert [name for name in new["attributes"] if name not in old["attributes"]] in ([], ["COLOR_0"])
+    assert list(old["attributes"]) == [name for name in new["attributes"] if name in old["attributes"]]
     assert [list(target) for target in old.get("targets", [])] == [list(target) for target in new.get("targets", [])]
-    was, now = _corners(before, old), _corners(after, new)
+    was, now = _corners(before, old, old, factor), _corners(after, new, old)
     if np.array_equal(was, now):
         return True
     if old.get("mode", 4) == 4:
         known, left = set(_triangles(was)), _triangles(now)
         kept = [triangle for triangle in left if triangle in known]
         assert len(set(kept)) >= 0.25 * len(known)
+    if "COLOR_0" not in old["attributes"] and "COLOR_0" in new["attributes"]:
+        colors = _values(after, new["attributes"]["COLOR_0"])[:, :3]
+        assert (np.abs(colors - factor) < 1e-4).all(axis=1).mean() > 0.25, "the ground"
     return False
 
 
-def _corners(document: Document, primitive: Json) -> NDArray[np.float32]:
-    """(C, n) all attributes and targets of the corners of a primitive, in the order it draws them."""
-    maps = (primitive["attributes"], *primitive.get("targets", []))
-    columns = [_values(document, number) for attributes in maps for number in attributes.values()]
-    rows = np.hstack([column.reshape(len(column), -1) for column in columns]).astype(np.float32) + 0.0
+def _factor_taken(before: Document, after: Document, old: Json, new: Json) -> NDArray[np.float64]:
+    """The factor (3,) that went from a material into vertex colours; 1 where the material is the same."""
+    if old.get("material") == new.get("material"):
+        return np.ones(3)
+    source, copy = (json["materials"][part["material"]] for json, part in ((before.json, old), (after.json, new)))
+    factor = source["pbrMetallicRoughness"]["baseColorFactor"]
+    plain = {"baseColorFactor": [1.0, 1.0, 1.0, factor[3]]}
+    assert copy == source | {"pbrMetallicRoughness": source["pbrMetallicRoughness"] | plain}
+    return np.array(factor[:3])
+
+
+def _corners(document: Document, primitive: Json, like: Json, factor: Any = 1.0) -> NDArray[np.float32]:
+    """(C, n) all attributes that a primitive ``like`` it has, and all targets, of its corners in the order it draws
+    them; vertex colours times ``factor``."""
+    columns = []
+    for attributes in (primitive["attributes"], *primitive.get("targets", [])):
+        for name, number in attributes.items():
+            if attributes is primitive["attributes"] and name not in like["attributes"]:
+                continue
+            column = _values(document, number)
+            if name == "COLOR_0":
+                column[:, :3] = np.round(column[:, :3] * factor, 4)
+            columns.append(column.reshape(len(column), -1))
+    rows = np.hstack(columns).astype(np.float32) + 0.0
     return rows[read_accessor(document, primitive["indices"])] if "indices" in primitive else rows
 
 

@@ -5,11 +5,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from core.analysis.color import base_color
 from core.gltf.accessors import dequantize, read_accessor
 from core.gltf.document import Document
 from core.gltf.edit import Kind, Style
 from core.gltf.prune import unreferenced_bytes
-from core.gltf.scene import flatten
+from core.gltf.scene import Scene, flatten
 from core.gltf.write import write
 from tests.core.gltf.builder import QUAD, QUAD_FACES, Builder
 from tests.core.gltf.edits import centroid_split
@@ -54,3 +55,10 @@ def quad(indices: ArrayLike = QUAD_FACES, **attributes: tuple[ArrayLike, str, bo
         for name, (values, dtype, normalized) in attributes.items()
     }
     return builder.document(meshes=[{"primitives": [builder.primitive(QUAD, indices, **added)]}])
+
+
+def colors_of_corners(scene: Scene) -> NDArray[np.float64]:
+    """(F, 3, 3) linear RGB that a viewer shows in full light at the corners of each face."""
+    surface = scene.surface
+    points = surface.positions[surface.faces].reshape(-1, 3)
+    return base_color(scene, surface, points, np.repeat(np.arange(len(surface.faces)), 3)).reshape(-1, 3, 3)

@@ -19,6 +19,7 @@ from tests.core.gltf.edits import centroid_split
 from tests.validator import error_counts
 
 SURFACE, CAP, WALL = Kind.SURFACE, Kind.CAP, Kind.WALL
+LIT: dict[str, Any] = {"emissiveFactor": [0.1, 0.1, 0.1]}  # vertex colours would not change what it gives off
 pytestmark = pytest.mark.usefixtures("in_file_order")
 
 
@@ -294,7 +295,7 @@ def test_letters_in_colour_become_a_primitive_with_a_material_of_their_own() -> 
     assert (len(indices(result, 0)), len(indices(result, 1))) == (3, 3)
     material = result.json["materials"][letters["material"]]
     assert material["doubleSided"] is True
-    assert "name" not in material, "nothing names what was added"
+    assert material["name"] == "wood.001", "as an editor names a copy"
     np.testing.assert_allclose(
         material["pbrMetallicRoughness"]["baseColorFactor"], [1, 0.215861, 0, 1], atol=1e-6
     )  # sRGB 128 is 21.6% of the light
@@ -302,20 +303,20 @@ def test_letters_in_colour_become_a_primitive_with_a_material_of_their_own() -> 
 
 def test_one_material_serves_all_primitives_of_the_same_sidedness() -> None:
     builder = Builder()
-    primitives = [
-        builder.primitive(np.add(QUAD, number), QUAD_FACES) | ({"material": number} if number < 2 else {})
-        for number in range(3)
-    ]
-    document = builder.document(meshes=[{"primitives": primitives}], materials=[{}, {"doubleSided": True}])
+    primitives = [builder.primitive(np.add(QUAD, number), QUAD_FACES) | {"material": number} for number in range(3)]
+    materials = [LIT, LIT | {"doubleSided": True}, LIT]
+    document = builder.document(meshes=[{"primitives": primitives}], materials=materials)
     result = edited(document, [0, 2, 4], [CAP, CAP, WALL], color="#000000")
-    assert [primitive.get("material") for primitive in primitives_of(result)] == [0, 1, None, 2, 3, 2]
-    assert len(result.json["materials"]) == 4
+    assert [primitive.get("material") for primitive in primitives_of(result)] == [0, 1, 2, 3, 4, 3]
+    assert len(result.json["materials"]) == 5
 
 
 def test_a_primitive_that_is_all_letters_is_replaced_by_them() -> None:
-    result = edited(quad(), [0, 1], [CAP, CAP], color="#00ff00")
-    assert len(primitives_of(result)) == 1
-    assert primitives_of(result)[0]["material"] == 0
+    document = quad()
+    document.json["materials"] = [LIT]
+    primitives_of(document)[0]["material"] = 0
+    result = edited(document, [0, 1], [CAP, CAP], color="#00ff00")
+    assert [primitive["material"] for primitive in primitives_of(result)] == [1]
 
 
 def test_a_buffer_in_a_data_uri_becomes_the_bin_chunk() -> None:

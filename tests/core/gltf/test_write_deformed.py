@@ -107,12 +107,17 @@ def _morphing(sparse: bool) -> Document:
 
 
 @pytest.mark.parametrize("sparse", [False, True])
+@pytest.mark.parametrize("lit", [False, True])
 @pytest.mark.parametrize("color", [None, "#ff0000"])
-def test_morph_targets_reach_the_new_vertices_of_every_primitive(sparse: bool, color: str | None) -> None:
-    scene = flatten(_morphing(sparse))
+def test_morph_targets_reach_the_new_vertices_of_every_primitive(sparse: bool, lit: bool, color: str | None) -> None:
+    document = _morphing(sparse)
+    if lit:
+        document.json["materials"] = [{"emissiveFactor": [0.1, 0.1, 0.1]}]
+        primitives_of(document)[0]["material"] = 0
+    scene = flatten(document)
     edit = centroid_split(scene, [0, 1], [SURFACE, CAP], lift=0.0)
-    result = edited(_morphing(sparse), [0, 1], [SURFACE, CAP], color=color)
-    assert [len(primitive["targets"]) for primitive in primitives_of(result)] == [2] * (2 if color else 1)
+    result = edited(document, [0, 1], [SURFACE, CAP], color=color)
+    assert [len(primitive["targets"]) for primitive in primitives_of(result)] == [2] * (2 if lit and color else 1)
     moved = [read_accessor(result, part["targets"][0]["POSITION"]) for part in primitives_of(result)]
     centroids = np.concatenate([delta[(delta != 0).any(axis=1) & (delta[:, 2] < 3)] for delta in moved])
     np.testing.assert_allclose(centroids, [[0, 0, 1]] * 2, atol=1e-6)

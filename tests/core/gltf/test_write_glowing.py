@@ -36,7 +36,7 @@ def material_of_letters(document: Document) -> dict[str, Any]:
 
 @pytest.mark.parametrize("declared", [True, False])
 def test_letters_of_an_unlit_source_are_unlit(declared: bool) -> None:
-    document = letters({"extensions": {UNLIT: {}}}, declared=declared)
+    document = letters({"extensions": {UNLIT: {}}, "alphaMode": "MASK"}, declared=declared)
     material = material_of_letters(document)
     assert material["extensions"] == {UNLIT: {}}
     np.testing.assert_allclose(material["pbrMetallicRoughness"]["baseColorFactor"], [1, 0.215861, 0, 1], atol=1e-6)
@@ -57,15 +57,16 @@ def test_letters_that_glow_give_their_colour_off_as_light_and_reflect_none() -> 
 
 
 def test_unlit_letters_need_no_light_of_their_own() -> None:
-    assert "emissiveFactor" not in material_of_letters(letters({"extensions": {UNLIT: {}}}, True))
+    source = {"extensions": {UNLIT: {}}, "alphaMode": "MASK"}
+    assert "emissiveFactor" not in material_of_letters(letters(source, True))
 
 
 def test_marks_of_one_colour_share_a_material_only_where_both_glow() -> None:
     builder = Builder()
-    mesh = {"primitives": [builder.primitive(QUAD, QUAD_FACES)]}
-    scene = flatten(builder.document(meshes=[mesh]))
+    mesh = {"primitives": [builder.primitive(QUAD, QUAD_FACES) | {"material": 0}]}
+    scene = flatten(builder.document(meshes=[mesh], materials=[{"alphaMode": "BLEND"}]))
     edit = centroid_split(scene, [0, 1], [Kind.CAP, Kind.CAP])
     edit.mark[:] = np.searchsorted([0, 1], edit.source_face)
     result = Document.from_glb(write(scene, edit, [Style("#ff8000"), Style("#ff8000", glows=True)]))
-    assert [primitive.get("material") for primitive in primitives_of(result)] == [0, 1]
-    assert ["emissiveFactor" in material for material in result.json["materials"]] == [False, True]
+    assert [primitive.get("material") for primitive in primitives_of(result)] == [1, 2]
+    assert ["emissiveFactor" in material for material in result.json["materials"][1:]] == [False, True]
