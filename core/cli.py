@@ -56,7 +56,6 @@ def _add_apply(commands: Commands) -> None:
     apply.add_argument("--preview", type=Path, metavar="P.png", help="render eight views here")
     apply.add_argument("--preset", choices=[preset.value for preset in Preset], default=Preset.MERCHANDISE.value)
     apply.add_argument("--mode", choices=[mode.value for mode in Mode], default=Mode.EMBOSS.value)
-    apply.add_argument("--size", type=float, metavar="W", help="text width where the asset's largest side is 30")
     apply.add_argument("--relief", type=float, metavar="H", help="height of the letters, in the same units")
     apply.add_argument("--count", type=int, metavar="N", help="the most watermarks to place")
     apply.add_argument(

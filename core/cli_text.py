@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from core.parameters import Align, Direction, LogoPosition, Profile, Wrap
+from core.parameters import Align, Direction, LogoPosition, Profile, Strength, Wrap
 
 
 def add_text_options(command: argparse.ArgumentParser) -> None:
@@ -24,6 +24,14 @@ def add_text_options(command: argparse.ArgumentParser) -> None:
         choices=[profile.value for profile in Profile],
         help="letters that rise smoothly, or with level tops and edges (default: the preset's)",
     )
+    command.add_argument(
+        "--strength",
+        choices=[strength.value for strength in Strength],
+        default=Strength.STANDARD.value,
+        help="size and number of the marks: few small ones to large ones (default %(default)s)",
+    )
+    command.add_argument("--size", type=float, metavar="W", help="greatest text width; the asset's largest side is 30")
+    command.add_argument("--size-exact", action="store_true", default=None, help="all marks as wide as --size")
     command.add_argument("--logo", type=Path, help="an SVG file, alone or beside the text")
     command.add_argument("--qr", metavar="URL", help="a QR code in place of a logo")
     command.add_argument(

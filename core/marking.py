@@ -187,20 +187,23 @@ def emboss(asset: Asset, candidates: Candidates, run: Run) -> Embossed:
     done = emboss_marks(mesh, context, candidates.placement, letters, candidates.rng, run.progress)
     highest = context.layouts.line_height(np.concatenate([mark.box.size for mark in done.marks.values()])).max()
     if highest < legible_height(bool(parameters.palette)) * (1 - 1e-6):
-        run.notices.append(_small(highest, context.layouts, parameters.size))
+        widest = max(float(mark.box.size[0, 0]) for mark in done.marks.values())
+        capped = parameters.size is not None and widest >= parameters.size * (1 - 1e-6)
+        run.notices.append(_small(highest, context.layouts, capped))
     return Embossed(mesh, letters, done.placement, done.marks, done.refusals)
 
 
-def _small(highest: float, layouts: Layouts, size: float | None) -> Notice:
-    """The notice that no text reads well, whose lines, or a logo, whose details are so high at most (size-30 units)."""
+def _small(highest: float, layouts: Layouts, capped: bool) -> Notice:
+    """The notice that no text reads well, whose lines, or a logo, whose details are so high at most (size-30 units);
+    ``capped`` where the ``size`` that was asked for allows no more."""
     text = bool(layouts.artworks[0].label)
     use = "use a shorter text" if text else "use a simpler logo"
     return Notice(
         NoticeCode.SMALL_TEXT,
         f"No {'text' if text else 'logo'} on this asset reads well: {'the highest is' if text else 'its details are'} "
         f"{highest:.2g} high where the asset's largest side is 30, and legible only from close up."
-        + (" Nothing higher has room." if size is None else ""),
-        f"{use.capitalize()}." if size is None else f"Ask for a larger `size`, or {use}.",
+        + ("" if capped else " Nothing higher has room."),
+        f"Ask for a larger `size`, or {use}." if capped else f"{use.capitalize()}.",
     )
 
 

@@ -114,26 +114,21 @@ class Solver(StrEnum):
     ADAM = "adam"
 
 
-# Text width, relief, number of watermarks, solver, colour, profile. "paper" repeats the supplement's implementation
-# details (extrude strength 0.05, about ten watermarks, Adam). In the other two the relief grows with the text: see
-# `relief_at`.
+# Text width and whether it is the only one, relief, number, solver, colour, profile. "paper" repeats the supplement's
+# implementation details (extrude strength 0.05, about ten watermarks, Adam). In the other two the relief grows with the
+# text: see `relief_at`.
+_OURS = {
+    "size_exact": False,
+    "solver": Solver.LEVENBERG_MARQUARDT,
+    "color": AUTO,
+    "profile": Profile.SOFT,
+}
 PRESETS: dict[Preset, dict[str, Any]] = {
-    Preset.MERCHANDISE: {
-        "size": None,
-        "count": 16,
-        "solver": Solver.LEVENBERG_MARQUARDT,
-        "color": AUTO,
-        "profile": Profile.SOFT,
-    },
-    Preset.PROVENANCE: {
-        "size": 3.0,
-        "count": 4,
-        "solver": Solver.LEVENBERG_MARQUARDT,
-        "color": AUTO,
-        "profile": Profile.SOFT,
-    },
+    Preset.MERCHANDISE: _OURS | {"size": None, "count": 16},
+    Preset.PROVENANCE: _OURS | {"size": 3.0, "count": 4},
     Preset.PAPER: {
         "size": 5.5,
+        "size_exact": True,
         "relief": 0.05,
         "count": 10,
         "solver": Solver.ADAM,
@@ -235,9 +230,10 @@ class Parameters(StrictModel):
         Field(
             ge=MIN_SIZE,
             le=30.0,
-            description="Text width where the asset's largest side is 30; null: the largest that fits.",
+            description="Text width where the asset's largest side is 30, at most; null: as wide as reads well.",
         ),
     ] = None
+    size_exact: Annotated[bool | None, Field(description="All marks as wide as `size`; null: the preset's.")] = None
     relief: Annotated[
         float | None,
         Field(
@@ -311,8 +307,9 @@ class Parameters(StrictModel):
         return value
 
     def require_content(self, logo: bool) -> None:
-        """Refuse a request for nothing: without a text, a QR code and a ``logo``; for both a QR code and a logo; for a
-        code with a soft profile; for another strength than the paper's; or for the place of a logo that is not there.
+        """Refuse a request for nothing, without a text, a QR code and a ``logo``; for both a QR code and a logo; for a
+        code with a soft profile; for an exact size that is not given; for another strength than the paper's; or for the
+        place of a logo that is not there.
 
         Raises:
             MeshmarkError: ``empty_text``, ``invalid_parameters``.
@@ -334,6 +331,12 @@ class Parameters(StrictModel):
                 ErrorCode.INVALID_PARAMETERS,
                 'The request has `qr` and a `profile` of "soft", which would round the modules of the code.',
                 'Leave `profile` out, or send "flat".',
+            )
+        if self.size_exact and self.resolved().size is None:
+            raise MeshmarkError(
+                ErrorCode.INVALID_PARAMETERS,
+                "The request has `size_exact`, but no `size` that all marks should have.",
+                "Send a `size`, or leave `size_exact` out.",
             )
         if self.preset is Preset.PAPER and self.strength is not Strength.STANDARD:
             raise MeshmarkError(

@@ -198,10 +198,11 @@ def _over(boxes: Boxes, obstacles: tuple[Float, Float], same_side: float) -> set
 def _nothing_embossed(refusals: Counter[str], context: PlacementContext) -> MeshmarkError:
     worst, times = refusals.most_common(1)[0]
     reason, remedy = EXPLAINED[Refusal(worst)]
-    tried = refusals.total()
+    tried, asked = refusals.total(), context.parameters
+    width = asked.size if asked.size_exact else None
     return MeshmarkError(
         ErrorCode.NO_PLACEMENT,
         f"The {subject(context.layouts)} could not be cut into any of the {tried} places found, "
         f"{'' if times == tried else f'most of them ({times}) '}because {reason}.",
-        remedy.format(smaller=smaller(context.layouts, context.parameters.size)),
+        remedy.format(smaller=smaller(context.layouts, width)),
     )

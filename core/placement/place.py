@@ -38,15 +38,27 @@ def ladder(line_height: float, options: SearchOptions = SEARCH, least: float = 0
     return kept if len(kept) == len(widths) else [*kept, least]
 
 
+def up_to(most: float | None, widths: list[float], options: SearchOptions = SEARCH) -> list[float]:
+    """The ``widths`` with ``most`` in the place of wider ones; where it is the widest, some between are tried, too."""
+    if most is None:
+        return widths
+    wider = widths[:1]
+    while wider[0] * options.narrower < most:
+        wider.insert(0, wider[0] * options.narrower)
+    return [most, *(width for width in [*wider[:-1], *widths] if width < most)]
+
+
 def _steps(context: PlacementContext) -> list[Step]:
     """Layouts and widths to try for the request, those with the highest lines first.
 
     Raises:
         MeshmarkError: ``no_placement`` where there is less surface than any text covers.
     """
-    asked, artworks, search = context.parameters.size, context.layouts.artworks, context.options.search
+    asked, artworks, search = context.parameters, context.layouts.artworks, context.options.search
     ladders = [
-        [asked] if asked is not None else ladder(artwork.line_height, search, artwork.least_width)
+        [asked.size]
+        if asked.size is not None and asked.size_exact
+        else up_to(asked.size, ladder(artwork.line_height, search, artwork.least_width), search)
         for artwork in artworks
     ]
     # Letters need as much surface as they cover. An asset with less consists of needles, on which searches for the
@@ -83,11 +95,11 @@ def place(
 ) -> Placement:
     """All boxes that may carry the text; :func:`core.placement.selection.select` picks among them.
 
-    With no ``size`` asked for, five heights of a line are tried from the highest on, in each layout of the text, then
-    one that is legible only from close up, each only for the directions that higher text covers worse than it could. It
-    ends where there are none, and where all marks that were asked for have their places and the last height changed
-    none of them. Lower text is tried where nothing was found. Then the chosen marks are widened as far as their places
-    have room.
+    Unless a ``size`` is asked for exactly, five heights of a line are tried from the highest on, in each layout of the
+    text and none wider than it, then one that is legible only from close up, each only for the directions that higher
+    text covers worse than it could. It ends where there are none, and where all marks that were asked for have their
+    places and the last height changed none of them. Lower text is tried where nothing was found. Then the chosen marks
+    are widened as far as their places have room.
 
     Args:
         context: the shared inputs.

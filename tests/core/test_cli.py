@@ -24,7 +24,7 @@ def test_apply_writes_the_model_the_report_and_the_preview(tmp_path: Path, capsy
             *("apply", str(SPOT), str(model), "--text", "watermark", "--count", "2", "--color", "#00ff00"),
             *("--report", str(report), "--preview", str(preview), "--font", str(font), "--seed", "5"),
             *("--mode", "deboss", "--size", "3", "--relief", "0.1", "--preset", "provenance"),
-            *("--evaluate", "geometry"),
+            *("--evaluate", "geometry", "--strength", "strong", "--size-exact"),
         ]
     )
     assert status == 0
@@ -32,6 +32,7 @@ def test_apply_writes_the_model_the_report_and_the_preview(tmp_path: Path, capsy
     assert preview.read_bytes().startswith(b"\x89PNG")
     written = json.loads(report.read_text())
     asked = {"text": "watermark", "count": 2, "color": "#00ff00", "seed": 5, "mode": "deboss", "size": 3.0}
+    asked |= {"strength": "strong", "size_exact": True}
     assert asked.items() <= written["parameters"].items()
     assert "2 watermarks" in capsys.readouterr().out
 

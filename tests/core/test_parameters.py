@@ -71,6 +71,18 @@ def test_a_strength_takes_the_place_of_a_presets_width_and_the_papers_has_none_b
     assert caught.value.code is ErrorCode.INVALID_PARAMETERS
 
 
+def test_a_size_is_the_widest_but_the_papers_the_only_one_and_an_exact_one_must_be_given() -> None:
+    exact = {preset: Parameters(text="a", preset=preset).resolved().size_exact for preset in Preset}
+    assert exact == {Preset.MERCHANDISE: False, Preset.PROVENANCE: False, Preset.PAPER: True}
+    assert Parameters(text="a", preset=Preset.PAPER, size=4.0).resolved().size_exact
+    assert not Parameters(text="a", preset=Preset.PAPER, size_exact=False).resolved().size_exact
+    Parameters(text="a", size=4.0, size_exact=True).require_content(logo=False)
+    Parameters(text="a", preset=Preset.PROVENANCE, size_exact=True).require_content(logo=False)
+    with pytest.raises(MeshmarkError, match="size_exact") as caught:
+        Parameters(text="a", size_exact=True).require_content(logo=False)
+    assert caught.value.code is ErrorCode.INVALID_PARAMETERS
+
+
 def test_relief_grows_with_the_text_unless_it_is_given_and_is_negative_when_sunken() -> None:
     assert Parameters(text="a").relief_at(0.7) == pytest.approx(0.158 * 0.7)
     assert Parameters(text="a", mode=Mode.DEBOSS).relief_at(0.25) == pytest.approx(-0.158 * 0.25)

@@ -296,7 +296,7 @@ def test_the_report_names_the_fonts_and_warns_where_the_one_that_was_sent_did_no
 
 
 def test_what_is_asked_for_is_what_is_done() -> None:
-    asked = Parameters(text="Hi", size=2.5, relief=0.3, count=2, evaluate=Evaluate.NONE)
+    asked = Parameters(text="Hi", size=2.5, size_exact=True, relief=0.3, count=2, evaluate=Evaluate.NONE)
     report = watermark(SPOT.read_bytes(), asked, preview=False).report
     scale = report["units"]["scale"]
     assert len(report["watermarks"]) == 2

@@ -38,6 +38,7 @@ from tests.manual import MANUAL, README, ROOT, command_lines, names, page, rows
 from tests.service.conftest import Client
 
 EVERYTHING = "\n".join(path.read_text() for path in (README, *sorted(MANUAL.glob("*.md"))))
+SAID: dict[object, str] = {None: "null", True: "true", False: "false"}  # values that JSON writes in another way
 
 
 def test_the_table_of_settings_is_that_of_the_service() -> None:
@@ -67,9 +68,9 @@ def test_the_table_of_parameters_names_each_with_its_default_its_bounds_and_its_
 
 
 def test_the_table_of_presets_is_that_of_the_engine() -> None:
-    keys = ("size", "relief", "count", "color", "profile", "solver")
+    keys = ("size", "size_exact", "relief", "count", "color", "profile", "solver")
     expected = [
-        [preset.value, *("null" if values.get(key) is None else str(values[key]) for key in keys)]
+        [preset.value, *(SAID.get(values.get(key), str(values.get(key))) for key in keys)]
         for preset, values in PRESETS.items()
     ]
     assert [[cell.strip("`") for cell in row] for row in rows("parameters", "Presets")] == expected

@@ -108,7 +108,12 @@ class AssetBench:
             self._prepared: Prepared = prepare(data, options.text, seed)
         self._mesh = plain(self._prepared.surface)
         self._parameters = Parameters(
-            text=options.text, size=options.size, relief=options.relief, color=options.color or NO_COLOR, seed=seed
+            text=options.text,
+            size=options.size,
+            size_exact=options.size is not None,
+            relief=options.relief,
+            color=options.color or NO_COLOR,
+            seed=seed,
         )
 
     def facts(self) -> Row:

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from core.placement.filters import overlapping
 from core.placement.legibility import legible_height
 from core.placement.objective import Placement
 from core.placement.options import SEARCH, SearchOptions
-from core.placement.place import ladder, place, search_again
+from core.placement.place import ladder, place, search_again, up_to
 from core.placement.selection import select
 from tests.core.formats.meshes import MESHES
 from tests.core.placement.shapes import carrier, cuboid, inside_out, join, layouts, moved, plane, sphere, surface
@@ -117,10 +118,32 @@ def test_strong_marks_are_larger_than_usual_ones_and_discreet_ones_smaller_and_f
     assert widest[Strength.STRONG] > 1.5 * WIDTHS[0]
 
 
-def test_a_size_that_is_asked_for_is_the_only_one_used() -> None:
-    found = placed(cuboid(30, 30, 30), aspect=0.25, size=7.0)
+def test_a_size_that_is_asked_for_exactly_is_the_only_one_used() -> None:
+    found = placed(cuboid(30, 30, 30), aspect=0.25, size=7.0, size_exact=True)
     assert np.all(found.boxes.size[:, 0] == 7.0)
     assert np.all(found.boxes.size[:, 1] == 1.75)
+
+
+@pytest.mark.parametrize(("size", "strength"), [(3.0, "standard"), (10.0, "standard"), (20.0, "strong")])
+def test_a_size_that_is_asked_for_is_the_widest_and_narrower_text_stands_where_it_does_not_fit(
+    size: float, strength: str
+) -> None:
+    room = join(cuboid(30, 14, 2), moved(cuboid(2.2, 12, 2.2), shift=(0, 13, 0)))
+    found = placed(room, size=size, strength=strength)
+    widths = found.boxes.size[list(found.start), 0]
+    assert widths.max() == pytest.approx(size)
+    assert widths.min() < size
+
+
+def test_the_widths_below_the_one_that_is_asked_for_are_the_usual_ones() -> None:
+    assert up_to(None, WIDTHS) == WIDTHS
+    assert up_to(WIDTHS[1], WIDTHS) == WIDTHS[1:]
+    between = (WIDTHS[1] + WIDTHS[2]) / 2
+    assert up_to(between, WIDTHS) == [between, *WIDTHS[2:]]
+    wide = up_to(20.0, WIDTHS)
+    assert wide[0] == 20.0
+    assert wide[-len(WIDTHS) :] == WIDTHS
+    assert all(narrow < width <= 1.51 * narrow for width, narrow in pairwise(wide[: -len(WIDTHS) + 1]))
 
 
 def test_parts_too_narrow_for_wide_text_get_narrower_text() -> None:
@@ -132,7 +155,7 @@ def test_parts_too_narrow_for_wide_text_get_narrower_text() -> None:
 
 
 def test_text_as_large_as_a_side_stands_on_both_sides_when_it_is_asked_for() -> None:
-    found = placed(cuboid(30, 14, 2), size=20.0)
+    found = placed(cuboid(30, 14, 2), size=20.0, size_exact=True)
     assert sorted(np.round(found.boxes.axes[list(found.start), 2, 2]).tolist()) == [-1, 1]
 
 
@@ -169,7 +192,7 @@ def test_a_long_text_has_fewer_lines_on_narrow_places_and_is_higher_for_it_on_wi
 
 
 def test_text_of_a_width_that_was_asked_for_has_that_width_in_every_layout() -> None:
-    found = placed(cuboid(30, 30, 30), aspect=0.03, lines=4, size=6.0, color=NO_COLOR)
+    found = placed(cuboid(30, 30, 30), aspect=0.03, lines=4, size=6.0, size_exact=True, color=NO_COLOR)
     assert np.allclose(found.boxes.size[:, 0], 6.0)
     lines = 1 + layouts(0.03, lines=4).of(found.boxes.size[list(found.start)])
     assert np.median(lines) >= 3, "whose lines are higher"
@@ -204,9 +227,9 @@ def test_the_paper_preset_uses_its_samples_and_its_size() -> None:
 
 def test_text_follows_a_body_round_as_far_as_it_stays_readable() -> None:
     head = sphere(7)
-    assert len(placed(head, size=4.8).boxes) > 0
+    assert len(placed(head, size=4.8, size_exact=True).boxes) > 0
     with pytest.raises(MeshmarkError) as caught:
-        placed(head, size=8.0)
+        placed(head, size=8.0, size_exact=True)
     assert "bends away" in caught.value.message
 
 
@@ -230,7 +253,7 @@ def test_letters_are_not_sunk_into_a_wall_thinner_than_they_are_deep(thickness: 
 
 def test_an_asset_without_room_says_how_many_places_were_tried_and_what_was_wrong_with_them() -> None:
     with pytest.raises(MeshmarkError) as caught:
-        placed(cuboid(30, 0.1, 0.1), size=5.5)
+        placed(cuboid(30, 0.1, 0.1), size=5.5, size_exact=True)
     assert caught.value.code is ErrorCode.NO_PLACEMENT
     assert "boxes of width 5.5 were tried" in caught.value.message
     assert "ends under it" in caught.value.message
