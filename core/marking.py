@@ -28,6 +28,7 @@ from core.gltf.tint import Tints
 from core.gltf.validate import is_beside
 from core.gltf.write import write
 from core.notices import Notice, NoticeCode
+from core.parameters import Profile
 from core.stages import Asset, Candidates, Embossed, Output, Run
 
 if TYPE_CHECKING:
@@ -190,6 +191,15 @@ def emboss(asset: Asset, candidates: Candidates, run: Run) -> Embossed:
         widest = max(float(mark.box.size[0, 0]) for mark in done.marks.values())
         capped = parameters.size is not None and widest >= parameters.size * (1 - 1e-6)
         run.notices.append(_small(highest, context.layouts, capped))
+    if flat := sum(mark.cut != "delaunay" for mark in done.marks.values()) if parameters.profile is Profile.SOFT else 0:
+        run.notices.append(
+            Notice(
+                NoticeCode.FLAT_LETTERS,
+                f"{flat} of {len(done.marks)} marks have flat letters: this far from the origin the file's 32-bit "
+                "coordinates are too coarse for the contours of soft ones.",
+                "Move the model to the origin of its own coordinates if letters should be soft.",
+            )
+        )
     return Embossed(mesh, letters, done.placement, done.marks, done.refusals)
 
 

@@ -17,6 +17,7 @@ class NoticeCode(StrEnum):
     LOW_CONTRAST = "low_contrast"
     HARD_TO_READ = "hard_to_read"
     UNREADABLE_QR = "unreadable_qr"
+    FLAT_LETTERS = "flat_letters"
     FONT_SUBSTITUTED = "font_substituted"
     # Why a report has no value of a metric.
     NOT_REQUESTED = "not_requested"

@@ -86,6 +86,8 @@ def emboss(
 ) -> Mark | Refusal:
     """Embosses ``letters`` at the one ``box``, or leaves ``mesh`` exactly as it was and returns the reason.
 
+    Soft letters are flat where the file's coordinates are too coarse for their contours; the mark's ``cut`` says so.
+
     Args:
         mesh: changed in place on success only.
         box: a single box, its width the text's width; size-30 frame.
@@ -112,7 +114,8 @@ def emboss(
             if outcome in FINAL:
                 return outcome
             refusal = outcome
-            continue
+            if refusal is not Refusal.TOO_FINE:
+                continue  # else flat letters, whose triangles are larger, may still be held by the file
         for name, cut in CUTS:
             cuts = _cut_patches(mesh, moved, used, cut, letters.draft)
             outcome = cuts if isinstance(cuts, Refusal) else _lift_letters(mesh, moved, cuts, relief, index, options)

@@ -78,6 +78,21 @@ def test_where_there_is_little_room_a_qr_code_becomes_no_smaller_than_it_can_be_
     assert caught.value.remedy == f"Use a shorter {'text or ' if text else ''}address."
 
 
+def test_letters_are_flat_where_the_files_coordinates_cannot_hold_soft_ones_and_the_report_says_so() -> None:
+    ball = trimesh.creation.icosphere(subdivisions=4)
+    ball.vertices += (1000, 0, 0)
+    asked = Parameters(text="watermark", count=4, evaluate=Evaluate.NONE)
+    report = watermark(ball.export(file_type="glb"), asked, preview=False).report
+    assert {mark["cut"] for mark in report["watermarks"]} == {"split"}
+    (notice,) = report["warnings"]
+    assert notice["code"] == "flat_letters"
+    assert notice["message"].startswith("4 of 4 marks have flat letters: ")
+    ball.vertices += (100_000, 0, 0)
+    with pytest.raises(MeshmarkError, match="32-bit coordinates are too coarse") as caught:
+        watermark(ball.export(file_type="glb"), asked, preview=False)
+    assert "origin" in caught.value.remedy
+
+
 def test_a_logo_that_is_small_everywhere_is_noticed_as_one() -> None:
     plate = trimesh.creation.box(extents=(30.0, 24.0, 2.0)).export(file_type="stl")
     logo = b"<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 9 9'><path d='M0 0h9v9H0z M3 3v3h3V3z'/></svg>"

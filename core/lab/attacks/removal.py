@@ -13,7 +13,8 @@ def removal(mesh: Mesh, target: Target, strength: float = 1.0) -> Attacked:
 
     Args:
         mesh: the watermarked mesh.
-        target: a face is a watermark's if one of its vertices is further than 1e-3 from ``original_index``.
+        target: a face is a letter's if one of its vertices stands out of ``original_index`` by more than 1e-3: see
+            :func:`core.lab.attacks.target.letter_faces`.
         strength: the share of these faces that is found and deleted, in (0, 1]; the rest, drawn at random, stays.
 
     Raises:

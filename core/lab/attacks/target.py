@@ -6,6 +6,7 @@ import numpy as np
 
 from core.arrays import Bool, Float, Int
 from core.geometry.boxes import Boxes
+from core.geometry.edges import edge_table
 from core.geometry.spatial import SpatialIndex
 from core.gltf.scene import Scene
 from core.lab.plain import Mesh
@@ -70,6 +71,14 @@ def diagonal(mesh: Mesh) -> float:
 
 
 def letter_faces(mesh: Mesh, original_index: SpatialIndex) -> Bool:
-    """(F,) bool, the faces of watermarks: those with a vertex further than 1e-3 from the original surface."""
-    distance, _, _ = original_index.closest(mesh.positions)
-    return np.asarray((distance > ON_SURFACE)[mesh.faces].any(axis=1))
+    """(F,) bool, the faces of letters: those with a vertex further than 1e-3 from the original surface, on the side
+    that its mark stands out to most. The trench round smooth letters, on the other side, is ground."""
+    distance, face, point = original_index.closest(mesh.positions)
+    out = np.einsum("vi,vi->v", mesh.positions - point, original_index.normals(face))
+    most = np.where(distance > ON_SURFACE, np.sign(out) * distance, 0)[mesh.faces]
+    part = edge_table(mesh.faces).among(np.asarray(most.any(axis=1))).components()
+    high, low = np.zeros(len(mesh.faces)), np.zeros(len(mesh.faces))
+    np.maximum.at(high, part, most.max(axis=1))
+    np.minimum.at(low, part, most.min(axis=1))
+    side = np.where(high >= -low, 1.0, -1.0)[part]
+    return np.asarray((side[:, None] * most > 0).any(axis=1))

@@ -46,6 +46,20 @@ def test_the_faces_of_a_letter_are_its_walls_and_its_cap() -> None:
     assert embossed().surface().areas[letters].sum() == pytest.approx(4 + 8 * 0.3)
 
 
+@pytest.mark.parametrize("side", [1, -1])
+def test_the_trench_round_smooth_letters_is_ground(side: int) -> None:
+    """A block whose feet lie in a trench a third as deep, raised or sunken."""
+    block = embossed()
+    positions = block.positions.copy()
+    foot = (positions[:, 2] == 0) & (np.abs(positions[:, :2]).max(axis=1) == 1)
+    positions[foot, 2] = -0.1
+    marked = Mesh(positions * (1, 1, side), block.faces)
+    letters = letter_faces(marked, aimed_at_ground().original_index)
+    high = (side * marked.positions[marked.faces][:, :, 2]).max(axis=1) > 0
+    np.testing.assert_array_equal(letters, high)
+    assert 0 < letters.sum() < len(letters)
+
+
 def test_a_letter_that_floats_above_the_surface_leaves_nothing() -> None:
     floating = mesh_of(join(plane(4, 4, cells=4), moved(plane(1, 1), shift=(0, 0, 0.2))))
     rest = removal(floating, aimed_at_ground()).mesh
