@@ -154,7 +154,7 @@ def _add_benchmark(commands: Commands) -> None:
         default=known.methods,
         metavar="M,...",
         help="meshmark, meshmark-default, li, paper, paper-no-curve-matching, paper-no-optimization, "
-        "paper-no-filtering, invisible (default: all); meshmark-flat",
+        "paper-no-filtering, invisible (default: all); meshmark-flat, -discreet, -strong",
     )
     benchmark.add_argument("--counts", type=_numbers, default=known.counts, metavar="N,...", help="default 4,16,32")
     benchmark.add_argument(

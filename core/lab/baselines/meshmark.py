@@ -1,12 +1,14 @@
 """Our own product as a strategy like the baselines."""
 
+from functools import partial
+
 import numpy as np
 
 from core.geometry.boxes import Boxes
 from core.gltf.scene import scene_of
-from core.lab.baselines.strategy import Marked, Prepared
+from core.lab.baselines.strategy import Marked, Prepared, Strategy
 from core.lab.plain import plain
-from core.parameters import Evaluate, Parameters, Profile
+from core.parameters import Evaluate, Parameters, Profile, Strength
 from core.pipeline import run_stages
 from core.placement.options import PlacementOptions
 from core.report import Report
@@ -47,12 +49,18 @@ def meshmark_flat(prepared: Prepared, parameters: Parameters, rng: np.random.Gen
     return meshmark(prepared, parameters.model_copy(update={"profile": Profile.FLAT}), rng)
 
 
-def meshmark_default(prepared: Prepared, parameters: Parameters, rng: np.random.Generator) -> Marked:
-    """:func:`meshmark` as it is when nothing but a text is asked for: of the ``parameters`` only text, count and seed
-    are used, so the letters have colours chosen for each mark.
+def meshmark_default(
+    prepared: Prepared, parameters: Parameters, rng: np.random.Generator, strength: Strength = Strength.STANDARD
+) -> Marked:
+    """:func:`meshmark` as it is when nothing but a text is asked for, at a ``strength``: of the ``parameters`` only
+    text, count and seed are used, so the letters have colours chosen for each mark.
 
     Raises:
         MeshmarkError: as the pipeline.
     """
-    asked = Parameters(text=parameters.text, count=parameters.count, seed=parameters.seed)
+    asked = Parameters(text=parameters.text, count=parameters.count, seed=parameters.seed, strength=strength)
     return meshmark(prepared, asked, rng)
+
+
+meshmark_discreet: Strategy = partial(meshmark_default, strength=Strength.DISCREET)
+meshmark_strong: Strategy = partial(meshmark_default, strength=Strength.STRONG)

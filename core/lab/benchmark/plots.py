@@ -53,6 +53,7 @@ class Curve:
 FIGURES = {
     "trade-off": (Curve("wps", "ss"), Curve("ocr", "smse")),
     "visibility": (Curve("ray", "smse"),),
+    "prominence": (Curve("prominence", "ocr"), Curve("prominence", "smse"), Curve("prominence", "ss")),
 }
 
 

@@ -101,7 +101,7 @@ def report(rows: Sequence[Row], pictures: dict[str, str]) -> str:
         ),
         (
             "Trade-off over the number of watermarks",
-            [tables.trade_off(rows), *_pictures(pictures, "trade-off", "visibility")],
+            [tables.trade_off(rows), *_pictures(pictures, "trade-off", "visibility", "prominence")],
         ),
         (
             f"Run time, {asked}",

@@ -9,6 +9,8 @@ from core.lab.benchmark.rows import Row
 ORDER = (
     "meshmark",
     "meshmark-default",
+    "meshmark-discreet",
+    "meshmark-strong",
     "meshmark-flat",
     "li",
     "paper",

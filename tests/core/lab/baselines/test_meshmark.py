@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from core.lab.attacks.letters import looks
-from core.lab.baselines.meshmark import meshmark, meshmark_default
+from core.lab.baselines.meshmark import meshmark, meshmark_default, meshmark_discreet, meshmark_strong
 from core.parameters import Parameters
 from core.placement.finetune import ADAM, alignment_loss
 from tests.core.lab.baselines.assets import asset, raised, same, wanted
@@ -30,6 +30,15 @@ def test_the_default_product_is_asked_for_a_text_and_a_number_of_marks_only() ->
     assert same(marked.mesh, meshmark(BALL, same_request, np.random.default_rng(0)).mesh)
     assert len(marked.boxes) == 2
     assert marked.boxes.size[0, 0] != pytest.approx(2.0)
+
+
+def test_the_product_at_other_strengths_has_marks_of_their_sizes() -> None:
+    widths = [
+        method(BALL, wanted(4), np.random.default_rng(0)).boxes.size[:, 0]
+        for method in (meshmark_discreet, meshmark_default, meshmark_strong)
+    ]
+    assert [len(each) for each in widths] == [4, 4, 4]
+    assert widths[0].mean() < widths[1].mean() < widths[2].mean()
 
 
 def test_the_file_that_a_user_gets_comes_with_the_plain_mesh() -> None:

@@ -9,6 +9,9 @@ from core.parameters import Mode, Parameters
 from tests.core.lab.baselines.assets import asset, wanted
 from tests.core.shapes import box, grid
 
+# Variants of the product that are asked for a text only, or for another profile.
+OURS = ("meshmark-default", "meshmark-discreet", "meshmark-strong", "meshmark-flat")
+
 
 @pytest.fixture
 def block() -> Prepared:
@@ -52,7 +55,7 @@ def test_without_a_size_the_text_is_as_wide_as_in_the_papers_preset() -> None:
     assert text_width(wanted(4, size=3.0)) == 3.0
 
 
-@pytest.mark.parametrize("name", sorted(set(STRATEGIES) - {*OBJECTIVE_METHODS, "meshmark-default", "meshmark-flat"}))
+@pytest.mark.parametrize("name", sorted(set(STRATEGIES) - {*OBJECTIVE_METHODS, *OURS}))
 def test_sunken_letters_are_refused_by_the_baselines(block: Prepared, name: str) -> None:
     sunken = wanted(4).model_copy(update={"mode": Mode.DEBOSS})
     with pytest.raises(MeshmarkError) as refusal:

@@ -10,7 +10,7 @@ from tests.core.lab.benchmark.test_tables import refused, row
 
 ROWS = [
     row(asset, method, count, wps=0.5 + turn / 50, ss=0.9 - count / 500, ocr=count / 40, smse=count / 1e4, ray=0.9,
-        vertices=1000 * 10**turn, run=0.1 * 4**turn)
+        prominence=count / 800, vertices=1000 * 10**turn, run=0.1 * 4**turn)
     for turn, asset in enumerate(("a", "b", "c"))
     for method in ("meshmark", "li", "paper")
     for count in (4, 16, 32)
@@ -19,7 +19,7 @@ ROWS = [
 
 def test_every_figure_is_written_as_png_and_svg_with_something_on_it(tmp_path: Path) -> None:
     drawn = write_plots(ROWS, tmp_path)
-    assert [path.name for path in drawn] == ["trade-off.png", "visibility.png", "run-time.png"]
+    assert [path.name for path in drawn] == ["trade-off.png", "visibility.png", "prominence.png", "run-time.png"]
     for path in drawn:
         picture = np.asarray(Image.open(path).convert("RGB"))
         assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 50
