@@ -1,19 +1,23 @@
-"""Fillings for the place of letters: flat polygons, or a fair surface."""
+"""Fillings for the place of letters: flat polygons, a plate, or a fair surface."""
 
 import numpy as np
 from manifold3d import triangulate
 from numpy.linalg import LinAlgError
 from scipy.interpolate import RBFInterpolator
+from scipy.sparse import csr_array, diags_array
+from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
 from core.arrays import Bool, Float, Int
-from core.geometry.edges import boundary_edges, edge_table
+from core.geometry.edges import boundary_edges, connected, edge_table
 from core.geometry.products import cross
 from core.geometry.triangles import unit
+from core.lab.attacks.laplacian import laplacian
 from core.lab.plain import Mesh, compact
 
 # Vertices nearest to each of a piece's rim that a plate goes through, and of these that count at a place inside.
 ROUND, NEAREST = 24, 60
+LEAST = 1e-3  # half a cotangent, so that every vertex hangs on its neighbours
 APART, STIFF = 6, 1e-9  # decimals by which places of a plate differ; its smoothing, so that it can be solved
 
 
@@ -39,7 +43,7 @@ def filled_flat(mesh: Mesh, found: Bool) -> tuple[Mesh, Int]:
     return compact(Mesh(mesh.positions, np.concatenate([mesh.faces[kept], fills]))), source
 
 
-def filled_fair(mesh: Mesh, found: Bool) -> Mesh:
+def lowered(mesh: Mesh, found: Bool) -> Mesh:
     """The mesh with the vertices inside the ``found`` faces (F,) moved along the mean normal of their piece, onto the
     thin plate through the vertices round it (Duchon 1977). Pieces without anything round them, or with a straight
     line only, stay as they are."""
@@ -70,6 +74,26 @@ def filled_fair(mesh: Mesh, found: Bool) -> Mesh:
             continue
         lift = height - mesh.positions[inside] @ normal
         positions[inside] += lift[:, None] * normal
+    return Mesh(positions, mesh.faces)
+
+
+def filled_fair(mesh: Mesh, found: Bool) -> Mesh:
+    """The mesh with the vertices inside the ``found`` faces (F,) moved to where the Laplacian of its Laplacian is 0
+    (Botsch and Kobbelt 2004): a surface that goes on from the one round it without an edge. Parts that are found whole
+    stay as they are."""
+    kept = np.zeros(len(mesh.positions), dtype=bool)
+    kept[mesh.faces[~found]] = True
+    edge = mesh.faces[:, [0, 1, 1, 2]].reshape(-1, 2)
+    part = connected(len(mesh.positions), edge[:, 0], edge[:, 1])
+    inside = ~kept & (np.bincount(part, kept)[part] > 0)
+    if not inside.any():
+        return mesh
+    matrix, area = laplacian(mesh, least=LEAST)
+    twice = csr_array(matrix @ diags_array(1 / area) @ matrix)
+    rows = twice[np.flatnonzero(inside)]
+    pull = rows[:, np.flatnonzero(~inside)] @ mesh.positions[~inside]
+    positions = mesh.positions.copy()
+    positions[inside] = splu(rows[:, np.flatnonzero(inside)].tocsc()).solve(-pull)
     return Mesh(positions, mesh.faces)
 
 

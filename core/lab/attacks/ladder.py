@@ -9,7 +9,7 @@ import numpy as np
 
 from core.arrays import Bool, Int
 from core.lab.attacks.attack import Attack
-from core.lab.attacks.fill import filled_fair, filled_flat, grown
+from core.lab.attacks.fill import filled_fair, filled_flat, grown, lowered
 from core.lab.attacks.letters import by_edges, by_height, by_material, by_order, by_remains
 from core.lab.attacks.smooth import relaxed
 from core.lab.attacks.target import Attacked, Target, whole
@@ -24,10 +24,11 @@ def restore(mesh: Mesh, target: Target, _strength: float) -> Attacked:
     return _cut_out(mesh, target, grown(mesh.faces, by_remains(target.file, mesh), 1))
 
 
-def material(mesh: Mesh, target: Target, _strength: float) -> Attacked:
-    """Faces of rare materials and colours."""
+def material(mesh: Mesh, target: Target, strength: float) -> Attacked:
+    """Faces of rare materials and colours, and ``strength`` rings round them, as a fair surface in the ground's
+    colour."""
     assert target.file is not None
-    return _cut_out(mesh, target, by_material(target.file, mesh))
+    return _smoothed(mesh, target, by_material(target.file, mesh), round(strength))
 
 
 def order(mesh: Mesh, target: Target, _strength: float) -> Attacked:
@@ -44,7 +45,10 @@ def strip(mesh: Mesh, target: Target, _strength: float) -> Attacked:
 def lower(mesh: Mesh, target: Target, strength: float) -> Attacked:
     """Parts that stand out, and ``strength`` rings round them, pushed to where the surface round them goes on; their
     colour stays."""
-    return _pushed(mesh, target, grown(mesh.faces, by_height(mesh), round(strength)), recolored=False)
+    found = grown(mesh.faces, by_height(mesh), round(strength))
+    if found.all() or not found.any():
+        return _left(mesh, target)
+    return _result(target, lowered(mesh, found), np.arange(len(found)))
 
 
 def strip_wide(mesh: Mesh, target: Target, strength: float) -> Attacked:
@@ -54,7 +58,7 @@ def strip_wide(mesh: Mesh, target: Target, strength: float) -> Attacked:
     scene = target.file
     found = by_edges(mesh) | by_height(mesh) | by_material(scene, mesh) | by_order(scene, mesh)
     found |= by_remains(scene, mesh)
-    return _pushed(mesh, target, grown(mesh.faces, found, round(strength)), recolored=True)
+    return _smoothed(mesh, target, found, round(strength))
 
 
 def _cut_out(mesh: Mesh, target: Target, found: Bool) -> Attacked:
@@ -62,10 +66,12 @@ def _cut_out(mesh: Mesh, target: Target, found: Bool) -> Attacked:
     return _left(mesh, target) if found.all() or not found.any() else _result(target, *filled_flat(mesh, found))
 
 
-def _pushed(mesh: Mesh, target: Target, found: Bool, recolored: bool) -> Attacked:
-    if found.all() or not found.any():
+def _smoothed(mesh: Mesh, target: Target, found: Bool, rings: int) -> Attacked:
+    """The ``found`` faces and so many rings round them as a fair surface in the ground's colour."""
+    around = grown(mesh.faces, found, rings)
+    if around.all() or not found.any():
         return _left(mesh, target)
-    return _result(target, filled_fair(mesh, found), np.where(recolored & found, -1, np.arange(len(found))))
+    return _result(target, filled_fair(mesh, around), np.where(around, -1, np.arange(len(around))))
 
 
 def _left(mesh: Mesh, target: Target) -> Attacked:
@@ -87,7 +93,7 @@ LADDER: dict[str, Attack] = {
     attack.name: attack
     for attack in (
         Attack("thief-restore", restore, 1, 1, 1, "Cut out what lies at vertices that the file does not draw."),
-        Attack("thief-by-material", material, 1, 1, 1, "Cut out what has a rare material or colour."),
+        Attack("thief-by-material", material, 2, 0, 20, "Smooth what has a rare colour, and rings round it."),
         Attack("thief-by-order", order, 1, 1, 1, "Cut out what was appended to vertices and triangles."),
         Attack("thief-strip", strip, 1, 1, 1, "Cut out small patches between sharp edges."),
         Attack("thief-lower", lower, 0, 0, 20, "Push back what stands out; strength is the rings round it."),

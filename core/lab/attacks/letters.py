@@ -2,7 +2,7 @@
 
 import igl
 import numpy as np
-from scipy.sparse import coo_array, diags_array
+from scipy.sparse import diags_array
 from scipy.sparse.linalg import splu
 
 from core.arrays import Bool, Float, Int
@@ -12,6 +12,7 @@ from core.geometry.triangles import unit
 from core.gltf.accessors import read_accessor, read_values
 from core.gltf.references import accessor_references
 from core.gltf.scene import Scene
+from core.lab.attacks.laplacian import laplacian
 from core.lab.plain import Mesh
 
 SHARP = np.cos(np.radians(35.0))  # edges turned by more are taken for those of letters
@@ -23,7 +24,6 @@ SEVERAL = 5  # letters look like this many separate pieces at least
 # Size-30 units: features narrower than the first are smoothed away to find what stands out of the rest by more than
 # the second; a word is not longer than the third.
 FINE, STANDS_OUT, LONG = 0.2, 0.01, 7.0
-STEEPEST, TINY = 10.0, 1e-12  # cotangent, at most; area added to every vertex, so that loose ones can be solved for
 
 
 def looks(scene: Scene) -> Int:
@@ -125,13 +125,8 @@ def by_height(mesh: Mesh) -> Bool:
 def details(mesh: Mesh, length: float) -> Float:
     """(V, 3) what features narrower than a ``length`` add to the positions: what an implicit step of mean curvature
     flow (Desbrun et al. 1999) takes away, and again of that, which leaves out what it shrinks of wide shapes."""
-    count = len(mesh.positions)
-    # Needles have no angles to speak of, and edges of three faces no Delaunay triangulation: weights are bounded.
-    weight = np.clip(np.nan_to_num(igl.cotmatrix_entries(mesh.positions, mesh.faces)), 0, STEEPEST).ravel()
-    start, end = mesh.faces[:, [1, 2, 0]].ravel(), mesh.faces[:, [2, 0, 1]].ravel()
-    joined = coo_array((np.tile(weight, 2), (np.append(start, end), np.append(end, start))), shape=(count, count))
-    area = np.bincount(mesh.faces.ravel(), np.repeat(mesh.surface().areas / 3, 3), count) + TINY
-    flow = diags_array(area + length**2 * joined.sum(axis=1)) - length**2 * joined
+    matrix, area = laplacian(mesh)
+    flow = diags_array(area) + length**2 * matrix
     step, left = splu(flow.tocsc()), mesh.positions
     for _ in range(2):
         left = left - step.solve(area[:, None] * left)

@@ -1,9 +1,11 @@
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from core.geometry.spatial import SpatialIndex
-from core.lab.attacks.fill import filled_fair, filled_flat, grown
+from core.lab.attacks.fill import filled_fair, filled_flat, grown, lowered
 from core.lab.plain import Mesh
 from core.metrics.topology import topology
 from tests.core.lab.attacks.settings import area, mesh_of
@@ -54,15 +56,17 @@ def test_what_floats_is_cut_out_whole_and_has_nothing_to_be_pushed_back_onto() -
     filled, source = filled_flat(mesh, found)
     assert area(filled) == pytest.approx(16)
     assert np.array_equal(source, np.flatnonzero(~found))
-    assert np.array_equal(filled_fair(mesh, found).positions, mesh.positions)
+    for fill in (filled_fair, lowered):
+        assert np.array_equal(fill(mesh, found).positions, mesh.positions)
 
 
-def test_a_fair_filling_goes_on_as_the_surface_round_it_does() -> None:
+@pytest.mark.parametrize("fill", [filled_fair, lowered])
+def test_a_fair_filling_goes_on_as_the_surface_round_it_does(fill: Callable[[Mesh, NDArray[np.bool_]], Mesh]) -> None:
     ball = mesh_of(sphere(10))
     top = ball.positions[ball.faces].mean(axis=1)[:, 2] > 9
     dented = Mesh(ball.positions - [0, 0, 0.5] * (ball.positions[:, 2:] > 9.3), ball.faces)
     flat = SpatialIndex(*_parts(filled_flat(dented, top)[0])).closest(np.array([[0.0, 0.0, 10.0]]))[0][0]
-    fair = SpatialIndex(*_parts(filled_fair(dented, top))).closest(np.array([[0.0, 0.0, 10.0]]))[0][0]
+    fair = SpatialIndex(*_parts(fill(dented, top))).closest(np.array([[0.0, 0.0, 10.0]]))[0][0]
     assert flat > 0.5
     assert fair < flat / 2
 
@@ -72,7 +76,8 @@ def test_nothing_found_is_nothing_changed() -> None:
     filled, source = filled_flat(GROUND, nothing)
     assert np.array_equal(filled.positions, GROUND.positions)
     assert np.array_equal(source, np.arange(len(GROUND.faces)))
-    assert np.array_equal(filled_fair(GROUND, nothing).positions, GROUND.positions)
+    for fill in (filled_fair, lowered):
+        assert np.array_equal(fill(GROUND, nothing).positions, GROUND.positions)
 
 
 def test_a_ring_more_takes_the_faces_that_share_a_corner() -> None:
