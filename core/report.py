@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from core.artwork.artwork import Logo
 from core.embossing.refusal import Refusal
-from core.gltf.tint import ColoredBy
+from core.gltf.colored_by import ColoredBy
 from core.notices import Notice
 from core.parameters import Parameters
 

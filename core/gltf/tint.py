@@ -5,7 +5,6 @@ A material of their own would be the handle by which letters are selected and de
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from functools import lru_cache
 from typing import Any
 
@@ -16,6 +15,7 @@ from core.geometry.products import product
 from core.gltf.accessors import dequantize
 from core.gltf.attributes import encode
 from core.gltf.base_color import LINEAR
+from core.gltf.colored_by import ColoredBy
 from core.gltf.colors import cielab, hex_linear
 from core.gltf.document import COMPONENT_TYPES, Document, typed
 from core.gltf.edit import LETTERS, Style, SurfaceEdit
@@ -40,14 +40,6 @@ METAL, ROUGH, TILTED, IN_LIGHT = 0.5, 0.4, 0.2, 0.7
 METAL_MAP, NORMAL_MAP, SHADOW_MAP = "metallicRoughnessTexture", "normalTexture", "occlusionTexture"
 FLOAT = 5126  # component type
 SINGULAR = 1e-9  # determinant of a transform of texture coordinates
-
-
-class ColoredBy(StrEnum):
-    """Ways in which letters have their colour, from the least conspicuous one on."""
-
-    VERTEX_COLORS = "vertex_colors"
-    TEXEL = "texel"
-    MATERIAL = "material"
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +82,8 @@ PLAIN = Swatches(np.zeros((1, 2)), np.ones((1, 3)))  # where there is no texture
 
 @dataclass(frozen=True)
 class Coloring:
-    """How the letters of one mark have their colour: the most conspicuous way on its primitives, and the largest
-    CIELAB distance from what was asked for."""
+    """The most conspicuous way in which the letters of one mark have their colour, of those on its primitives, and the
+    largest CIELAB distance from what was asked for."""
 
     colored_by: ColoredBy
     error: float

@@ -125,7 +125,7 @@ def test_where_boxes_leave_only_edges_the_refusal_names_keep_out() -> None:
         {"box": {"min": [-2, -0.95, -2], "max": [2, 0.95, 2]}},
     ]
     with pytest.raises(MeshmarkError, match="because it reaches into a `keep_out` region") as caught:
-        marked(crate(), size=5.5, keep_out=most)
+        marked(crate(), size=5.5, size_exact=True, keep_out=most)
     assert caught.value.code is ErrorCode.NO_PLACEMENT
 
 

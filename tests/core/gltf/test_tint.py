@@ -10,11 +10,12 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
+from core.gltf.colored_by import ColoredBy
 from core.gltf.colors import cielab, hex_linear
 from core.gltf.document import Document
 from core.gltf.edit import Kind, Style
 from core.gltf.scene import Scene, flatten, scene_of
-from core.gltf.tint import NEAR, ColoredBy, Coloring, Tints
+from core.gltf.tint import NEAR, Coloring, Tints
 from core.gltf.write import write
 from tests.core.gltf.builder import QUAD, QUAD_FACES, Builder
 from tests.core.gltf.edited import UV, colors_of_corners, primitives_of, values
