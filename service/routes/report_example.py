@@ -68,6 +68,8 @@ REPORT: JsonDict = {
             "size": [0.2344, 0.04031, 0.01268],
             "color": None,
             "contrast": None,
+            "colored_by": None,
+            "color_error": None,
             "relief": 0.006369,
             "loss": 0.0003739,
             "roughness": 1.018,
