@@ -309,7 +309,8 @@ def _written(asset: Asset, context: "PlacementContext", embossed: Embossed) -> O
     looks = [mark.look for mark in embossed.marks.values()]
     styles = [look.style for look in looks]
     edit = asset.analysis.with_file_winding(embossed.mesh.edit())
-    model, coloring = write(asset.scene, edit, styles), Tints(asset.scene.document).of_marks(asset.scene, edit, styles)
+    tints = Tints(asset.scene.document)
+    model, coloring = write(asset.scene, edit, styles, tints), tints.of_marks(asset.scene, edit, styles)
     marks = AssetMarks(surface, boxes, looks, embossed.letters, parameters)
     model, copies = mark_copies(model, marks)
     scene = scene_of(model)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from core.arrays import Bool, Float
+from core.errors import MeshmarkError
 from core.geometry.products import product
 from core.gltf.accessors import dequantize
 from core.gltf.attributes import encode
@@ -101,15 +102,19 @@ class Tints:
     def of(self, primitive: Primitive, style: Style) -> Tint | None:
         """The tint of letters of a ``style``, which has a colour; None where they need a material of their own.
 
-        That is where more than the base colour decides what is seen (emission, transparency, mirrors, variants), and
-        where no patch of the texture can be made to look like the colour.
+        That is where more than the base colour decides what is seen (emission, transparency, mirrors, variants), where
+        no patch of the texture can be made to look like the colour, and where a part of the material that nothing else
+        reads is malformed.
         """
         material, uv = primitive.material, None
-        if (style.glows and not material.unlit) or not self._is_plain(primitive):
+        try:
+            if (style.glows and not material.unlit) or not self._is_plain(primitive):
+                return None
+            if material.texture is not None:
+                uv = primitive.attributes.get(f"TEXCOORD_{material.uv_set}", -1)
+            return self._tint(material, uv, str(style.color))
+        except (TypeError, ValueError, OverflowError, MeshmarkError):
             return None
-        if material.texture is not None:
-            uv = primitive.attributes.get(f"TEXCOORD_{material.uv_set}", -1)
-        return self._tint(material, uv, str(style.color))
 
     def of_marks(self, scene: Scene, edit: SurfaceEdit, styles: Sequence[Style]) -> list[Coloring | None]:
         """The :class:`Coloring` of each mark; None where its letters have the colour of the surface."""
@@ -130,7 +135,7 @@ class Tints:
     def _is_plain(self, primitive: Primitive) -> bool:
         """True where what is seen of a primitive is its base colour, in every variant and pose."""
         material, source = primitive.material, self._source(primitive.material)
-        if material.alpha_mode != "OPAQUE" or material.emission is not None:
+        if material.alpha_mode != "OPAQUE" or material.emission is not None or not (material.color <= 1).all():
             return False
         if VARIANTS in primitive.json.get("extensions", {}) or any("COLOR_0" in one for one in primitive.targets):
             return False

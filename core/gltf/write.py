@@ -35,7 +35,7 @@ Replacement = tuple[dict[str, Any] | None, list[dict[str, Any]]]  # the surface 
 TEXTURING = ("TANGENT", "TEXCOORD_", "COLOR_")
 
 
-def write(scene: Scene, edit: SurfaceEdit, styles: Sequence[Style]) -> bytes:
+def write(scene: Scene, edit: SurfaceEdit, styles: Sequence[Style], tints: Tints | None = None) -> bytes:
     """The scene's GLB with ``edit`` applied.
 
     A touched primitive gets new accessors with the rows that it draws and no others, old and new ones alike in the
@@ -50,6 +50,7 @@ def write(scene: Scene, edit: SurfaceEdit, styles: Sequence[Style]) -> bytes:
         styles: of each mark that ``edit.mark`` counts. Caps and walls with a colour have it in the vertices of the
             source primitive, and lie on an even patch of its texture: see :mod:`core.gltf.tint`. Where that cannot be,
             they are a primitive with a plain material, which is unlit where the source is, and then need not glow.
+        tints: of the scene's document, if they are known.
 
     Raises:
         MeshmarkError: ``unsupported_feature`` where a touched vertex cannot be transformed back to its node's frame.
@@ -57,7 +58,7 @@ def write(scene: Scene, edit: SurfaceEdit, styles: Sequence[Style]) -> bytes:
     if edit.keep.all() and not len(edit.source_face):
         return scene.document.to_glb()
     editor = Builder(scene.document)
-    paint, tints = _Paint(editor), Tints(scene.document)
+    paint, tints = _Paint(editor), tints or Tints(scene.document)
     # Styles are numbered so that letters of one style share a primitive; 0 is the source's own.
     palette = [style for style in dict.fromkeys(styles) if style.color is not None]
     look_of_mark = np.array([palette.index(style) + 1 if style in palette else 0 for style in styles], dtype=np.int64)

@@ -223,6 +223,22 @@ def test_a_factor_that_an_animation_may_change_stays_where_it_is() -> None:
     assert way(scene, "#101010").colored_by is ColoredBy.VERTEX_COLORS
 
 
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"normalTexture": {"index": 7}},
+        {"occlusionTexture": {"index": [0]}},
+        {"normalTexture": {"index": 0, "texCoord": "none"}},
+        {"base": {"roughnessFactor": "smooth"}},
+        {"base": {"baseColorFactor": [2.0, 2.0, 2.0, 1.0]}},
+    ],
+    ids=["no such texture", "no number", "no set", "no factor", "brighter than white"],
+)
+def test_a_material_that_is_wrong_where_nothing_else_reads_it_is_left_alone(wrong: dict[str, Any]) -> None:
+    scene = textured(halves(GREEN, STEEL), **wrong)
+    assert way(scene).colored_by is ColoredBy.MATERIAL
+
+
 def test_letters_that_glow_have_a_material() -> None:
     assert way(square({}), RED, glows=True).colored_by is ColoredBy.MATERIAL
 
