@@ -34,6 +34,7 @@ Method = Literal["split", "arrangement", "delaunay"]
 CUTS: tuple[tuple[Method, Cut], ...] = (("split", split), ("arrangement", arrange))
 SLACK = 0.05  # reliefs between the letters and the faces of their bounds, so that the surface under them is inside
 FINEST = 4  # spacings of the file's coordinates; least length of a new edge
+COARSE = 1000  # spacings of the file's coordinates; soft letters of a lower relief may be flat instead
 
 FINAL = (Refusal.SECOND_LAYER, Refusal.THIN_WALL, Refusal.FOLDED)  # which a small shift does not help against
 
@@ -114,7 +115,8 @@ def emboss(
             if outcome in FINAL:
                 return outcome
             refusal = outcome
-            if refusal is not Refusal.TOO_FINE:
+            under = np.concatenate([patch.faces for patch, _ in used])
+            if refusal is not Refusal.TOO_FINE or abs(relief) > COARSE * mesh.resolution(under):
                 continue  # else flat letters, whose triangles are larger, may still be held by the file
         for name, cut in CUTS:
             cuts = _cut_patches(mesh, moved, used, cut, letters.draft)

@@ -41,6 +41,7 @@ REPORT: JsonDict = {
         "mode": "emboss",
         "profile": "flat",
         "size": None,
+        "size_exact": False,
         "relief": None,
         "count": 1,
         "color": "none",

@@ -87,6 +87,9 @@ def test_letters_are_flat_where_the_files_coordinates_cannot_hold_soft_ones_and_
     (notice,) = report["warnings"]
     assert notice["code"] == "flat_letters"
     assert notice["message"].startswith("4 of 4 marks have flat letters: ")
+    ball.vertices += (-1000, 0, 0)
+    here = watermark(ball.export(file_type="glb"), asked, preview=False).report
+    assert {mark["cut"] for mark in here["watermarks"]} == {"delaunay"}
     ball.vertices += (100_000, 0, 0)
     with pytest.raises(MeshmarkError, match="32-bit coordinates are too coarse") as caught:
         watermark(ball.export(file_type="glb"), asked, preview=False)
