@@ -84,7 +84,7 @@ def read_material(document: Document, index: int | None) -> Material:
     mode = material.get("alphaMode", "OPAQUE")
     unlit = UNLIT in extensions
     try:
-        texture, uv_set, uv_transform = _sampled(typed(base, f"{prefix}Texture", dict))
+        texture, uv_set, uv_transform = sampled(typed(base, f"{prefix}Texture", dict))
         return Material(
             index=index,
             name=named(material),
@@ -110,11 +110,11 @@ def _emission(material: dict[str, Any], extensions: dict[str, Any]) -> Emission 
     reference = typed(material, "emissiveTexture", dict)
     if not color.any():
         return None
-    texture, uv_set, uv_transform = _sampled(reference)
+    texture, uv_set, uv_transform = sampled(reference)
     return None if reference and texture is None else Emission(color, texture, uv_set, uv_transform)
 
 
-def _sampled(reference: dict[str, Any]) -> tuple[int | None, int, Float]:
+def sampled(reference: dict[str, Any]) -> tuple[int | None, int, Float]:
     """The texture that a glTF textureInfo refers to, the UV set it uses and the (2, 3) transform of these."""
     transform = typed(typed(reference, "extensions", dict), "KHR_texture_transform", dict)
     texture = reference.get("index")

@@ -20,7 +20,7 @@ from core.gltf.colored_by import ColoredBy
 from core.gltf.colors import cielab, hex_linear
 from core.gltf.document import COMPONENT_TYPES, Document, typed
 from core.gltf.edit import LETTERS, Style, SurfaceEdit
-from core.gltf.materials import UNLIT, Material
+from core.gltf.materials import UNLIT, Material, sampled
 from core.gltf.primitives import Primitive
 from core.gltf.scene import Scene
 from core.gltf.textures import Texture, texture_reader
@@ -186,10 +186,11 @@ class Tints:
         good = np.ones(len(at), dtype=bool)
         for owner, name in ((base, METAL_MAP), (source, NORMAL_MAP), (source, SHADOW_MAP)):
             reference = typed(owner, name, dict)
-            if not reference or material.unlit or _uv_set(reference) != material.uv_set:
+            number, uv_set, transform = sampled(reference)
+            if number is None or material.unlit or uv_set != material.uv_set:
                 continue
-            other = self._read(reference["index"]) if "index" in reference else None
-            if other is None or _moved(reference) != _moved(typed(base, "baseColorTexture", dict)):
+            other = self._read(number)
+            if other is None or not np.array_equal(transform, material.uv_transform):
                 return None
             good &= _is_plain_there(name, _pixels(other, at) / 255, source)
         uv, exact = self._stored(at[good], material, accessor, texture)
@@ -245,14 +246,3 @@ def _metal(source: dict[str, Any]) -> tuple[float, float]:
     """The metallic and the roughness factor of a material."""
     base = typed(source, "pbrMetallicRoughness", dict)
     return float(base.get("metallicFactor", 1.0)), float(base.get("roughnessFactor", 1.0))
-
-
-def _moved(reference: dict[str, Any]) -> dict[str, Any]:
-    """The KHR_texture_transform of a texture, but for the UV set."""
-    transform = typed(typed(reference, "extensions", dict), "KHR_texture_transform", dict)
-    return {key: value for key, value in transform.items() if key != "texCoord"}
-
-
-def _uv_set(reference: dict[str, Any]) -> int:
-    transform = typed(typed(reference, "extensions", dict), "KHR_texture_transform", dict)
-    return int(transform.get("texCoord", reference.get("texCoord", 0)))
