@@ -56,13 +56,17 @@ def compact(mesh: Mesh) -> Mesh:
     return Mesh(mesh.positions[used], (np.cumsum(used) - 1)[mesh.faces])
 
 
-def plain_glb(mesh: Mesh, letters: Bool | None = None, color: str | None = None) -> bytes:
+def plain_glb(
+    mesh: Mesh, letters: Bool | None = None, color: str | None = None, double_sided: bool | None = None
+) -> bytes:
     """A GLB of one grey mesh without normals, which is drawn with flat shading.
 
     Args:
         mesh: to be written.
         letters: (F,) the faces that get ``color``.
         color: ``"#rrggbb"``; None leaves all faces grey.
+        double_sided: whether back faces are drawn; None draws those of open meshes, as in files whose format does not
+            say.
 
     Raises:
         MeshmarkError: ``no_faces``.
@@ -79,4 +83,8 @@ def plain_glb(mesh: Mesh, letters: Bool | None = None, color: str | None = None)
         group=painted.astype(np.int64),
         materials=tuple(materials),
     )
-    return assemble(Assembly([body], ["model"], [Instance("model", 0)])).to_glb()
+    document = assemble(Assembly([body], ["model"], [Instance("model", 0)]))
+    if double_sided is not None:
+        for material in document.json["materials"]:
+            material["doubleSided"] = double_sided
+    return document.to_glb()

@@ -61,6 +61,7 @@ class Prepared:
         seed: of the shared draws.
         font: the font file; None for the bundled one.
         textured: the file has textures.
+        double_sided: the file's materials show the backs of most of its faces.
     """
 
     data: bytes
@@ -70,6 +71,7 @@ class Prepared:
     seed: int
     font: bytes | None = None
     textured: bool = False
+    double_sided: bool = True
     _initial: dict[float, tuple[Boxes, Float]] = field(default_factory=dict)
     _fitted: dict[float, tuple[Boxes, Float]] = field(default_factory=dict)
 
@@ -124,8 +126,12 @@ def prepare(
     """
     scene = flatten(document_of(admit(data, budgets), budgets))
     surface, artwork = scene.surface, text_artwork(text, font)
-    textured = any(drawn.primitive.material.texture is not None for drawn in scene.primitives)
-    return Prepared(data, surface, SpatialIndex(surface.positions, surface.faces), artwork, seed, font, textured)
+    index = SpatialIndex(surface.positions, surface.faces)
+    materials = [drawn.primitive.material for drawn in scene.primitives]
+    textured = any(material.texture is not None for material in materials)
+    backs = np.array([material.double_sided for material in materials])[surface.face_primitive]
+    double_sided = bool(2 * surface.areas[backs].sum() >= surface.areas.sum())
+    return Prepared(data, surface, index, artwork, seed, font, textured, double_sided)
 
 
 def text_width(parameters: Parameters) -> float:

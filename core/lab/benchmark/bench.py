@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.arrays import Float
+from core.arrays import Bool, Float
 from core.errors import MeshmarkError
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
@@ -21,6 +21,7 @@ from core.gltf.scene import Scene, scene_of
 from core.lab.attacks.attack import ATTACKS
 from core.lab.attacks.ladder import LADDER
 from core.lab.attacks.letters import looks
+from core.lab.attacks.redrawn import redrawn
 from core.lab.attacks.target import Attacked, Target, letter_faces, whole
 from core.lab.baselines import STRATEGIES
 from core.lab.baselines.invisible import LENGTH, bit_accuracy, embed, extract
@@ -160,7 +161,7 @@ class AssetBench:
         # Of an invisible watermark only the bits are measured after an attack.
         only_read = trial.bits is not None and attack.name != NO_ATTACK
         left = self._painted(trial, attacked) if attack.name in LADDER else None
-        clay = scene_of(plain_glb(attacked.mesh, left, None if left is None else PAINT))
+        clay = self._clay(attacked.mesh, left, None if left is None else PAINT)
         seen = None if only_read else self._seen(clay, seconds, "pictures", frame)
         pair = Pair(
             original=original,
@@ -178,12 +179,13 @@ class AssetBench:
             missing = {name: code for name, code in missing.items() if values[name] is None}
         if options.color is not None and options.level is Evaluate.FULL and trial.bits is None:
             letters = trial.letters(attacked, self._prepared.index)
-            painted = scene_of(plain_glb(attacked.mesh, letters, options.color))
+            painted = self._clay(attacked.mesh, letters, options.color)
             values |= self._read(painted, "ocr_color", "coloured", seconds, frame)
         if attack.name in LADDER and len(marked.boxes):
             values |= self._stolen(marked, attacked.mesh, clay, values["ocr"], seconds)
-        if marked.delivered is not None and attack.name == NO_ATTACK and options.level is Evaluate.FULL:
-            values |= self._read(marked.delivered, "ocr_delivered", "delivered", seconds, None)
+        as_drawn = self._as_drawn(trial, attack, attacked)
+        if as_drawn is not None and options.level is Evaluate.FULL:
+            values |= self._read(as_drawn, "ocr_delivered", "delivered", seconds, None)
         row: Row = {
             "marks": len(marked.boxes) if trial.bits is None else None,
             "survived": float(attacked.kept.mean()) if len(attacked.kept) else None,
@@ -218,7 +220,7 @@ class AssetBench:
         rng = np.random.default_rng([self._seed, stream])
         file = marked.delivered
         if file is None and attack.name in LADDER:
-            file = scene_of(plain_glb(marked.mesh))
+            file = self._clay(marked.mesh)
         target = Target(self._prepared.index, marked.boxes, rng, file)
         if attack.name == NO_ATTACK:
             return whole(marked.mesh, target)
@@ -251,9 +253,24 @@ class AssetBench:
         return self._shown(self._prepared.surface, self._prepared.index, self._mesh)
 
     def _shown(self, surface: Surface, index: SpatialIndex, mesh: Mesh) -> tuple[Subject, Frame | None]:
-        seen = self._seen(scene_of(plain_glb(mesh)), {}, "original", None)
+        seen = self._seen(self._clay(mesh), {}, "original", None)
         renderer = self._renderer if isinstance(seen, np.ndarray) and len(seen) else None
         return Subject(surface, index, seen, self._seed), renderer.frame if isinstance(renderer, Renderer) else None
+
+    def _clay(self, mesh: Mesh, letters: Bool | None = None, color: str | None = None) -> Scene:
+        """A mesh in grey clay that shows its back faces where the asset's own materials do: through the holes of an
+        attack a viewer sees what these let it see."""
+        return scene_of(plain_glb(mesh, letters, color, self._prepared.double_sided))
+
+    def _as_drawn(self, trial: Trial, attack: AttackRequest, attacked: Attacked) -> Scene | None:
+        """The asset in its own materials, as a user gets it or as a thief of the ladder leaves it; None where there is
+        only the mesh."""
+        file = trial.marked.delivered
+        if file is None or attack.name == NO_ATTACK:
+            return file
+        if attack.name not in LADDER or attacked.source is None:
+            return None
+        return redrawn(file, attacked.mesh, attacked.source)
 
     def _painted(self, trial: Trial, attacked: Attacked) -> NDArray[np.bool_] | None:
         """(F,) the faces of an ``attacked`` asset that still have the colour of letters; None where letters never had
@@ -287,7 +304,7 @@ class AssetBench:
     @cached_property
     def _noise(self) -> tuple[float, float]:
         """OCR where there is no watermark, in ordinary and in relief pictures."""
-        scene = scene_of(plain_glb(self._mesh))
+        scene = self._clay(self._mesh)
         seen = self._unmoved[0].pictures
         assert isinstance(seen, np.ndarray)
         return ocr(seen, (self._options.text,), self._reader).ratio, self._read_relief(scene, {})

@@ -168,9 +168,9 @@ def removal_resistance(rows: Sequence[Row]) -> str:
             stripped, regained = values(one, "stripped"), values(one, "recovered")
             resisted = f"{1 - sum(stripped) / len(stripped):.0%}" if stripped else NOTHING
             much = f"{sum(value >= STRIPPED for value in regained)} of {len(regained)}"
-            read = [amount(mean(values(one, name))) for name in ("ocr", "ocr_relief", "ss")]
+            read = [amount(mean(values(one, name))) for name in ("ocr", "ocr_relief", "ocr_delivered", "ss")]
             lines.append([attack, method, resisted, much, f"{np.median(regained):.2f}", *read])
-    headings = ["not stripped", "≥ 90 % regained", "regained, median", "OCR", "OCR relief", "SS"]
+    headings = ["not stripped", "≥ 90 % regained", "regained, median", "OCR", "OCR relief", "OCR as delivered", "SS"]
     return table(["Attack", "Method", *headings], lines)
 
 

@@ -3,8 +3,9 @@ import pytest
 
 from core.errors import ErrorCode, MeshmarkError
 from core.lab.baselines import STRATEGIES
-from core.lab.baselines.strategy import Prepared, text_width
+from core.lab.baselines.strategy import Prepared, prepare, text_width
 from core.lab.benchmark.options import OBJECTIVE_METHODS
+from core.lab.plain import plain, plain_glb
 from core.parameters import Mode, Parameters
 from tests.core.lab.baselines.assets import asset, wanted
 from tests.core.shapes import box, grid
@@ -68,3 +69,8 @@ def test_an_open_asset_is_refused_with_its_own_code(name: str) -> None:
     with pytest.raises(MeshmarkError) as refusal:
         STRATEGIES[name](asset(grid(30, 30, 2, 2)), wanted(4), np.random.default_rng(0))
     assert refusal.value.code is ErrorCode.NOT_MANIFOLD
+
+
+@pytest.mark.parametrize("backs", [False, True])
+def test_pictures_of_clay_show_the_backs_of_faces_where_the_file_does(backs: bool) -> None:
+    assert prepare(plain_glb(plain(box(30, 20, 10)), double_sided=backs), "mark").double_sided == backs

@@ -149,6 +149,26 @@ def test_what_a_user_gets_is_read_in_its_own_materials_and_everything_else_as_gr
     assert "ocr_delivered" not in crop["metrics"]
 
 
+def test_through_the_holes_of_an_attack_is_seen_what_the_assets_own_materials_show(
+    monkeypatch: pytest.MonkeyPatch, seen: list[NDArray[np.uint8]]
+) -> None:
+    def strategy(prepared: Prepared, _parameters: Parameters, _rng: np.random.Generator) -> Marked:
+        return Marked(plain(prepared.surface), Boxes.empty(), np.empty(0))
+
+    monkeypatch.setitem(STRATEGIES, "li", strategy)
+    bench = AssetBench(SPOT.read_bytes(), 0, BenchmarkOptions(Path(), Path(), views=24, resolution=96))
+    trial = bench.mark("li", 4)
+    drawn = {}
+    for backs in (False, True):
+        bench._prepared.double_sided = backs
+        for attack in (AttackRequest("none"), AttackRequest("crop", 0.5)):
+            seen.clear()
+            bench.measure(trial, attack)
+            drawn[backs, attack.name] = int((seen[0] < 230).all(axis=-1).sum())
+    assert drawn[False, "none"] == pytest.approx(drawn[True, "none"], rel=1e-3)
+    assert drawn[False, "crop"] < 0.95 * drawn[True, "crop"]
+
+
 def test_what_a_thief_gets_is_measured_and_letters_that_he_leaves_keep_their_colour(
     seen: list[NDArray[np.uint8]],
 ) -> None:
