@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from core import __version__, process
-from core.cli_text import add_text_options
+from core.cli_text import add_label_options, add_text_options
 from core.errors import ErrorCode, MeshmarkError
 from core.lab.benchmark.datasets import LAYOUTS
 from core.lab.benchmark.options import OBJECTIVE_METHODS, BenchmarkOptions, attack_requests
@@ -51,6 +51,7 @@ def _add_apply(commands: Commands) -> None:
     apply.add_argument("input", type=Path, metavar="IN", help=ACCEPTED)
     apply.add_argument("output", type=Path, metavar="OUT.glb", help="the watermarked GLB")
     add_text_options(apply)
+    add_label_options(apply)
     apply.add_argument("--font", type=Path, help="a TrueType or OpenType font file")
     apply.add_argument("--report", type=Path, metavar="R.json", help="write the report here")
     apply.add_argument("--preview", type=Path, metavar="P.png", help="render eight views here")

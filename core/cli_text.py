@@ -1,8 +1,11 @@
-"""Options of the command line for the setting of the text."""
+"""Options of the command line for the setting of the text, and for labels."""
 
 import argparse
+import json
 from pathlib import Path
+from typing import Any
 
+from core.labels.profiles import Label
 from core.parameters import Align, Direction, LogoPosition, Profile, Strength, Wrap
 
 
@@ -41,6 +44,22 @@ def add_text_options(command: argparse.ArgumentParser) -> None:
         help="of logo or QR code by the text (default %(default)s)",
     )
     command.add_argument("--language", metavar="TAG", help="zh-Hans, zh-Hant, ja, ko, ...; default: guessed")
+
+
+def add_label_options(command: argparse.ArgumentParser) -> None:
+    """Add the machine-readable label."""
+    command.add_argument(
+        "--label", choices=[label.value for label in Label], help="write a machine-readable label, by a place's rules"
+    )
+    command.add_argument("--declaration", type=_json_file, metavar="D.json", help="statements about the model for it")
+    command.add_argument("--metadata-only", action="store_true", help="write the label, and no mark")
+
+
+def _json_file(path: str) -> Any:
+    try:
+        return json.loads(Path(path).read_bytes())
+    except (OSError, ValueError) as error:
+        raise argparse.ArgumentTypeError(f"{path} cannot be read as JSON ({error})") from None
 
 
 def _with_line_feeds(text: str) -> str:

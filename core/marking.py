@@ -21,14 +21,18 @@ from core.formats.admission import admit, document_of
 from core.formats.format import Format
 from core.formats.registry import WRITERS
 from core.geometry.boxes import Boxes
+from core.gltf.builder import Builder
+from core.gltf.document import Document
 from core.gltf.prune import unreferenced_bytes
-from core.gltf.scene import flatten, scene_of
+from core.gltf.scene import flatten
 from core.gltf.textures import undecoded_textures
 from core.gltf.tint import Tints
 from core.gltf.validate import is_beside
 from core.gltf.write import write
+from core.labels.declaration import Declaration
+from core.labels.write import WrittenLabel, write_label
 from core.notices import Notice, NoticeCode
-from core.parameters import Profile
+from core.parameters import Parameters, Profile
 from core.stages import Asset, Candidates, Embossed, Output, Run
 
 if TYPE_CHECKING:
@@ -237,21 +241,43 @@ def write_model(asset: Asset, candidates: Candidates, embossed: Embossed, run: R
     analysis, context, parameters = asset.analysis, candidates.context, run.request.parameters
     output = _written(asset, context, embossed)
     while True:
-        edit, count = output.embossed.mesh.edit(), len(output.embossed.marks)
+        edit, count = embossed.mesh.edit(), len(embossed.marks)
         drawn = drawn_marks(edit, count, analysis.surface, analysis.resolution, output.scene, candidates.opaque)
         if drawn.all():
             break
-        unseen = {box for box, seen in zip(output.embossed.marks, drawn.tolist(), strict=True) if not seen}
-        output = _written(asset, context, _without(unseen, asset, context, output.embossed))
+        unseen = {box for box, seen in zip(embossed.marks, drawn.tolist(), strict=True) if not seen}
+        embossed = _without(unseen, asset, context, embossed)
+        output = _written(asset, context, embossed)
     run.notices += unmarked(output.copies)
     marked = analysis.surface.face_primitive[edit.source_face[np.unique(edit.mark, return_index=True)[1]]]
     left = unmarked_parts(asset.scene, analysis.surface, context.facts.saliency, context.carrier.index, marked)
     run.notices += [left] if left else []
-    looks = [mark.look for mark in output.embossed.marks.values()]
-    run.notices += low_contrast(looks) if parameters.palette else _hidden_by_texture(output.embossed, context)
+    looks = [mark.look for mark in embossed.marks.values()]
+    run.notices += low_contrast(looks) if parameters.palette else _hidden_by_texture(embossed, context)
     run.notices += unreadable_codes(looks) if context.layouts.logo == "qr" else []
+    run.notices += output.label.notices if output.label else []
     run.publish("model", output.file.data)
     return output
+
+
+def write_label_alone(asset: Asset, run: Run) -> Output:
+    """The asset with a machine-readable label and no mark, published."""
+    label = _label(asset.scene.document, run.request.parameters)
+    assert label is not None
+    builder = Builder(asset.scene.document)
+    builder.json = label.json
+    scene = flatten(builder.to_document())
+    output = Output(None, [], [], scene, WRITERS[Format.GLB](scene), label)
+    run.notices += label.notices
+    run.publish("model", output.file.data)
+    return output
+
+
+def _label(document: Document, parameters: Parameters) -> WrittenLabel | None:
+    """The label that a request asks for, in a document."""
+    if parameters.label is None:
+        return None
+    return write_label(document.json, parameters.label, parameters.text, parameters.declaration or Declaration())
 
 
 def _hidden_by_texture(embossed: Embossed, context: "PlacementContext") -> list[Notice]:
@@ -313,6 +339,9 @@ def _written(asset: Asset, context: "PlacementContext", embossed: Embossed) -> O
     model, coloring = write(asset.scene, edit, styles, tints), tints.of_marks(asset.scene, edit, styles)
     marks = AssetMarks(surface, boxes, looks, embossed.letters, parameters)
     model, copies = mark_copies(model, marks)
-    scene = scene_of(model)
-    del model  # its bytes are in the scene, and the file takes as many
-    return Output(embossed, coloring, copies, scene, WRITERS[Format.GLB](scene))
+    document = Document.from_glb(model)
+    del model  # its bytes are in the document, and the file takes as many
+    if label := _label(document, parameters):
+        document.json = label.json
+    scene = flatten(document)
+    return Output(embossed, coloring, copies, scene, WRITERS[Format.GLB](scene), label)

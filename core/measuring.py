@@ -69,11 +69,15 @@ def render(asset: Asset, output: Output, run: Run) -> Pictures:
     return Pictures(preview, views)
 
 
-def evaluate(asset: Asset, candidates: Candidates, output: Output, seen: Pictures, result: Report, run: Run) -> Report:
+def evaluate(
+    asset: Asset, candidates: Candidates | None, output: Output, seen: Pictures, result: Report, run: Run
+) -> Report:
     """The report ``result`` with its metrics, measured on the file as it was written, rounding included."""
     parameters = run.request.parameters
     if parameters.evaluate is Evaluate.NONE:
         return result
+    assert candidates is not None
+    assert output.embossed is not None
     from core.analysis.analyse import eye_index
     from core.metrics.measure import Pair, Subject, measure
     from core.reporting import boxes_of, with_metrics

@@ -19,6 +19,9 @@ class NoticeCode(StrEnum):
     UNREADABLE_QR = "unreadable_qr"
     FLAT_LETTERS = "flat_letters"
     FONT_SUBSTITUTED = "font_substituted"
+    INCOMPLETE_LABEL = "incomplete_label"
+    KEPT_LABEL = "kept_label"
+    LABEL_TOO_SMALL = "label_too_small"
     # Why a report has no value of a metric.
     NOT_REQUESTED = "not_requested"
     NOT_MEASURED = "not_measured"

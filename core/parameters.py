@@ -4,18 +4,15 @@ import re
 from enum import StrEnum
 from typing import Annotated, Any
 
-from pydantic import (
-    ConfigDict,
-    Field,
-    ValidationError,
-    field_validator,
-)
+from pydantic import ConfigDict, Field, ValidationError, field_validator
 from pydantic_core import PydanticCustomError
 
 from core.errors import ErrorCode, MeshmarkError
+from core.labels.parameters import LabelParameters
+from core.labels.profiles import Label
 from core.languages import language_tag
 from core.named_regions import Region
-from core.validation import StrictModel, describe
+from core.validation import describe
 
 MAX_TEXT_LENGTH = 200
 MAX_LINES = 6
@@ -125,7 +122,7 @@ _OURS = {
 }
 PRESETS: dict[Preset, dict[str, Any]] = {
     Preset.MERCHANDISE: _OURS | {"size": None, "count": 16},
-    Preset.PROVENANCE: _OURS | {"size": 3.0, "count": 4},
+    Preset.PROVENANCE: _OURS | {"size": 3.0, "count": 4, "label": Label.CUSTOM},
     Preset.PAPER: {
         "size": 5.5,
         "size_exact": True,
@@ -154,7 +151,7 @@ def _hex_color(value: Any) -> str:
     return value.lower()
 
 
-class Parameters(StrictModel):
+class Parameters(LabelParameters):
     """One watermarking request. ``None`` means "what the preset says"; :meth:`resolved` fills it in."""
 
     model_config = ConfigDict(frozen=True, allow_inf_nan=False)
@@ -163,7 +160,7 @@ class Parameters(StrictModel):
         str,
         Field(
             max_length=MAX_TEXT_LENGTH,
-            description="The word or words to emboss; up to 6 lines. It may be empty where there is a logo.",
+            description="The word or words to emboss; up to 6 lines. It may be empty where there is a logo or a label.",
         ),
     ] = ""
     qr: Annotated[
@@ -308,19 +305,21 @@ class Parameters(StrictModel):
 
     def require_content(self, logo: bool) -> None:
         """Refuse a request for nothing, without a text, a QR code and a ``logo``; for both a QR code and a logo; for a
-        code with a soft profile; for an exact size that is not given; for another strength than the paper's; or for the
-        place of a logo that is not there.
+        code with a soft profile; for an exact size that is not given; for another strength than the paper's; for the
+        place of a logo that is not there; or for a label that its text does not say.
 
         Raises:
             MeshmarkError: ``empty_text``, ``invalid_parameters``.
         """
+        text = self.resolved().text
+        self.resolved().require_label(text)
         if logo and self.qr is not None:
             raise MeshmarkError(
                 ErrorCode.INVALID_PARAMETERS,
                 "The request has both a logo and `qr`, which takes a logo's place.",
                 "Send one of them only.",
             )
-        if not (logo or self.qr or self.text.strip()):
+        if not (logo or self.qr or text.strip() or self.metadata_only):
             raise MeshmarkError(
                 ErrorCode.EMPTY_TEXT,
                 "The watermark text is empty or only spaces, and there is no logo.",
@@ -370,8 +369,10 @@ class Parameters(StrictModel):
         """This request with every ``None`` that the preset decides filled in; ``size`` and ``relief`` may stay so."""
         preset = PRESETS[self.preset] | STRENGTHS[self.strength]
         preset |= {"profile": Profile.FLAT} if self.qr is not None else {}
+        preset |= self.label_preset(preset.get("label"))
         values = {key: value for key, value in preset.items() if getattr(self, key) is None}
-        return self.model_copy(update=values)
+        values |= self.label_values(self.text, preset.get("label"))
+        return self.model_copy(update=values | ({"evaluate": Evaluate.NONE} if self.metadata_only else {}))
 
 
 def parse_parameters(data: dict[str, Any] | str | bytes) -> Parameters:

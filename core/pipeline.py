@@ -113,14 +113,19 @@ def run_stages(
 
     with stage("reading"):
         asset = marking.read(data, run)
-    with stage("lettering"):
-        layouts = marking.letter(run)
-    with stage("placing"):
-        candidates = marking.place(asset, layouts, run)
-    with stage("embossing"):
-        embossed = marking.emboss(asset, candidates, run)
-    with stage("writing"):
-        output = marking.write_model(asset, candidates, embossed, run)
+    candidates = None
+    if request.parameters.metadata_only:
+        with stage("writing"):
+            output = marking.write_label_alone(asset, run)
+    else:
+        with stage("lettering"):
+            layouts = marking.letter(run)
+        with stage("placing"):
+            candidates = marking.place(asset, layouts, run)
+        with stage("embossing"):
+            embossed = marking.emboss(asset, candidates, run)
+        with stage("writing"):
+            output = marking.write_model(asset, candidates, embossed, run)
     with stage("reporting"):
         report = measuring.report(asset, output, run)
     with stage("rendering"):

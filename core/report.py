@@ -160,6 +160,25 @@ class Embossing(Section):
     refused: Annotated[dict[Refusal, int], Field(description="How many places did not do, by reason.")]
 
 
+class LabelFacts(Section):
+    """The machine-readable label in the file that was made."""
+
+    packet: Annotated[int, Field(description="Number of the XMP packet (KHR_xmp_json_ld) about the whole file.")]
+    source_type: Annotated[
+        str | None, Field(description="The IPTC's address of how the model came about; null where nobody says so.")
+    ]
+    aigc: Annotated[
+        Literal["written", "filled", "kept"] | None,
+        Field(
+            description="China's label: written, or that of the file that was sent, with fields of the propagator "
+            "filled in or kept as it was; null: none."
+        ),
+    ]
+    kept: Annotated[
+        list[str], Field(description="Properties of the file that was sent that contradict the request; they stay.")
+    ]
+
+
 class WatermarkQuality(Section):
     """Fit, visibility and legibility of the marks; null where not measured. High is good."""
 
@@ -223,6 +242,7 @@ class Report(Section):
     watermarks: Annotated[list[Watermark], Field(description="The marks, by `id`.")]
     copies: Annotated[list[CopyFacts], Field(description="Other copies of the asset in its file.")]
     embossing: Embossing
+    label: Annotated[LabelFacts | None, Field(description="Null where no label was asked for.")] = None
     metrics: Annotated[Metrics | None, Field(description="Null with `evaluate: none`.")]
     fonts: Annotated[
         list[FontFacts], Field(description="The fonts that the text is set in, in the order of their first letters.")

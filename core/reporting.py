@@ -27,12 +27,13 @@ from core.report import (
     Eye,
     FileFacts,
     Frame,
+    LabelFacts,
     Metrics,
     Report,
     Watermark,
     WatermarkQuality,
 )
-from core.stages import Asset, Output
+from core.stages import Asset, Embossed, Output
 
 
 def build_report(asset: Asset, output: Output, parameters: Parameters) -> Report:
@@ -43,11 +44,12 @@ def build_report(asset: Asset, output: Output, parameters: Parameters) -> Report
         output: the GLB, its marks, and the other copies of the asset in it.
         parameters: resolved.
     """
-    surface, embossed = asset.scene.surface, output.embossed
+    surface, embossed, label = asset.scene.surface, output.embossed, output.label
     measured = parameters.evaluate is not Evaluate.NONE
     model = file_facts(output.file.data, output.file.format)
-    refused = {Refusal(reason): count for reason, count in sorted(embossed.refusals.items())}
-    verified = len(embossed.marks)
+    refusals = embossed.refusals if embossed else {}
+    refused = {Refusal(reason): count for reason, count in sorted(refusals.items())}
+    verified = len(embossed.marks) if embossed else 0
     return Report(
         asset=asset_facts(file_facts(asset.data, asset.format), surface),
         model=asset_facts(model, output.scene.surface.in_frame_of(surface)) if measured else model,
@@ -56,12 +58,15 @@ def build_report(asset: Asset, output: Output, parameters: Parameters) -> Report
         engine=Engine(version=__version__, device=device().value),
         units=frame_of(surface),
         eye=eye_of(surface),
-        watermarks=_watermarks(surface, output, parameters),
+        watermarks=_watermarks(surface, embossed, output, parameters) if embossed else [],
         copies=[
             CopyFacts(kind=item.copy.kind, name=item.copy.name, watermarks=item.watermarks, outcome=item.outcome)
             for item in output.copies
         ],
         embossing=Embossing(tried=verified + sum(refused.values()), verified=verified, refused=refused),
+        label=LabelFacts(packet=label.packet, source_type=label.source_type, aigc=label.aigc, kept=list(label.kept))
+        if label
+        else None,
         metrics=metrics_of(_unmeasured()) if measured else None,
         fonts=[],
         warnings=[],
@@ -135,10 +140,10 @@ def metrics_of(measured: Measurement) -> Metrics:
     )
 
 
-def _watermarks(surface: Surface, output: Output, parameters: Parameters) -> list[Watermark]:
-    marks, placement = output.embossed.marks, output.embossed.placement
+def _watermarks(surface: Surface, embossed: Embossed, output: Output, parameters: Parameters) -> list[Watermark]:
+    marks, placement = embossed.marks, embossed.placement
     boxes, relief = boxes_of(marks)
-    layouts = output.embossed.letters.layouts
+    layouts = embossed.letters.layouts
     layout = layouts.of(boxes.size)
     score = wps_area(surface, boxes)
     view_count = len(view_directions()[0])

@@ -15,6 +15,7 @@ from core.errors import MeshmarkError
 from core.formats.format import Format, OutputFile
 from core.gltf.scene import Scene
 from core.gltf.tint import Coloring
+from core.labels.write import WrittenLabel
 from core.notices import Notice
 from core.parameters import Parameters
 
@@ -132,18 +133,20 @@ class Output:
     """The watermarked model.
 
     Attributes:
-        embossed: the marks that it shows.
+        embossed: the marks that it shows; None where only a label was asked for.
         coloring: how each of them has the colour of its letters; None for that of the surface.
         copies: the other scenes, levels of detail and unused meshes of the file.
         scene: the marked asset, read back from the bytes of its GLB.
         file: ``scene`` as it is published.
+        label: the machine-readable one in it; None where none was asked for.
     """
 
-    embossed: Embossed
+    embossed: Embossed | None
     coloring: list[Coloring | None]
     copies: "list[MarkedCopy]"
     scene: Scene
     file: OutputFile
+    label: WrittenLabel | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,8 @@ BELOW = {
     "refusals": "",
     "languages": "",
     "named_regions": "validation",
-    "parameters": "languages named_regions validation",
+    "labels": "validation",
+    "parameters": "labels languages named_regions validation",
     "geometry": "",
     "device": "geometry",
     "gltf": "geometry budgets refusals",
@@ -34,8 +35,8 @@ BELOW = {
     "report": "artwork embossing gltf parameters",
     "reporting": "report stages metrics embossing formats geometry parameters device",
     "preload": "rendering",
-    "stages": "embossing placement analysis artwork formats gltf budgets parameters",
-    "marking": "stages embossing placement analysis artwork formats gltf geometry parameters",
+    "stages": "embossing placement analysis artwork formats gltf labels budgets parameters",
+    "marking": "stages embossing placement analysis artwork formats gltf geometry labels parameters",
     "measuring": "stages report reporting metrics rendering analysis parameters",
     "pipeline": "marking measuring stages formats budgets parameters preload",
     "evaluate": "report reporting metrics rendering analysis formats gltf geometry budgets parameters",
@@ -43,7 +44,7 @@ BELOW = {
         "pipeline stages report metrics rendering placement analysis artwork formats gltf geometry budgets parameters "
         "processors"
     ),
-    "cli_text": "parameters",
+    "cli_text": "labels parameters",
     "cli": "cli_text lab pipeline evaluate models parameters process",
     "__init__": "process",
 }

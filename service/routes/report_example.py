@@ -51,6 +51,9 @@ REPORT: JsonDict = {
         "solver": "levenberg-marquardt",
         "unmarked_copies": "leave_out",
         "evaluate": "geometry",
+        "label": None,
+        "declaration": None,
+        "metadata_only": False,
     },
     "seed": 7,
     "engine": {"version": "0.1.0", "device": "cpu"},
@@ -83,6 +86,7 @@ REPORT: JsonDict = {
     ],
     "copies": [],
     "embossing": {"tried": 1, "verified": 1, "refused": {}},
+    "label": None,
     "metrics": {
         "watermark_quality": {
             "wps": 0.1181,

@@ -1,14 +1,17 @@
 import argparse
+import json
+from pathlib import Path
 
 import pytest
 
-from core.cli_text import add_text_options
+from core.cli_text import add_label_options, add_text_options
 from core.parameters import Parameters
 
 
 def given(*options: str) -> Parameters:
     command = argparse.ArgumentParser(exit_on_error=False)
     add_text_options(command)
+    add_label_options(command)
     values = vars(command.parse_args(options))
     assert values.pop("logo") is None
     return Parameters(**values)
@@ -35,3 +38,17 @@ def test_without_options_the_defaults_are_those_of_the_parameters() -> None:
 def test_a_direction_that_is_none_is_refused() -> None:
     with pytest.raises(argparse.ArgumentError):
         given("--text", "a", "--direction", "up")
+
+
+def test_a_label_is_asked_for_with_a_file_of_statements(tmp_path: Path) -> None:
+    (tmp_path / "d.json").write_text(json.dumps({"creator": "me"}))
+    asked = given("--label", "cn", "--declaration", str(tmp_path / "d.json"), "--metadata-only")
+    assert asked == Parameters.model_validate({"label": "cn", "declaration": {"creator": "me"}, "metadata_only": True})
+
+
+@pytest.mark.parametrize("content", [None, "{"])
+def test_statements_that_cannot_be_read_are_refused(tmp_path: Path, content: str | None) -> None:
+    if content is not None:
+        (tmp_path / "d.json").write_text(content)
+    with pytest.raises(argparse.ArgumentError, match="cannot be read"):
+        given("--label", "cn", "--declaration", str(tmp_path / "d.json"))

@@ -197,3 +197,36 @@ def test_a_logo_among_the_parameters_is_told_to_be_a_file() -> None:
     with pytest.raises(MeshmarkError, match="logo") as caught:
         parse_parameters({"text": "HI", "logo": "logo.svg"})
     assert caught.value.remedy.startswith("Send the logo as a file")
+
+
+def test_a_label_brings_its_words_and_marks_as_large_as_its_rule_asks_for() -> None:
+    asked = parse_parameters({"label": "cn", "preset": "provenance"})
+    asked.require_content(logo=False)
+    assert (asked.resolved().text, asked.resolved().size, asked.resolved().count) == ("AI生成", None, 24)
+    assert asked.resolved().resolved() == asked.resolved()
+    given = parse_parameters({"label": "cn", "preset": "provenance", "text": "由AI合成", "size": 2.0, "count": 1})
+    given.require_content(logo=False)
+    assert (given.resolved().text, given.resolved().size, given.resolved().count) == ("由AI合成", 2.0, 1)
+    assert parse_parameters({"text": "a"}).resolved().label is None
+
+
+@pytest.mark.parametrize(
+    ("asked", "code"),
+    [
+        ({"label": "cn", "text": "AI"}, ErrorCode.INVALID_PARAMETERS),
+        ({"metadata_only": True}, ErrorCode.INVALID_PARAMETERS),
+        ({"metadata_only": True, "text": "a"}, ErrorCode.INVALID_PARAMETERS),
+        ({"label": "custom"}, ErrorCode.EMPTY_TEXT),
+        ({"declaration": {"creator": "me"}}, ErrorCode.EMPTY_TEXT),
+    ],
+)
+def test_a_label_that_says_nothing_or_something_else_is_refused(asked: dict[str, Any], code: ErrorCode) -> None:
+    with pytest.raises(MeshmarkError) as caught:
+        parse_parameters(asked).require_content(logo=False)
+    assert caught.value.code is code
+
+
+def test_a_label_alone_needs_no_text_and_measures_nothing() -> None:
+    asked = parse_parameters({"metadata_only": True, "declaration": {"creator": "me"}, "evaluate": "full"})
+    asked.require_content(logo=False)
+    assert asked.resolved().evaluate == "none"
