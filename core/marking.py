@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from core.arrays import Bool
+from core.arrays import Bool, Float
 from core.artwork.advice import plainer, subject
 from core.artwork.layouts import Layouts
 from core.artwork.lettering import layouts_of
@@ -237,6 +237,7 @@ def write_model(asset: Asset, candidates: Candidates, embossed: Embossed, run: R
     from core.embossing.copies import unmarked
     from core.embossing.drawn import drawn_marks
     from core.embossing.unmarked import unmarked_parts
+    from core.placement.label_height import too_small
 
     analysis, context, parameters = asset.analysis, candidates.context, run.request.parameters
     output = _written(asset, context, embossed)
@@ -256,8 +257,19 @@ def write_model(asset: Asset, candidates: Candidates, embossed: Embossed, run: R
     run.notices += low_contrast(looks) if parameters.palette else _hidden_by_texture(embossed, context)
     run.notices += unreadable_codes(looks) if context.layouts.logo == "qr" else []
     run.notices += output.label.notices if output.label else []
+    if parameters.rule is not None:
+        run.notices += too_small(_label_heights(embossed, context), parameters.rule)
     run.publish("model", output.file.data)
     return output
+
+
+def _label_heights(embossed: Embossed, context: "PlacementContext") -> Float:
+    """(24,) see :func:`core.placement.label_height.label_heights`."""
+    from core.placement.label_height import label_heights
+
+    boxes = Boxes.concat(*(mark.box for mark in embossed.marks.values()))
+    visible = embossed.placement.visible[list(embossed.marks), : len(context.targets.up)]
+    return label_heights(boxes, context.layouts.line_height(boxes.size), visible, context.carrier.surface.radius)
 
 
 def write_label_alone(asset: Asset, run: Run) -> Output:

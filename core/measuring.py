@@ -95,6 +95,7 @@ def evaluate(
         parameters.seed,
         context.layouts,
         context.layouts.settings(boxes.size),
+        parameters.rule,
     )
     measured = measure(pair, parameters.evaluate, run.progress)
     run.notices += measured.warnings

@@ -8,14 +8,12 @@ from pydantic import ConfigDict, Field, ValidationError, field_validator
 from pydantic_core import PydanticCustomError
 
 from core.errors import ErrorCode, MeshmarkError
-from core.labels.parameters import LabelParameters
 from core.labels.profiles import Label
+from core.labels.wording import Wording
 from core.languages import language_tag
 from core.named_regions import Region
 from core.validation import describe
 
-MAX_TEXT_LENGTH = 200
-MAX_LINES = 6
 MAX_QR_LENGTH = 300
 MAX_REGIONS = 32
 MAX_COLORS = 16
@@ -27,6 +25,8 @@ AUTO_COLORS = ("#101010", "#f8f8f8", "#d02020", "#ffd400", "#1840d0", "#00a040",
 # Relief, as a share of the letters' height. OCR of uncoloured letters on twelve assets is 0.79 at 0.32, 0.80 at 0.24,
 # 0.82 at 0.16 and 0.78 at 0.12, while the change of the shape is proportional to it.
 RELIEF = 0.158
+# Size-30 units; letters of a label that are higher, because its rule says so, rise no more: they are read anyway.
+LABEL_HEIGHT = 0.8
 
 
 class Preset(StrEnum):
@@ -151,18 +151,11 @@ def _hex_color(value: Any) -> str:
     return value.lower()
 
 
-class Parameters(LabelParameters):
+class Parameters(Wording):
     """One watermarking request. ``None`` means "what the preset says"; :meth:`resolved` fills it in."""
 
     model_config = ConfigDict(frozen=True, allow_inf_nan=False)
 
-    text: Annotated[
-        str,
-        Field(
-            max_length=MAX_TEXT_LENGTH,
-            description="The word or words to emboss; up to 6 lines. It may be empty where there is a logo or a label.",
-        ),
-    ] = ""
     qr: Annotated[
         str | None,
         Field(
@@ -281,14 +274,6 @@ class Parameters(LabelParameters):
             return tuple(map(_hex_color, value))
         return value if value == AUTO else _hex_color(value)
 
-    @field_validator("text")
-    @classmethod
-    def _few_lines(cls, value: str) -> str:
-        lines = value.strip("\r\n").count("\n") + 1
-        if lines > MAX_LINES:
-            raise PydanticCustomError("lines", f"Text should have at most {MAX_LINES} lines, not {lines}")
-        return value
-
     @field_validator("language")
     @classmethod
     def _known_language(cls, value: str | None) -> str | None:
@@ -311,15 +296,15 @@ class Parameters(LabelParameters):
         Raises:
             MeshmarkError: ``empty_text``, ``invalid_parameters``.
         """
-        text = self.resolved().text
-        self.resolved().require_label(text)
+        resolved = self.resolved()
+        resolved.require_label()
         if logo and self.qr is not None:
             raise MeshmarkError(
                 ErrorCode.INVALID_PARAMETERS,
                 "The request has both a logo and `qr`, which takes a logo's place.",
                 "Send one of them only.",
             )
-        if not (logo or self.qr or text.strip() or self.metadata_only):
+        if not (logo or self.qr or resolved.text.strip() or self.metadata_only):
             raise MeshmarkError(
                 ErrorCode.EMPTY_TEXT,
                 "The watermark text is empty or only spaces, and there is no logo.",
@@ -331,7 +316,7 @@ class Parameters(LabelParameters):
                 'The request has `qr` and a `profile` of "soft", which would round the modules of the code.',
                 'Leave `profile` out, or send "flat".',
             )
-        if self.size_exact and self.resolved().size is None:
+        if self.size_exact and resolved.size is None:
             raise MeshmarkError(
                 ErrorCode.INVALID_PARAMETERS,
                 "The request has `size_exact`, but no `size` that all marks should have.",
@@ -362,16 +347,17 @@ class Parameters(LabelParameters):
 
     def relief_at(self, height: float) -> float:
         """Signed relief of letters in a text of the given ``height``, size-30 units: sunken ones are negative."""
-        relief = self.relief if self.relief is not None else RELIEF * height
+        usual = RELIEF * (height if self.rule is None else min(height, LABEL_HEIGHT))
+        relief = self.relief if self.relief is not None else usual
         return relief if self.mode is Mode.EMBOSS else -relief
 
     def resolved(self) -> "Parameters":
         """This request with every ``None`` that the preset decides filled in; ``size`` and ``relief`` may stay so."""
         preset = PRESETS[self.preset] | STRENGTHS[self.strength]
         preset |= {"profile": Profile.FLAT} if self.qr is not None else {}
-        preset |= self.label_preset(preset.get("label"))
+        preset |= {} if self.preset is Preset.PAPER else self.label_preset(preset.get("label"))
         values = {key: value for key, value in preset.items() if getattr(self, key) is None}
-        values |= self.label_values(self.text, preset.get("label"))
+        values |= self.label_values(preset.get("label"))
         return self.model_copy(update=values | ({"evaluate": Evaluate.NONE} if self.metadata_only else {}))
 
 

@@ -190,6 +190,12 @@ class WatermarkQuality(Section):
     crop_survival: Annotated[Score, Field(description="Crops that leave a whole mark, a share.")]
     prominence: Annotated[Score, Field(description="Letters' share of the asset's silhouette, mean over 24 views.")]
     prominence_least: Annotated[Score, Field(description="The same in the view that shows the least of them.")]
+    label_height_share: Annotated[
+        Score, Field(description="Height of the highest letters over the picture's side, mean over 24 views.")
+    ]
+    label_height_reached: Annotated[
+        Score, Field(description="Share of the 24 views in which that is what the label's rule asks for.")
+    ]
     match: Annotated[Score, Field(description="Likeness of the marks' relief to their artwork, 0 to 1.")]
     ocr: Annotated[Score, Field(description="Readability: similarity of what is read, 0 to 1, mean over 24 views.")]
     ocr_ge_08: Annotated[Score, Field(alias="ocr_ge_0.8", description="Share of the views that read at 0.8 or more.")]

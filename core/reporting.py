@@ -120,10 +120,7 @@ def frame_of(surface: Surface) -> Frame:
 
 def eye_of(surface: Surface) -> Eye:
     """The cameras round a surface: its middle is theirs, and its farthest point is in their pictures."""
-    used = surface.positions[np.unique(surface.faces)]
-    used = used[np.abs(used).max(axis=1) <= surface.reach]
-    radius = float(np.linalg.norm(used, axis=1).max(initial=0.0))
-    return Eye(distance=EYE_DISTANCE, fov=round(float(np.degrees(field_of_view(radius))), 2))
+    return Eye(distance=EYE_DISTANCE, fov=round(float(np.degrees(field_of_view(surface.radius))), 2))
 
 
 def metrics_of(measured: Measurement) -> Metrics:

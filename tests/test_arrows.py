@@ -25,7 +25,7 @@ BELOW = {
     "device": "geometry",
     "gltf": "geometry budgets refusals",
     "formats": "gltf geometry budgets refusals",
-    "artwork": "geometry parameters",
+    "artwork": "geometry labels parameters",
     "analysis": "gltf geometry device named_regions parameters",
     "placement": "analysis artwork gltf geometry parameters process",
     "embossing": "placement analysis artwork gltf geometry parameters",

@@ -6,12 +6,13 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 from core.artwork.itemization import Cluster, FontChain, clusters_of, language_of
-from core.artwork.line import Line, column, row
+from core.artwork.line import Line, column, enlarged, row
 from core.artwork.shaping import Glyph, Spacing
 from core.artwork.style import PLAIN, TextStyle
 from core.artwork.typeface import Typeface
 from core.errors import ErrorCode, MeshmarkError
-from core.parameters import MAX_LINES, Align, Direction
+from core.labels.wording import MAX_LINES
+from core.parameters import Align, Direction
 
 _JOINERS = "\u200c\u200d"  # zero-width (non-)joiners steer the shaping of Arabic and Indic scripts
 _REFUSED_CATEGORIES = {"Cc": "control", "Cf": "formatting", "Cs": "surrogate", "Zl": "line break", "Zp": "line break"}
@@ -42,7 +43,8 @@ class Block:
         glyphs: of all lines.
         upem: units an em of their places.
         lines: of the text.
-        line_height: of the letters of the highest line, across its direction, in the same units.
+        line_height: of the letters of the highest line, across its direction, in the same units; a first line that is
+            larger than the others does not count.
     """
 
     glyphs: list[Glyph]
@@ -78,7 +80,8 @@ def set_text(text: str, style: TextStyle = PLAIN, own: Typeface | None = None) -
     upem = next(face.upem for line in pieces for _, face in line)
     spacing = Spacing(upem, style.letter_spacing, style.language or "und", chain.language)
     setting = column if style.direction is Direction.VERTICAL else row
-    return _stacked([setting(line, spacing) for line in pieces], lines, upem, style)
+    first, *others = (setting(line, spacing) for line in pieces)
+    return _stacked([enlarged(first, style.first_line) if others else first, *others], lines, upem, style)
 
 
 def serving_fonts(text: str, language: str | None) -> list[str]:
@@ -129,4 +132,5 @@ def _stacked(settings: list[Line], lines: tuple[str, ...], upem: int, style: Tex
         start = SHARE_BEFORE[style.align] * (longest - line.advance)
         x, y = (-number * step, -start) if vertical else (start, -number * step)
         glyphs += [replace(glyph, x=glyph.x + x, y=glyph.y + y) for glyph in line.glyphs]
-    return Block(glyphs, upem, lines, max(line.above - line.below for line in settings))
+    plain = settings if style.first_line == 1 else settings[1:] or settings
+    return Block(glyphs, upem, lines, max(line.above - line.below for line in plain))

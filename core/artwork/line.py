@@ -45,6 +45,12 @@ def row(pieces: Sequence[Piece], spacing: Spacing) -> Line:
     return Line(glyphs, advance, min(ends, default=0.0), max(ends, default=0.0))
 
 
+def enlarged(line: Line, scale: float) -> Line:
+    """A line in another size, about the origin."""
+    glyphs = [replace(one, x=one.x * scale, y=one.y * scale, scale=one.scale * scale) for one in line.glyphs]
+    return Line(glyphs, line.advance * scale, line.below * scale, line.above * scale)
+
+
 def column(pieces: Sequence[Piece], spacing: Spacing) -> Line:
     """A line from the top down, its middle on the vertical axis: upright letters, and rows turned clockwise."""
     glyphs: list[Glyph] = []

@@ -87,7 +87,7 @@ def _outlines(block: Block) -> tuple[list[_Outline], float]:
     return [
         _Outline(
             [_placed(contour, glyph, block.upem) / width for contour in flat[glyph.face, glyph.id]],
-            glyph.face.offset * block.upem / width,
+            glyph.face.offset * glyph.scale * block.upem / width,
         )
         for glyph in block.glyphs
     ], 1 / float(width)
@@ -97,7 +97,7 @@ def _placed(points: Float, glyph: Glyph, upem: int) -> Float:
     """Points (N, 2) of a glyph where it stands in its text, in the text's units."""
     turned: Float = np.column_stack([points[:, 1], -points[:, 0]]) if glyph.sideways else points
     origin = np.array([glyph.x, glyph.y])
-    placed: Float = turned * (upem / glyph.face.upem) + origin
+    placed: Float = turned * (glyph.scale * upem / glyph.face.upem) + origin
     return placed
 
 

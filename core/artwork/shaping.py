@@ -27,6 +27,7 @@ class Glyph:
         id: its number there.
         x, y: of its origin.
         sideways: turned a quarter clockwise about its origin.
+        scale: of its outline.
     """
 
     face: Typeface
@@ -34,6 +35,7 @@ class Glyph:
     x: float
     y: float
     sideways: bool = False
+    scale: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ class TextStyle:
         letter_spacing: added between letters, in ems; not within scripts whose letters are joined.
         direction: of the lines, not ``auto``.
         language: BCP 47 tag, which decides the shapes of ideographs; None: guessed from the text.
+        first_line: size of the first of several lines over that of the others.
     """
 
     align: Align = Align.CENTER
@@ -22,6 +23,7 @@ class TextStyle:
     letter_spacing: float = 0.0
     direction: Direction = Direction.HORIZONTAL
     language: str | None = None
+    first_line: float = 1.0
 
 
 PLAIN = TextStyle()
@@ -30,4 +32,6 @@ PLAIN = TextStyle()
 def style_of(parameters: Parameters, direction: Direction) -> TextStyle:
     """The setting that a request asks for, in one ``direction``."""
     wanted = parameters
-    return TextStyle(wanted.align, wanted.line_spacing, wanted.letter_spacing, direction, wanted.language)
+    return TextStyle(
+        wanted.align, wanted.line_spacing, wanted.letter_spacing, direction, wanted.language, wanted.first_line
+    )

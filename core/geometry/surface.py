@@ -62,6 +62,13 @@ class Surface:
         """Largest absolute coordinate in the frame, rounding included; size-30 units."""
         return MODEL_SIZE / 2 * (1 + 1e-6)
 
+    @cached_property
+    def radius(self) -> float:
+        """Distance of the farthest drawn point from the middle of the frame, size-30 units."""
+        used = self.positions[np.unique(self.faces)]
+        used = used[np.abs(used).max(axis=1) <= self.reach]
+        return float(np.linalg.norm(used, axis=1).max(initial=0.0))
+
     def to_world(self, points: Float) -> Float:
         """(N, 3) size-30 points as world points."""
         return np.asarray(points / self.scale + self.offset)

@@ -1,1 +1,1 @@
-"""Labels: what rules ask a model to say about where it comes from, in words and for machines."""
+"""Labels that rules ask for on models, in words and for machines."""

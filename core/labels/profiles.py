@@ -1,4 +1,4 @@
-"""What the rules of some places ask of a label: the one table of them.
+"""Rules of some places for a label: the one table of them.
 
 These are facts of November 2026 from the sources named with each, most of them secondary; none of this is legal advice.
 No rule names three-dimensional models, so that each profile does for a model what its rule asks of pictures.

@@ -107,7 +107,7 @@ def write_label(document: Json, label: Label, words: str, declaration: Declarati
 
 
 def _fill_aigc(document: Json, aigc: Aigc) -> tuple[AigcOutcome | None, bool]:
-    """What becomes of China's label that a file has, and whether it is one that cannot be read, or one of several."""
+    """Fate of the label of China's that a file has, and whether it is one that cannot be read, or one of several."""
     found = aigc_labels(document)
     if not found:
         return None, False

@@ -12,9 +12,10 @@ from core.geometry.directions import cosines_to_cameras
 from core.geometry.products import product
 from core.geometry.surface import Surface
 from core.geometry.surfels import Surfels
-from core.parameters import Parameters
+from core.parameters import Parameters, Preset
+from core.placement.label_height import picture_side
 from core.placement.objective import Targets, targets
-from core.placement.options import PlacementOptions, tuned
+from core.placement.options import PlacementOptions, labelling, tuned
 from core.placement.rims import Rims, rims
 
 FEW = 5000  # samples of the surface that estimate how it looks in a direction
@@ -92,7 +93,10 @@ def build_context(
             face_triangle=surface.face_triangle[cuttable],
         )
         normals = np.where(cuttable[:, None], normals, 0.0)
-    options = options or tuned(parameters)
+    if options is None:
+        options = tuned(parameters)
+        if parameters.rule is not None and parameters.preset is not Preset.PAPER:
+            options = labelling(parameters.rule * picture_side(surface.radius), bool(parameters.palette))
     goal, surfels = targets(surface, options.objective), Surfels(ground, rng)
     return PlacementContext(
         carrier=carrier,

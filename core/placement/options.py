@@ -7,6 +7,7 @@ from core.placement.arrange import ARRANGE, ArrangeOptions
 from core.placement.candidates import CANDIDATES, PAPER_CANDIDATES, CandidateOptions
 from core.placement.filters import FILTERS, FilterOptions
 from core.placement.finetune import ADAM, LEVENBERG_MARQUARDT, AdamOptions, LevenbergMarquardtOptions
+from core.placement.legibility import COLORED, PIXELS, PLAIN, legible_height
 from core.placement.objective import OBJECTIVE, Objective
 from core.placement.rims import RIMS, RimOptions
 from core.placement.selection import SELECTION, SelectionOptions
@@ -73,8 +74,26 @@ STRONG = replace(
 DISCREET = replace(PLACEMENT, search=replace(SEARCH, heights=SEARCH.heights[-2:]))
 
 
+# Letters of a label whose rule has a height are worth more up to so much more than it: they are seen from aside, too.
+SLACK = 1.15
+
+
+def labelling(height: float, colored: bool) -> PlacementOptions:
+    """The values for a label whose letters should be of a ``height``, size-30 units: those of strong marks, with text
+    of that height tried first and worth most."""
+    readable, _ = COLORED if colored else PLAIN
+    aim = SLACK * height
+    highest = max(aim / legible_height(), STRONG.search.heights[0])
+    objective = replace(STRONG.objective, prominent=0.9, large=max(aim * PIXELS / readable, 1.0), face=12.0, detail=3.0)
+    return replace(
+        STRONG,
+        search=replace(STRONG.search, heights=(highest, *STRONG.search.heights)),
+        objective=objective,
+    )
+
+
 def tuned(parameters: Parameters) -> PlacementOptions:
-    """The values that a preset and a strength stand for."""
+    """The values that a preset and a strength stand for; :func:`labelling` has those of a label with a rule."""
     if parameters.preset is Preset.PAPER:
         return PAPER
     return {Strength.DISCREET: DISCREET, Strength.STANDARD: PLACEMENT, Strength.STRONG: STRONG}[parameters.strength]

@@ -19,11 +19,14 @@ from core.embossing.refusal import EXPLAINED
 from core.errors import ErrorCode
 from core.lab.attacks.attack import ATTACKS
 from core.lab.benchmark.options import METHODS
+from core.labels.declaration import Aigc, Declaration, SourceType
+from core.labels.profiles import PROFILES
+from core.labels.write import AIGC_PROPERTY, PROPERTIES, SOURCE_TYPE
 from core.metrics.measurement import HIGHER_IS_BETTER, UNITS
 from core.notices import NoticeCode
 from core.parameters import PRESETS, Parameters, parse_parameters
 from core.pipeline import STAGES
-from core.report import AssetFacts, CopyFacts, Embossing, Engine, Frame, Report, Watermark
+from core.report import AssetFacts, CopyFacts, Embossing, Engine, Frame, LabelFacts, Report, Watermark
 from service.__main__ import parser as service_parser
 from service.app import create_app
 from service.config import Settings
@@ -57,7 +60,8 @@ def test_the_table_of_parameters_names_each_with_its_default_its_bounds_and_its_
         if field.is_required():
             assert default == "required"
         elif field.default is not None:
-            assert default.strip("`") == str(field.default)
+            said = json.dumps(field.default) if isinstance(field.default, bool) else str(field.default)
+            assert default.strip("`") == said
         else:
             assert default in ("preset", "`null`")
         if isinstance(field.default, StrEnum):
@@ -90,6 +94,31 @@ def test_the_table_of_metrics_has_each_with_its_direction_and_its_unit() -> None
     assert {name: table[name][1] for name in UNITS} == UNITS
 
 
+def test_the_table_of_labels_is_that_of_the_engine() -> None:
+    expected = [
+        [
+            f"`{label}`",
+            profile.words.replace("\n", " / ") or "-",
+            f"{100 * profile.height:g} %" if profile.height else "-",
+            f"`{profile.source_type}`" if profile.source_type else "-",
+            ", ".join(f"`{field}`" for field in profile.fields) or "-",
+            "yes" if profile.aigc else "no",
+            profile.source,
+        ]
+        for label, profile in PROFILES.items()
+    ]
+    assert rows("labels", "Profiles") == expected
+
+
+def test_the_table_of_statements_has_each_with_the_property_that_it_is_written_to() -> None:
+    table = rows("labels", "Declaration")
+    assert [name.strip("`") for name, _ in table] == [*Declaration.model_fields]
+    written = PROPERTIES | {"source_type": (SOURCE_TYPE, ""), "aigc": (AIGC_PROPERTY, "")}
+    assert all(where.startswith(f"`{written[name.strip('`')][0]}`") for name, where in table)
+    assert set(Aigc.model_fields) <= set(re.findall(r"`(\w+)`", dict(table)["`aigc`"]))
+    assert all(f"`{source}`" in dict(table)["`source_type`"] for source in SourceType)
+
+
 def test_the_tables_of_attacks_and_methods_are_those_of_the_benchmark() -> None:
     expected = [
         [f"`{name}`", f"{attack.strength:g}", f"{attack.low:g} to {attack.high:g}", attack.help]
@@ -115,6 +144,7 @@ def test_the_tables_of_the_report_have_the_fields_of_its_model() -> None:
         "units": Frame,
         "copies": CopyFacts,
         "embossing": Embossing,
+        "label": LabelFacts,
     }
     for name, section in sections.items():
         assert set(section.model_fields) <= set(re.findall(r"`(\w+)`", contents[name])), name

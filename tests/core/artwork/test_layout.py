@@ -7,7 +7,7 @@ from core.arrays import Float
 from core.artwork.artwork import Artwork
 from core.artwork.layout import serving_fonts, set_text
 from core.artwork.outline import text_artwork
-from core.artwork.style import TextStyle
+from core.artwork.style import PLAIN, TextStyle
 from core.errors import ErrorCode, MeshmarkError
 from core.parameters import Align, Direction
 from tests.core.artwork.fontsmith import SQUARE, make_font
@@ -164,3 +164,13 @@ def test_any_lines_make_one_block_of_width_one(lines: list[str]) -> None:
         points = np.concatenate(letters.rings)
         assert np.ptp(points[:, 0]) == pytest.approx(1)
         assert 0 < letters.line_height <= max(1.0, letters.aspect) * 1.001
+
+
+def test_the_first_of_several_lines_may_be_larger_and_legibility_goes_by_the_others() -> None:
+    style = TextStyle(first_line=1.6)
+    plain, large = (text_artwork("AI\nGENERATED", style=one) for one in (PLAIN, style))
+    small, high = np.diff(bands(large, 1), axis=1)[:, 0]
+    assert high / small == pytest.approx(1.6, rel=0.05)
+    assert large.line_height == pytest.approx(plain.line_height)
+    one = text_artwork("AI", style=style)
+    assert (one.aspect, one.line_height) == (text_artwork("AI").aspect, text_artwork("AI").line_height)
