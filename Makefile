@@ -49,6 +49,10 @@ design: $(VENV)/.tests ## Mark every file of MESHES=DIR and print the shares of 
 	@test -n "$(MESHES)" || { echo "usage: make design MESHES=DIR"; exit 2; }
 	@$(BIN)/python -m tests.design $(MESHES)
 
+labels: $(VENV)/.tests ## Label every file of MESHES=DIR (LABEL=cn, eu, ...) and print how high the letters are in pictures
+	@test -n "$(MESHES)" || { echo "usage: make labels MESHES=DIR [LABEL=cn]"; exit 2; }
+	@$(BIN)/python -m tests.labelled $(MESHES) $(if $(LABEL),--label $(LABEL))
+
 benchmark: $(VENV)/.tests ## Compare all methods on the files of MESHES=DIR; the report goes to OUT=DIR
 	@sh docker/system-packages.sh service
 	$(BIN)/meshmark benchmark $(MESHES) --out $(OUT)
@@ -96,4 +100,4 @@ $(VENV)/.tests: $(VENV)/.service
 	$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable '.[test,benchmark]'
 	touch $@
 
-.PHONY: help install demo run test check survey delivered features design benchmark ablation fuzz faults load attacks audit docker-test openapi clean
+.PHONY: help install demo run test check survey delivered features design labels benchmark ablation fuzz faults load attacks audit docker-test openapi clean

@@ -99,9 +99,10 @@ class Intake:
             MeshmarkError: as :func:`worker.gate.look` does; ``budget_exceeded`` too where the check took too long,
                 ``engine_crashed`` where its process died, ``service_unavailable``.
         """
-        text, lettering = parameters.text.strip(), ""
+        words, lettering = parameters.resolved().text, ""
+        text = words.strip()
         if font is None and text:
-            set_text(parameters.text)
+            set_text(words)
         if font or (text and parameters.qr):  # by the outlines of the text goes how large a code beside it is
             lettering = parameters.model_dump_json(exclude={"keep_out", "prefer"})
         known = {} if known is None else known

@@ -43,8 +43,9 @@ def check_code(parameters: Parameters) -> None:
     """
     if parameters.qr is None:
         return
-    side, size = side_of(qr_modules(parameters.qr)), parameters.resolved().size
-    if size is not None and size < round(MIN_MODULE * side, 6) and not parameters.text.strip():
+    resolved, side = parameters.resolved(), side_of(qr_modules(parameters.qr))
+    size = resolved.size
+    if size is not None and size < round(MIN_MODULE * side, 6) and not resolved.text.strip():
         raise MeshmarkError(
             ErrorCode.INVALID_PARAMETERS,
             f"The QR code of `qr` is {side} modules wide with its frame; in a `size` of {size:g} they are too small to "

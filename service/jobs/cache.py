@@ -11,6 +11,7 @@ from sqlalchemy.orm import Session, sessionmaker
 
 from core import __version__
 from core.artwork.layout import serving_fonts
+from core.parameters import Parameters
 from service.jobs.clock import clock
 from service.jobs.idempotency import fingerprint
 from service.jobs.ledger import OUTPUTS, Content
@@ -23,7 +24,8 @@ def result_key(parameters: dict[str, Any], contents: Mapping[ArtifactKind, Conte
         return None
     inputs = {kind.value: content.sha256 for kind, content in contents.items()}
     # Other fonts installed, other letters. The ones that stand in for a font that was sent are among these.
-    fonts = serving_fonts(parameters.get("text", ""), parameters.get("language"))
+    wording = Parameters.model_validate(parameters).resolved()
+    fonts = serving_fonts(wording.text, wording.language)
     return fingerprint({"engine": __version__, "parameters": parameters, "fonts": fonts, **inputs})
 
 

@@ -138,6 +138,16 @@ REFUSED_AT_ONCE = {
     "unknown parameter": with_parameter("colour", '"#ff0000"'),
     "bad colour": with_parameter("color", '"#ff00"', says="hexadecimal"),
     "unknown preset": with_parameter("preset", '"gift"', says="merchandise"),
+    "unknown label": with_parameter("label", '"fr"', says="us-ca"),
+    "text that is not what its label says": with_parameter("label", '"cn"', says="生成"),
+    "label in letters that no font has": Request(
+        "missing_glyphs", params=text("AI \U0001f985", label="eu"), says="U+1F985"
+    ),
+    "nothing but a label, and none": with_parameter("metadata_only", "true", says="label"),
+    "statement of two lines": with_parameter("declaration", '{"creator": "a\\nb"}', says="declaration.creator"),
+    "unknown statement": with_parameter("declaration", '{"maker": "me"}', says="declaration.maker"),
+    "time that is none": with_parameter("declaration", '{"created": "soon"}', says="declaration.created"),
+    "AIGC label that is no object": with_parameter("declaration", '{"aigc": "{}"}', says="declaration.aigc"),
     "region of no kind": with_parameter("keep_out", '[{"part": "Head"}]', says="keep_out.0"),
     "region of two kinds": with_parameter("keep_out", '[{"node": "Head", "material": "Skin"}]', says="exactly one"),
     "box inside out": with_parameter("prefer", '[{"box": {"min": [1, 1, 1], "max": [0, 2, 2]}}]', says="prefer.0.box"),

@@ -1,4 +1,4 @@
-"""Logos and QR codes go the whole way over HTTP: API, Redis, worker and the real engine, each a process of its own.
+"""Logos, QR codes and labels go the whole way over HTTP: API, Redis, worker and the engine, each a process of its own.
 
 What stands on the result is looked at from outside: by the heights at which rays meet the surface of the file.
 """
@@ -58,6 +58,15 @@ def reliefs(model: trimesh.Trimesh, mark: Any, *, rows: int) -> Float:
     level[rays] = (points - center) @ normal
     ground = np.nanmin(level)
     return np.asarray(((level - ground) / mark["relief"]).reshape(rows, columns))
+
+
+def test_a_label_comes_in_words_and_in_the_metadata_or_in_these_alone(service: Service) -> None:
+    declared = {"creator": "Example Ltd", "aigc": {"content_producer": "Example Ltd", "produce_id": "47"}}
+    _, report = result(service, label="cn", declaration=declared)
+    assert [mark["text"] for mark in report["watermarks"]] == ["AI生成"]
+    assert report["label"]["aigc"] == "written"
+    bare, report = result(service, label="cn", declaration=declared, metadata_only=True)
+    assert (report["watermarks"], report["label"]["aigc"], len(bare.faces)) == ([], "written", 12)
 
 
 def test_a_logo_with_a_hole_stands_beside_a_text(service: Service) -> None:
