@@ -53,6 +53,10 @@ labels: $(VENV)/.tests ## Label every file of MESHES=DIR (LABEL=cn, eu, ...) and
 	@test -n "$(MESHES)" || { echo "usage: make labels MESHES=DIR [LABEL=cn]"; exit 2; }
 	@$(BIN)/python -m tests.labelled $(MESHES) $(if $(LABEL),--label $(LABEL))
 
+verified: $(VENV)/.tests ## Mark every file of MESHES=DIR, attack it (ATTACKS="crop,noise") and print how many are read back
+	@test -n "$(MESHES)" || { echo "usage: make verified MESHES=DIR [ATTACKS=...]"; exit 2; }
+	@$(BIN)/python -m tests.verified $(MESHES) $(if $(ATTACKS),--attacks "$(ATTACKS)")
+
 benchmark: $(VENV)/.tests ## Compare all methods on the files of MESHES=DIR; the report goes to OUT=DIR
 	@sh docker/system-packages.sh service
 	$(BIN)/meshmark benchmark $(MESHES) --out $(OUT)
@@ -100,4 +104,4 @@ $(VENV)/.tests: $(VENV)/.service
 	$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable '.[test,benchmark]'
 	touch $@
 
-.PHONY: help install demo run test check survey delivered features design labels benchmark ablation fuzz faults load attacks audit docker-test openapi clean
+.PHONY: help install demo run test check survey delivered features design labels verified benchmark ablation fuzz faults load attacks audit docker-test openapi clean

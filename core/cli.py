@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from core import __version__, process
+from core.cli_files import read_file, write_file
 from core.cli_text import add_label_options, add_text_options
+from core.cli_verify import add_verify
 from core.errors import ErrorCode, MeshmarkError
 from core.lab.benchmark.datasets import LAYOUTS
 from core.lab.benchmark.options import OBJECTIVE_METHODS, BenchmarkOptions, attack_requests
@@ -37,6 +39,7 @@ def parser() -> argparse.ArgumentParser:
     commands = top.add_subparsers(dest="command", required=True)
     _add_apply(commands)
     _add_evaluate(commands)
+    add_verify(commands)
     _add_attack(commands)
     _add_benchmark(commands)
     _add_profile(commands)
@@ -261,8 +264,8 @@ def _apply(options: argparse.Namespace) -> None:
     options.evaluate = options.evaluate or (Evaluate.FULL if options.report else Evaluate.NONE).value
     given = {name: value for name, value in vars(options).items() if name in Parameters.model_fields}
     parameters = parse_parameters(given)
-    data = _read(options.input)
-    font, logo = (_read(path) if path else None for path in (options.font, options.logo))
+    data = read_file(options.input)
+    font, logo = (read_file(path) if path else None for path in (options.font, options.logo))
     parameters.require_content(logo is not None)
 
     from core.pipeline import watermark  # torch and the geometry libraries take seconds: not for --help or a typo
@@ -275,14 +278,14 @@ def _apply(options: argparse.Namespace) -> None:
         preview=options.preview is not None,
         progress=_show if sys.stderr.isatty() else None,
     )
-    _write(options.output, result.file.data)
+    write_file(options.output, result.file.data)
     if options.report:
-        _write(options.report, (json.dumps(result.report, indent=2) + "\n").encode())
+        write_file(options.report, (json.dumps(result.report, indent=2) + "\n").encode())
     if options.preview:
         if result.preview is None:
             warning = result.report["warnings"][-1]  # previewing is the last stage, and so is its warning
             raise MeshmarkError(ErrorCode(warning["code"]), warning["message"], warning["remedy"])
-        _write(options.preview, result.preview)
+        write_file(options.preview, result.preview)
     seconds = sum(result.report["timings"].values())
     print(f"{options.output}: {len(result.report['watermarks'])} watermarks in {seconds:.1f} s")
 
@@ -291,14 +294,14 @@ def _evaluate(options: argparse.Namespace) -> None:
     from core.evaluate import evaluate, parse_watermarks
 
     report = evaluate(
-        _read(options.original),
-        _read(options.watermarked),
-        parse_watermarks(_read(options.watermarks)) if options.watermarks else [],
+        read_file(options.original),
+        read_file(options.watermarked),
+        parse_watermarks(read_file(options.watermarks)) if options.watermarks else [],
         options.text,
         Evaluate(options.evaluate),
         options.seed,
     )
-    _write(options.report, (json.dumps(report, indent=2) + "\n").encode())
+    write_file(options.report, (json.dumps(report, indent=2) + "\n").encode())
     metrics = report["metrics"]
     for name, value in (metrics["watermark_quality"] | metrics["asset_utility"]).items():
         missing = metrics["missing"].get(name)
@@ -308,9 +311,9 @@ def _evaluate(options: argparse.Namespace) -> None:
 def _attack(options: argparse.Namespace) -> None:
     from core.lab.attacks.attack import attack_file
 
-    original = _read(options.original) if options.original else None
-    left = attack_file(_read(options.input), options.name, options.strength, options.seed, original)
-    _write(options.output, left)
+    original = read_file(options.original) if options.original else None
+    left = attack_file(read_file(options.input), options.name, options.strength, options.seed, original)
+    write_file(options.output, left)
     print(f"{options.output}: {len(left):,} bytes")
 
 
@@ -344,7 +347,7 @@ def _sizing(options: argparse.Namespace) -> None:
     from core.lab.benchmark.sizing import markdown, parse_mix, sizing
 
     try:
-        profile = json.loads(_read(options.profile))
+        profile = json.loads(read_file(options.profile))
     except ValueError:
         raise MeshmarkError(
             ErrorCode.INVALID_PARAMETERS, f"{options.profile} is no JSON.", "Give what `meshmark profile` wrote."
@@ -376,24 +379,3 @@ def _show_bytes(done: int, total: int) -> None:
 def _show(stage: str, share: float) -> None:
     end = "\n" if share >= 1 else ""
     print(f"\r\033[K{share:4.0%} {stage}", end=end, file=sys.stderr, flush=True)
-
-
-def _read(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise MeshmarkError(
-            ErrorCode.MISSING_FILE, f"{path} cannot be read: {error.strerror}.", "Check the path and its permissions."
-        ) from None
-
-
-def _write(path: Path, data: bytes) -> None:
-    """Writes beside the target and renames, so that no half-written file is ever left under its name."""
-    partial = path.with_name(path.name + ".partial")
-    try:
-        partial.write_bytes(data)
-        partial.replace(path)
-    except OSError as error:
-        raise MeshmarkError(
-            ErrorCode.OUTPUT_NOT_WRITABLE, f"{path} cannot be written: {error.strerror}.", "Choose another place."
-        ) from None

@@ -44,8 +44,11 @@ BELOW = {
         "pipeline stages report metrics rendering placement analysis artwork formats gltf geometry budgets parameters "
         "processors"
     ),
+    "verify": "report reporting metrics rendering labels formats gltf geometry budgets device",
+    "cli_files": "",
+    "cli_verify": "cli_files verify",
     "cli_text": "labels parameters",
-    "cli": "cli_text lab pipeline evaluate models parameters process",
+    "cli": "cli_files cli_text cli_verify lab pipeline evaluate models parameters process",
     "__init__": "process",
 }
 EVERYWHERE = {"arrays", "errors", "notices", "__version__"}

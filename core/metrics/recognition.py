@@ -126,17 +126,24 @@ class Reader:
 
     def read(self, lines: Sequence[Picture]) -> list[str]:
         """Text of each (H, W, 3) sRGB picture of one upright line, at any confidence."""
+        return [text for text, _ in self.read_with_confidence(lines)]
+
+    def read_with_confidence(self, lines: Sequence[Picture]) -> list[tuple[str, float]]:
+        """Text of each (H, W, 3) sRGB picture of one upright line, and the mean probability of its letters; 0 where
+        there are none."""
         filled = [_fill_up(line) for line in lines]
         widths = np.array([line.shape[1] for line in filled])
-        texts = [""] * len(lines)
+        texts = [("", 0.0)] * len(lines)
         for width in np.unique(widths):
             alike = np.flatnonzero(widths == width)
             together = max(BATCH // int(width), 1)
             for rows in np.split(alike, range(together, len(alike), together)):
                 steps = _run(self._recogniser, [filled[row] for row in rows], RECOGNISER_COLORS)
-                for row, labels in zip(rows, steps.argmax(axis=2), strict=True):
+                for row, labels, sure in zip(rows, steps.argmax(axis=2), steps.max(axis=2), strict=True):
                     changed = np.append(True, labels[1:] != labels[:-1])
-                    texts[row] = "".join(self._characters[label] for label in labels[changed])
+                    text = "".join(self._characters[label] for label in labels[changed])
+                    letters = changed & (labels > 0)
+                    texts[row] = text, float(sure[letters].mean()) if letters.any() else 0.0
         return texts
 
 

@@ -26,10 +26,11 @@ def relief_pictures(
     return np.stack([relief(renderer.render_with_depth(*camera)[1]) for camera in zip(directions, ups, strict=True)])
 
 
-def relief(depth: NDArray[np.float32]) -> NDArray[np.uint8]:
+def relief(depth: NDArray[np.float32], nearer: float = 1.0) -> NDArray[np.uint8]:
     """(H, W, 3) grey picture of the second difference of a ``depth`` (H, W), size-30 units, 0 where there is nothing.
 
-    It is zero on planes of any orientation: what is left are folds, dark, and ridges, bright.
+    It is zero on planes of any orientation: what is left are folds, dark, and ridges, bright. ``nearer`` is the width
+    of a pixel over that in a picture of a whole asset: folds between nearer pixels are shallower.
     """
-    level = np.where(depth > 0, GROUND - RANGE * folds(depth, 0.0, STEP), BACKGROUND)
+    level = np.where(depth > 0, GROUND - RANGE * folds(depth, 0.0, STEP * nearer), BACKGROUND)
     return np.repeat(np.clip(level, 0, 255).astype(np.uint8)[..., None], 3, axis=2)

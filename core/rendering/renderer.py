@@ -103,22 +103,25 @@ class Renderer:
         """
         shown = drawables(asset, texture_limit=2 * self.size)  # finer texels could not be told apart
         points = np.concatenate([drawable.positions for drawable in shown])
-        self.frame = frame or _frame(points)
-        self._center = np.array(self.frame.center)
-        # Geometry outside the frame is not clipped by the planes of the camera.
-        depth = max(self.frame.radius, float(np.linalg.norm(points - self._center, axis=1).max()))
         scene = self._gl.Scene(bg_color=[BACKGROUND] * 3)
         textures: dict[Texture, Any] = {}
         # One mesh: within it pyrender keeps the order of primitives, between meshes it does not.
         scene.add(self._gl.Mesh([self._primitive(drawable, textures) for drawable in shown]))
-        camera = self._gl.PerspectiveCamera(
-            yfov=field_of_view(self.frame.radius),
+        self._camera = scene.add(self._gl.PerspectiveCamera(yfov=1.0))
+        self._scene, self._points = scene, points
+        self.aim(frame or _frame(points))
+
+    def aim(self, frame: Frame) -> None:
+        """Turn the camera to another ``frame`` of the asset that is loaded: a small one is seen from near by."""
+        self.frame, self._center = frame, np.array(frame.center)
+        # Geometry outside the frame is not clipped by the planes of the camera.
+        depth = max(frame.radius, float(np.linalg.norm(self._points - self._center, axis=1).max()))
+        self._camera.camera = self._gl.PerspectiveCamera(
+            yfov=field_of_view(frame.radius),
             aspectRatio=1.0,
             znear=max(EYE_DISTANCE - depth, EYE_DISTANCE / 100),
             zfar=EYE_DISTANCE + depth,
         )
-        self._camera = scene.add(camera)
-        self._scene = scene
 
     def render(self, direction: ArrayLike, up: ArrayLike) -> NDArray[np.uint8]:
         """The asset seen from ``direction`` (3,), the sphere of the frame wholly in the picture: (size, size, 3) sRGB.

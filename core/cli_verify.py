@@ -1,0 +1,53 @@
+"""The command `meshmark verify`."""
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from core.cli_files import read_file, write_file
+
+
+def add_verify(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add the command."""
+    verify = commands.add_parser(
+        "verify",
+        help="read marks and labels of a file back",
+        description="Read the marks on a suspect file, whoever made it, and what its metadata say.",
+    )
+    verify.set_defaults(run=_verify)
+    verify.add_argument("input", type=Path, metavar="FILE", help="the suspect file")
+    verify.add_argument(
+        "--text", action="append", default=[], help="a text that its marks may say; may be repeated (default: any)"
+    )
+    verify.add_argument("--report", type=Path, metavar="V.json", help="write the report here")
+    verify.add_argument("--pictures", type=Path, metavar="DIR", help="write a picture of each mark there")
+
+
+def _verify(options: argparse.Namespace) -> None:
+    from core.verify.verify import verify  # the renderer and the recogniser take a second to load
+
+    result = verify(read_file(options.input), options.text)
+    report = result.report
+    if options.report:
+        write_file(options.report, (json.dumps(report, indent=2, ensure_ascii=False) + "\n").encode())
+    if options.pictures:
+        options.pictures.mkdir(parents=True, exist_ok=True)
+        for number, picture in enumerate(result.pictures):
+            write_file(options.pictures / f"mark-{number}.png", picture)
+    for line in _lines(options.input, report):
+        print(line)
+
+
+def _lines(path: Path, report: dict[str, Any]) -> list[str]:
+    """The result in words."""
+    marks, label = report["marks"], report["label"]
+    lines = [f"{path}: {len(marks)} marks read"]
+    for mark in marks:
+        said = f'"{mark["text"]}"' + (f' ("{mark["known"]}")' if mark["known"] not in (None, mark["text"]) else "")
+        where = ", ".join(f"{value:.3g}" for value in mark["center"])
+        lines.append(f"  {said} at {where}, in {mark['votes']} pictures, confidence {mark['confidence']:.2f}")
+    lines += [f'not found: "{text}"' for text in report["texts"] if text not in report["found"]]
+    stated = {name: value for name, value in (label or {}).items() if value}
+    lines.append("metadata: " + (json.dumps(stated, ensure_ascii=False) if stated else "nothing"))
+    return lines + [f"warning: {notice['message']}" for notice in report["warnings"]]

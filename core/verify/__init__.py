@@ -1,0 +1,1 @@
+"""Marks and labels read back from a suspect file."""

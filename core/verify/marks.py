@@ -1,0 +1,144 @@
+"""Visible marks of a suspect file: looked for from all sides, then looked at head-on and from near by."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.arrays import Float
+from core.geometry.directions import view_directions
+from core.gltf.scene import Scene
+from core.metrics.recognition import Reader
+from core.rendering.renderer import Frame, Renderer
+from core.verify.look import look
+from core.verify.places import Place, places
+from core.verify.readings import Kind, Reading, readings
+from core.verify.texts import best, enough
+
+PICTURE = 1024  # pixels a side
+HINT = 0.4  # likeness to a known text from which on a place is looked at again
+SURE = 0.6  # confidence of readings from which on a place without a known text is
+SHORTEST = 3  # letters of such a reading
+MOST_PLACES = 24  # that are looked at again
+NEARER = 0.75  # radius of a second look over the length of the writing
+VOTES = 2  # pictures that have to read a text, unless one reads it exactly
+
+
+@dataclass(frozen=True, eq=False)
+class FoundMark:
+    """Writing that was found on an asset.
+
+    Attributes:
+        text: as it was read best.
+        known: the known text that it is; None where it is none.
+        likeness: to that, or to the most like of the known texts, 0 to 1.
+        confidence: of the recogniser, 0 to 1.
+        votes: pictures that read so.
+        kinds: of the pictures that read it.
+        place: on the surface, size-30 units.
+        picture: (S, S, 3) of a look at it head-on.
+    """
+
+    text: str
+    known: str | None
+    likeness: float
+    confidence: float
+    votes: int
+    kinds: tuple[Kind, ...]
+    place: Place
+    picture: NDArray[np.uint8]
+
+
+def find_marks(scene: Scene, texts: Sequence[str], renderer: Renderer, reader: Reader) -> list[FoundMark]:
+    """Marks on an asset, the surest first.
+
+    Ordinary and relief pictures of the paper's 24 views are read. Places where something like one of the ``texts`` is
+    read, or without any, where anything is read with confidence, are looked at again, head-on and so near that the
+    writing fills the picture. A text counts as found where enough of these pictures agree; without known texts
+    everything that is read with confidence does.
+
+    Args:
+        scene: of the suspect file.
+        texts: known ones.
+        renderer, reader: made once for many calls.
+
+    Raises:
+        MeshmarkError: as :meth:`core.rendering.renderer.Renderer.load`.
+    """
+    renderer.load(scene)
+    cameras = np.unique(np.hstack(view_directions()), axis=0)
+    looks = [look(renderer, camera[:3], camera[3:]) for camera in cameras]
+    found = places(readings(looks, reader))
+    asked = sorted((place for place in found if _promise(place, texts)), key=lambda place: -_promise(place, texts))
+    marks = [
+        _again(place, len(cameras) + number, texts, renderer, reader)
+        for number, place in enumerate(asked[:MOST_PLACES])
+    ]
+    chosen = [mark for mark in marks if mark is not None]
+    return _distinct(sorted(chosen, key=lambda mark: (-mark.likeness, -mark.votes, -mark.confidence)))
+
+
+def _promise(place: Place, texts: Sequence[str]) -> float:
+    """Promise of a place for a second look; 0 for none."""
+    if texts:
+        likeness = max(best(texts, one.text)[0] for one in place.readings)
+        return likeness if likeness >= HINT else 0.0
+    sure = [one.confidence for one in place.readings if one.confidence >= SURE and len(one.text) >= SHORTEST]
+    return max(sure, default=0.0)
+
+
+def _again(place: Place, number: int, texts: Sequence[str], renderer: Renderer, reader: Reader) -> FoundMark | None:
+    """The mark at a place, by all pictures of it; None where too few agree."""
+    x, y, z = place.center.tolist()
+    renderer.aim(Frame((x, y, z), max(NEARER * place.length, 0.5)))
+    near = look(renderer, place.normal, place.up)
+    lines = readings([near], reader, number)
+    every = [*place.readings, *lines, *_passages(lines)]
+    scored = [(*best(texts, one.text), one) for one in every]
+    if texts:
+        agreeing = [(ratio, one) for ratio, text, one in scored if text is not None and ratio >= enough(text)]
+        if not agreeing:
+            return None
+        ratio, reading = max(agreeing, key=lambda found: (found[0], found[1].confidence))
+        pictures = {(one.look, one.kind) for _, one in agreeing}
+        if ratio < 1 and len(pictures) < VOTES:
+            return None
+        known = best(texts, reading.text)[1]
+    else:
+        sure = [one for one in every if one.confidence >= SURE and len(one.text) >= SHORTEST]
+        reading = max(sure, key=lambda one: one.confidence * len(one.text))
+        ratio, known = 0.0, None
+        pictures = {(one.look, one.kind) for one in sure if best([reading.text], one.text)[0] >= enough(reading.text)}
+        if len(pictures) < VOTES:
+            return None
+    shown = near.relief if reading.kind == "relief" else near.ordinary
+    kinds: tuple[Kind, ...] = tuple(kind for kind in ("ordinary", "relief") if any(kind == one for _, one in pictures))
+    exact = replace(place, center=reading.center, right=reading.right, normal=reading.normal, length=reading.length)
+    return FoundMark(reading.text, known, ratio, reading.confidence, len(pictures), kinds, exact, shown)
+
+
+def _passages(lines: list[Reading]) -> list[Reading]:
+    """The lines of each near picture joined from the top down: texts of several lines."""
+    joined = []
+    for kind in ("ordinary", "relief"):
+        mine = sorted((one for one in lines if one.kind == kind and one.confidence >= SURE), key=lambda one: one.row)
+        upright = [one for one in mine if one.right @ mine[0].right > 0]
+        if len(upright) > 1:
+            text = " ".join(one.text for one in upright)
+            joined.append(replace(upright[0], text=text, confidence=min(one.confidence for one in upright)))
+    return joined
+
+
+def _distinct(marks: list[FoundMark]) -> list[FoundMark]:
+    """The marks without those that lie where a surer one does."""
+    kept: list[FoundMark] = []
+    for mark in marks:
+        if all(_apart(mark.place, other.place) for other in kept):
+            kept.append(mark)
+    return kept
+
+
+def _apart(one: Place, other: Place) -> bool:
+    away: Float = one.center - other.center
+    return bool(np.linalg.norm(away) > min(one.length, other.length) / 2 or one.normal @ other.normal < 0.5)

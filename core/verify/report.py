@@ -1,0 +1,67 @@
+"""Report of a verification."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from core.notices import Notice
+from core.report import Engine, FileFacts, Section, Vector
+from core.verify.readings import Kind
+
+
+class ReadMark(Section):
+    """Writing that was read on the surface, in the file's own world coordinates."""
+
+    text: Annotated[str, Field(description="As it was read.")]
+    known: Annotated[str | None, Field(description="The known text that it is; null where none was given.")]
+    likeness: Annotated[float, Field(description="Ratio of both texts without regard to case and spaces, 0 to 1.")]
+    confidence: Annotated[float, Field(description="Of the text recognition, mean over its letters, 0 to 1.")]
+    votes: Annotated[int, Field(description="Pictures that read it.")]
+    pictures: Annotated[
+        list[Kind], Field(description="Their kinds: as a viewer shows the file, and of its shape alone (relief).")
+    ]
+    center: Annotated[Vector, Field(description="The middle of the writing.")]
+    right: Annotated[Vector, Field(description="The direction of reading, a unit vector.")]
+    normal: Annotated[Vector, Field(description="The direction that it is read from, a unit vector.")]
+    length: Annotated[float, Field(description="Length of the line, world units.")]
+
+
+class AigcLabel(Section):
+    """China's label, as it is in the file."""
+
+    fields: Annotated[dict[str, str] | None, Field(description="By the names of GB 45438; null where it is no JSON.")]
+    text: Annotated[str | None, Field(description="As it is, where it is no JSON.")]
+
+
+class FileLabel(Section):
+    """Statements of the file's metadata about all of it; null where it makes none."""
+
+    source_type: Annotated[str | None, Field(description="The IPTC's address of how the model came about.")]
+    title: str | None
+    rights: str | None
+    creator: str | None
+    identifier: str | None
+    created: str | None
+    modified: str | None
+    system: str | None
+    system_version: str | None
+    aigc: Annotated[list[AigcLabel], Field(description="China's labels; a file should have one at most.")]
+    copyright: Annotated[str | None, Field(description="`asset.copyright` of the glTF.")]
+
+
+class VerificationReport(Section):
+    """Marks and labels that were found in a file."""
+
+    schema_: Annotated[
+        Literal["meshmark.verification/1"], Field(alias="schema", description="Which report this is, and its version.")
+    ] = "meshmark.verification/1"
+    file: Annotated[FileFacts, Field(description="The file that was sent.")]
+    engine: Engine
+    texts: Annotated[list[str], Field(description="The known texts that were looked for.")]
+    found: Annotated[
+        list[str] | None, Field(description="Those of them that were read; null where none were looked for.")
+    ]
+    marks: Annotated[list[ReadMark], Field(description="What was read on the surface, the surest first.")]
+    label: Annotated[FileLabel | None, Field(description="Null where the metadata say nothing.")]
+    warnings: Annotated[list[Notice], Field(description="What could not be looked for.")]
+    timings: Annotated[dict[str, float], Field(description="Seconds of each step.")]

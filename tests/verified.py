@@ -1,0 +1,100 @@
+"""`make verified MESHES=DIR`: how surely marks are read back from every file of a folder, by attack.
+
+Each asset is marked with default parameters and without a colour, attacked, and verified with the known text; the asset
+without marks is a negative. A row is printed as each is done, and the rates at the end.
+"""
+
+import argparse
+import json
+import multiprocessing
+import sys
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+from core.errors import MeshmarkError
+from core.lab.attacks.attack import attack_file
+from core.parameters import Evaluate, Parameters
+from core.pipeline import watermark
+from core.verify.verify import verify
+from tests.survey import assets
+
+TEXT = "watermark"
+COLORS = {"colours": None, "no colour": "none"}
+UNTOUCHED, UNMARKED = "untouched", "unmarked"
+ATTACKS: dict[str, tuple[str, float | None]] = {
+    "crop": ("crop", None),
+    "rotate": ("rotate", None),
+    "scale": ("scale", None),
+    "reexport": ("reexport", None),
+    "decimate 0.5": ("decimate", 0.5),
+    "subdivide": ("subdivide", None),
+    "remesh 1/256": ("remesh", 1 / 256),
+    "remesh 1/128": ("remesh", 1 / 128),
+    "remesh 1/64": ("remesh", 1 / 64),
+    "noise": ("noise", None),
+    "removal": ("removal", None),
+}
+Row = tuple[str, str, str, bool | None, int, float]  # file, attack, colour, found, marks, seconds
+
+
+def main() -> int:
+    """Prints a row for each verification, and the share found by attack and colour."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--only", action="append", help="start of a file's name; may be given several times")
+    parser.add_argument("--attacks", default="", help=f"of {', '.join(ATTACKS)}; with commas between them")
+    options = parser.parse_args()
+    attacks = [name.strip() for name in options.attacks.split(",") if name.strip()]
+    found: dict[tuple[str, str], list[bool]] = defaultdict(list)
+    seconds = []
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        for rows in pool.imap(partial(_verified, attacks=attacks), assets(options.folder, options.only)):
+            for row in rows:
+                print(json.dumps(row, ensure_ascii=False), flush=True)
+                _, attack, color, outcome, _, spent = row
+                seconds.append(spent)
+                if outcome is not None:
+                    found[attack, color].append(outcome)
+    print("\n| attack | marks | found |\n| --- | --- | --- |")
+    for (attack, color), outcomes in found.items():
+        print(f"| {attack} | {color} | {sum(outcomes)} of {len(outcomes)} |")
+    print(f"\n{sorted(seconds)[len(seconds) // 2]:.1f} s in the median, {max(seconds):.1f} s at most")
+    return 0
+
+
+def _verified(path: Path, attacks: list[str]) -> list[Row]:
+    """The outcomes of one asset; None where it could not be marked or attacked."""
+    return list(_rows(path, path.read_bytes(), attacks))
+
+
+def _rows(path: Path, data: bytes, attacks: list[str]) -> Iterator[Row]:
+    yield _row(path, UNMARKED, "-", data)
+    for name, color in COLORS.items():
+        parameters = Parameters(text=TEXT, color=color, evaluate=Evaluate.NONE)
+        try:
+            marked = watermark(data, parameters, preview=False).model
+        except MeshmarkError:
+            yield path.name, UNTOUCHED, name, None, 0, 0.0
+            continue
+        yield _row(path, UNTOUCHED, name, marked)
+        for attack in attacks:
+            kind, strength = ATTACKS[attack]
+            try:
+                attacked = attack_file(marked, kind, strength, 0, data)
+            except MeshmarkError:
+                yield path.name, attack, name, None, 0, 0.0
+                continue
+            yield _row(path, attack, name, attacked)
+
+
+def _row(path: Path, attack: str, color: str, data: bytes) -> Row:
+    start = time.monotonic()
+    report = verify(data, [TEXT]).report
+    return path.name, attack, color, bool(report["found"]), len(report["marks"]), round(time.monotonic() - start, 1)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
