@@ -14,7 +14,7 @@ from core.rendering.renderer import Frame, Renderer
 from core.verify.look import look
 from core.verify.places import Place, places
 from core.verify.readings import Kind, Reading, readings
-from core.verify.texts import best, enough
+from core.verify.texts import best, enough, likeness
 
 PICTURE = 1024  # pixels a side
 HINT = 0.4  # likeness to a known text from which on a place is looked at again
@@ -22,6 +22,11 @@ SURE = 0.6  # confidence of readings from which on a place without a known text 
 SHORTEST = 3  # letters of such a reading
 MOST_PLACES = 24  # that are looked at again
 NEARER = 0.75  # radius of a second look over the length of the writing
+# Of two places: the cosine between their normals, and the shares of the larger one's length and height that lie between
+# them, from which on they are not the same writing.
+FACING, BESIDE, BELOW = 0.5, 0.7, 0.9
+HERE, OPPOSITE = 0.25, -0.2  # nearer ones, by the larger one's length, are, unless their normals are opposite
+SETTLED = 3  # pictures that read a known text exactly, from which on no nearer one is read
 VOTES = 2  # pictures that have to read a text, unless one reads it exactly
 
 
@@ -93,7 +98,7 @@ def _again(place: Place, number: int, texts: Sequence[str], renderer: Renderer, 
     x, y, z = place.center.tolist()
     renderer.aim(Frame((x, y, z), max(NEARER * place.length, 0.5)))
     near = look(renderer, place.normal, place.up)
-    lines = readings([near], reader, number)
+    lines = [] if _settled(place, texts) else readings([near], reader, number)
     every = [*place.readings, *lines, *_passages(lines)]
     scored = [(*best(texts, one.text), one) for one in every]
     if texts:
@@ -107,15 +112,32 @@ def _again(place: Place, number: int, texts: Sequence[str], renderer: Renderer, 
         known = best(texts, reading.text)[1]
     else:
         sure = [one for one in every if one.confidence >= SURE and len(one.text) >= SHORTEST]
-        reading = max(sure, key=lambda one: one.confidence * len(one.text))
+        reading = max(sure, key=lambda one: (_weight(one, sure), one.confidence))
         ratio, known = 0.0, None
         pictures = {(one.look, one.kind) for one in sure if best([reading.text], one.text)[0] >= enough(reading.text)}
         if len(pictures) < VOTES:
             return None
     shown = near.relief if reading.kind == "relief" else near.ordinary
     kinds: tuple[Kind, ...] = tuple(kind for kind in ("ordinary", "relief") if any(kind == one for _, one in pictures))
-    exact = replace(place, center=reading.center, right=reading.right, normal=reading.normal, length=reading.length)
+    exact = replace(
+        place,
+        center=reading.center,
+        right=reading.right,
+        normal=reading.normal,
+        length=reading.length,
+        height=reading.height,
+    )
     return FoundMark(reading.text, known, ratio, reading.confidence, len(pictures), kinds, exact, shown)
+
+
+def _weight(reading: Reading, every: Sequence[Reading]) -> float:
+    """Confidence of all readings that say the same, times their length: a part of the text is read more often."""
+    return len(reading.text) * sum(one.confidence for one in every if likeness(one.text, reading.text) == 1)
+
+
+def _settled(place: Place, texts: Sequence[str]) -> bool:
+    """True where enough pictures read a known text exactly: a nearer one is for people to look at only."""
+    return len({(one.look, one.kind) for one in place.readings if best(texts, one.text)[0] == 1}) >= SETTLED
 
 
 def _passages(lines: list[Reading]) -> list[Reading]:
@@ -140,5 +162,12 @@ def _distinct(marks: list[FoundMark]) -> list[FoundMark]:
 
 
 def _apart(one: Place, other: Place) -> bool:
-    away: Float = one.center - other.center
-    return bool(np.linalg.norm(away) > min(one.length, other.length) / 2 or one.normal @ other.normal < 0.5)
+    """True where two places cannot be the same writing, a part of which was read elsewhere in it."""
+    away: Float = other.center - one.center
+    along, across, out = (abs(float(away @ axis)) for axis in (one.right, one.up, one.normal))
+    length, height = max(one.length, other.length), max(one.height, other.height)
+    alike = float(one.normal @ other.normal)
+    # Seen steeply the ground's direction is not known well; the other side of a wall looks the other way.
+    if np.linalg.norm(away) < HERE * length and alike > OPPOSITE:
+        return False
+    return alike < FACING or along > BESIDE * length or across > BELOW * height or out > length / 2

@@ -24,7 +24,7 @@ class Place:
         readings: of it.
         center: (3,) size-30 units.
         right, normal: (3,) unit vectors, of the direction of reading, and towards the reader.
-        length: size-30 units.
+        length, height: size-30 units.
     """
 
     readings: tuple[Reading, ...]
@@ -32,6 +32,7 @@ class Place:
     right: Float
     normal: Float
     length: float
+    height: float
 
     @property
     def up(self) -> Float:
@@ -65,4 +66,4 @@ def _labels(found: Sequence[Reading]) -> Int:
 def _place(mine: list[Reading]) -> Place:
     """The place of some readings: that of the most confident one, whose direction is right side up."""
     best = max(mine, key=lambda one: one.confidence * len(one.text))
-    return Place(tuple(mine), best.center, best.right, best.normal, best.length)
+    return Place(tuple(mine), best.center, best.right, best.normal, best.length, best.height)

@@ -27,6 +27,7 @@ from core.notices import NoticeCode
 from core.parameters import PRESETS, Parameters, parse_parameters
 from core.pipeline import STAGES
 from core.report import AssetFacts, CopyFacts, Embossing, Engine, Frame, LabelFacts, Report, Watermark
+from core.verify.report import FileLabel, ReadMark, VerificationReport
 from service.__main__ import parser as service_parser
 from service.app import create_app
 from service.config import Settings
@@ -150,6 +151,14 @@ def test_the_tables_of_the_report_have_the_fields_of_its_model() -> None:
         assert set(section.model_fields) <= set(re.findall(r"`(\w+)`", contents[name])), name
     marks = [name for cell, _ in rows("report", "Marks") for name in re.findall(r"\w+", cell)]
     assert marks == [*Watermark.model_fields]
+
+
+def test_the_table_of_a_verification_has_the_fields_of_its_model() -> None:
+    table = rows("verification", "Visible marks")
+    contents = {name: content for cell, content in table for name in re.findall(r"\w+", cell)}
+    assert [*contents] == [field.alias or name for name, field in VerificationReport.model_fields.items()]
+    assert set(ReadMark.model_fields) <= set(re.findall(r"`(\w+)`", contents["marks"]))
+    assert set(FileLabel.model_fields) <= set(re.findall(r"`(?:asset\.)?(\w+)`", page("verification")))
 
 
 def test_the_tables_of_warnings_have_every_code_that_a_report_may_warn_of() -> None:

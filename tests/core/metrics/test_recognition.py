@@ -136,3 +136,12 @@ def test_a_line_knows_where_it_stands_and_how_it_leans(reader: Reader) -> None:
     (line,) = reader.detect(drawn("watermark", turn=-30))
     assert line.angle == pytest.approx(30, abs=1)
     assert line.center == pytest.approx((256, 256), abs=5)
+
+
+def test_how_sure_a_reading_is_goes_by_its_letters(reader: Reader) -> None:
+    [line] = crops(reader, drawn("watermark"))
+    noise = np.random.default_rng(0).integers(0, 255, line.shape, dtype=np.uint8)
+    (text, sure), (_, unsure) = reader.read_with_confidence([line, noise])
+    assert text == "watermark"
+    assert sure > 0.9 > unsure
+    assert reader.read_with_confidence([np.full_like(line, 128)])[0][1] == 0
