@@ -16,7 +16,7 @@ def add_verify(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") 
         description="Read the marks on a suspect file, whoever made it, and what its metadata say.",
     )
     verify.set_defaults(run=_verify)
-    verify.add_argument("input", type=Path, metavar="FILE", help="the suspect file")
+    verify.add_argument("input", type=Path, metavar="FILE", help="the suspect file, or a picture of it")
     verify.add_argument(
         "--text", action="append", default=[], help="a text that its marks may say; may be repeated (default: any)"
     )
@@ -45,7 +45,7 @@ def _lines(path: Path, report: dict[str, Any]) -> list[str]:
     lines = [f"{path}: {len(marks)} marks read"]
     for mark in marks:
         said = f'"{mark["text"]}"' + (f' ("{mark["known"]}")' if mark["known"] not in (None, mark["text"]) else "")
-        where = ", ".join(f"{value:.3g}" for value in mark["center"])
+        where = ", ".join(f"{value:.3g}" for value in mark["center"] or mark["pixel"])
         lines.append(f"  {said} at {where}, in {mark['votes']} pictures, confidence {mark['confidence']:.2f}")
     lines += [f'not found: "{text}"' for text in report["texts"] if text not in report["found"]]
     stated = {name: value for name, value in (label or {}).items() if value}

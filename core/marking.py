@@ -258,7 +258,9 @@ def write_model(asset: Asset, candidates: Candidates, embossed: Embossed, run: R
     run.notices += unreadable_codes(looks) if context.layouts.logo == "qr" else []
     run.notices += output.label.notices if output.label else []
     if parameters.rule is not None:
-        run.notices += too_small(_label_heights(embossed, context), parameters.rule)
+        heights = _label_heights(embossed, context)
+        run.notices += too_small(heights, parameters.rule)
+        output = replace(output, heights=heights)
     run.publish("model", output.file.data)
     return output
 

@@ -95,7 +95,6 @@ def evaluate(
         parameters.seed,
         context.layouts,
         context.layouts.settings(boxes.size),
-        parameters.rule,
     )
     measured = measure(pair, parameters.evaluate, run.progress)
     run.notices += measured.warnings

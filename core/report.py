@@ -174,6 +174,13 @@ class LabelFacts(Section):
             "filled in or kept as it was; null: none."
         ),
     ]
+    height_reached: Annotated[
+        float | None,
+        Field(
+            description="Share of 24 views in which the letters are as high as the label's rule asks for; null without "
+            "such a rule, and without marks."
+        ),
+    ]
     kept: Annotated[
         list[str], Field(description="Properties of the file that was sent that contradict the request; they stay.")
     ]
@@ -192,9 +199,6 @@ class WatermarkQuality(Section):
     prominence_least: Annotated[Score, Field(description="The same in the view that shows the least of them.")]
     label_height_share: Annotated[
         Score, Field(description="Height of the highest letters over the picture's side, mean over 24 views.")
-    ]
-    label_height_reached: Annotated[
-        Score, Field(description="Share of the 24 views in which that is what the label's rule asks for.")
     ]
     match: Annotated[Score, Field(description="Likeness of the marks' relief to their artwork, 0 to 1.")]
     ocr: Annotated[Score, Field(description="Readability: similarity of what is read, 0 to 1, mean over 24 views.")]

@@ -9,7 +9,6 @@ from core import __version__
 from core.device import device
 from core.embossing.emboss import Mark
 from core.embossing.refusal import Refusal
-from core.formats.format import Format
 from core.geometry.boxes import Boxes
 from core.geometry.directions import EYE_DISTANCE, field_of_view, view_directions
 from core.geometry.surface import MODEL_SIZE, Surface
@@ -44,7 +43,7 @@ def build_report(asset: Asset, output: Output, parameters: Parameters) -> Report
         output: the GLB, its marks, and the other copies of the asset in it.
         parameters: resolved.
     """
-    surface, embossed, label = asset.scene.surface, output.embossed, output.label
+    surface, embossed = asset.scene.surface, output.embossed
     measured = parameters.evaluate is not Evaluate.NONE
     model = file_facts(output.file.data, output.file.format)
     refusals = embossed.refusals if embossed else {}
@@ -64,14 +63,25 @@ def build_report(asset: Asset, output: Output, parameters: Parameters) -> Report
             for item in output.copies
         ],
         embossing=Embossing(tried=verified + sum(refused.values()), verified=verified, refused=refused),
-        label=LabelFacts(packet=label.packet, source_type=label.source_type, aigc=label.aigc, kept=list(label.kept))
-        if label
-        else None,
+        label=_label(output, parameters),
         metrics=metrics_of(_unmeasured()) if measured else None,
         fonts=[],
         warnings=[],
         timings={},
         memory={},
+    )
+
+
+def _label(output: Output, parameters: Parameters) -> LabelFacts | None:
+    label, heights, rule = output.label, output.heights, parameters.rule
+    if label is None:
+        return None
+    return LabelFacts(
+        packet=label.packet,
+        source_type=label.source_type,
+        aigc=label.aigc,
+        height_reached=None if heights is None or rule is None else float((heights >= rule).mean()),
+        kept=list(label.kept),
     )
 
 
@@ -91,9 +101,9 @@ def boxes_of(marks: dict[int, Mark]) -> tuple[Boxes, NDArray[np.float64]]:
     return boxes, np.abs([mark.relief for mark in marks.values()])
 
 
-def file_facts(data: bytes, file_format: Format) -> FileFacts:
+def file_facts(data: bytes, file_format: str) -> FileFacts:
     """Content and format of a file."""
-    return FileFacts(sha256=hashlib.sha256(data).hexdigest(), bytes=len(data), format=file_format.value)
+    return FileFacts(sha256=hashlib.sha256(data).hexdigest(), bytes=len(data), format=str(file_format))
 
 
 def asset_facts(file: FileFacts, surface: Surface) -> AssetFacts:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from core.arrays import Float
 from core.artwork.artwork import FaceUse
 from core.budgets import DEFAULT_BUDGETS, Budgets
 from core.embossing.mesh import WorkingMesh
@@ -139,6 +140,8 @@ class Output:
         scene: the marked asset, read back from the bytes of its GLB.
         file: ``scene`` as it is published.
         label: the machine-readable one in it; None where none was asked for.
+        heights: (24,) of the highest letters in the paper's views, over the picture's side; None where no label's rule
+            asks for a height.
     """
 
     embossed: Embossed | None
@@ -147,6 +150,7 @@ class Output:
     scene: Scene
     file: OutputFile
     label: WrittenLabel | None = None
+    heights: Float | None = None
 
 
 @dataclass(frozen=True, eq=False)

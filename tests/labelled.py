@@ -18,8 +18,8 @@ from core.parameters import Evaluate, Parameters, Preset
 from core.pipeline import watermark
 from tests.survey import assets
 
-METRICS = ("label_height_share", "label_height_reached", "ray", "coverage", "prominence")
-COLUMNS = ("file", "marks", *METRICS, "SMSE", "s")
+METRICS = ("label_height_share", "ray", "coverage", "prominence")
+COLUMNS = ("file", "marks", "reached", *METRICS, "SMSE", "s")
 
 
 def main() -> int:
@@ -57,7 +57,9 @@ def _measured(path: Path, label: Label, out: Path | None) -> tuple[str, list[flo
     metrics = result.report["metrics"]
     quality, utility = metrics["watermark_quality"], metrics["asset_utility"]
     values = [np.nan if quality[name] is None else float(quality[name]) for name in METRICS]
-    return path.name, [float(len(result.report["watermarks"])), *values, float(utility["smse"]), seconds]
+    reached = result.report["label"]["height_reached"]
+    marks = float(len(result.report["watermarks"]))
+    return path.name, [marks, np.nan if reached is None else reached, *values, float(utility["smse"]), seconds]
 
 
 if __name__ == "__main__":

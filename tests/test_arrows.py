@@ -33,7 +33,7 @@ BELOW = {
     "models": "",
     "metrics": "placement analysis artwork rendering geometry models parameters processors",
     "report": "artwork embossing gltf parameters",
-    "reporting": "report stages metrics embossing formats geometry parameters device",
+    "reporting": "report stages metrics embossing geometry parameters device",
     "preload": "rendering",
     "stages": "embossing placement analysis artwork formats gltf labels budgets parameters",
     "marking": "stages embossing placement analysis artwork formats gltf geometry labels parameters",

@@ -194,17 +194,17 @@ def _mesh(thing: Object, package: _Package, part: str, warnings: list[Notice]) -
     for name, number in thing.groups.items():
         group = package.model(part).groups.get(name)
         rows = properties[properties[:, 1] == number]
-        if group is None or rows[:, 2:].min() < 0 or rows[:, 2:].max() >= max(len(group.rows), 1):
+        if group is not None and group.kind in _NO_COLOR:
+            lost[_NO_COLOR[group.kind]] += len(rows)
+        elif group is None or rows[:, 2:].min() < 0 or rows[:, 2:].max() >= len(group.rows):
             lost["colours that are not in the file"] += len(rows)
         elif group.kind == "basematerials":
             look.add_materials(group, rows)
         elif group.kind == "colorgroup":
             look.add_colors(group, rows)
-        elif group.kind == "texture2dgroup":
+        else:
             path = package.model(part).textures.get(group.texture, "")
             look.add_texture(group, rows, _image(package, path, warnings))
-        else:
-            lost[_NO_COLOR[group.kind]] += len(rows)
     for what, triangles in lost.items():
         warnings.append(dropped(f"{triangles:,} triangles of {thing.name[:60]!r} have {what}, which are dropped."))
     return PolygonMesh(positions, corners, np.full(count, 3), look.group, look.attributes(), tuple(look.materials))

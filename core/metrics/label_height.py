@@ -8,11 +8,9 @@ from core.placement.label_height import label_heights
 from core.placement.selection import visibility
 
 
-def label_height(
-    boxes: Boxes, height: Float, points: Float, watermarked_index: SpatialIndex, radius: float, rule: float | None
-) -> tuple[float, float | None]:
-    """Height of the highest letters that are seen, over the side of the picture: its mean over the paper's 24 views,
-    and the share of the views in which it reaches a ``rule``, None without one; high is good.
+def label_height(boxes: Boxes, height: Float, points: Float, watermarked_index: SpatialIndex, radius: float) -> float:
+    """Height of the highest letters that are seen, over the side of the picture, mean over the paper's 24 views; high
+    is good.
 
     A mark is seen in a view as for :func:`core.metrics.ray.ray`.
 
@@ -22,8 +20,6 @@ def label_height(
         points: (B, N, 3) ray origins of each mark.
         watermarked_index: over the watermarked surface.
         radius: of the asset about the middle of its frame, size-30 units.
-        rule: share of the side.
     """
     seen = visibility(boxes, points, watermarked_index, view_directions()[0])
-    heights = label_heights(boxes, height, seen, radius)
-    return float(heights.mean()), None if rule is None else float((heights >= rule).mean())
+    return float(label_heights(boxes, height, seen, radius).mean())

@@ -96,7 +96,6 @@ class Pair:
         seed: of the samples of what was measured.
         layouts: that the marks are set in; None where nobody knows.
         settings: the text in each of the ways in which the marks break it into lines; none: as it is.
-        rule: share of the picture's side that letters should be high; None without such a rule.
     """
 
     original: Subject
@@ -107,7 +106,6 @@ class Pair:
     seed: int = 0
     layouts: Layouts | None = None
     settings: tuple[str, ...] = ()
-    rule: float | None = None
 
     def require_boxes(self) -> None:
         """Raise where there is no mark to measure."""
@@ -186,7 +184,7 @@ def _prominence(pair: Pair, _: Measurement) -> Values:
     return dict(zip(("prominence", "prominence_least"), shares, strict=True))
 
 
-def _label_height(pair: Pair, found: Measurement) -> Values:
+def _label_height(pair: Pair, _: Measurement) -> Values:
     pair.require_boxes()
     if pair.layouts is None:
         raise MeshmarkError(
@@ -195,21 +193,9 @@ def _label_height(pair: Pair, found: Measurement) -> Values:
             "See the report of that job.",
         )
     original, boxes = pair.original, pair.boxes
-    share, reached = label_height(
-        boxes,
-        pair.layouts.line_height(boxes.size),
-        above_letters(original.surface, original.index, boxes, pair.relief),
-        pair.watermarked.index,
-        original.surface.radius,
-        pair.rule,
-    )
-    if reached is None:
-        found.missing["label_height_reached"] = Notice(
-            NoticeCode.NOT_REQUESTED,
-            "The request asked for no label whose rule has a height.",
-            "Ask for a `label` whose profile has one.",
-        )
-    return {"label_height_share": share, "label_height_reached": reached}
+    letters = above_letters(original.surface, original.index, boxes, pair.relief)
+    height, radius = pair.layouts.line_height(boxes.size), original.surface.radius
+    return {"label_height_share": label_height(boxes, height, letters, pair.watermarked.index, radius)}
 
 
 def _artwork(pair: Pair, _: Measurement) -> Values:
@@ -303,7 +289,7 @@ _GROUPS = (
     _Group("placement", ("wps", "wps_area"), Evaluate.GEOMETRY, _placement),
     _Group("visibility", ("ray", "ray_box", "coverage", "crop_survival"), Evaluate.GEOMETRY, _visibility),
     _Group("prominence", ("prominence", "prominence_least"), Evaluate.GEOMETRY, _prominence),
-    _Group("label height", ("label_height_share", "label_height_reached"), Evaluate.GEOMETRY, _label_height),
+    _Group("label height", ("label_height_share",), Evaluate.GEOMETRY, _label_height),
     _Group("artwork", ("match",), Evaluate.GEOMETRY, _artwork),
     _Group("shape", ("smse", "smse_squared", "ipe"), Evaluate.GEOMETRY, _shape),
     _Group("curvature", ("lce", "lce_pooled"), Evaluate.GEOMETRY, _curvature),

@@ -18,7 +18,6 @@ HIGHER_IS_BETTER = {
         "prominence": True,
         "prominence_least": True,
         "label_height_share": True,
-        "label_height_reached": True,
         "match": True,
         "ocr": True,
         "ocr_ge_0.8": True,

@@ -1,6 +1,6 @@
 """Visible marks of a suspect file: looked for from all sides, then looked at head-on and from near by."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,17 +11,20 @@ from core.geometry.directions import view_directions
 from core.gltf.scene import Scene
 from core.metrics.recognition import Reader
 from core.rendering.renderer import Frame, Renderer
-from core.verify.look import look
+from core.verify.look import Look, look
 from core.verify.places import Place, places
-from core.verify.readings import Kind, Reading, readings
+from core.verify.readings import Kind, Reading, Spot, readings
 from core.verify.texts import best, enough, likeness
 
 PICTURE = 1024  # pixels a side
+SIDES = np.array([[0.0, 0, 1], [1, 0, 0], [0, 0, -1], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+HEADS = np.array([[0.0, 1, 0], [0, 1, 0], [0, 1, 0], [0, 1, 0], [0, 0, -1], [0, 0, 1]])
+OFF, PART = 0.42, 0.55  # of a part of a side from its middle, and its radius, over the radius of the whole
 HINT = 0.4  # likeness to a known text from which on a place is looked at again
 SURE = 0.6  # confidence of readings from which on a place without a known text is
 SHORTEST = 3  # letters of such a reading
 MOST_PLACES = 24  # that are looked at again
-NEARER = 0.75  # radius of a second look over the length of the writing
+NEARER, LEAST_RADIUS = 0.75, 0.5  # radius of a second look over the length of the writing; size-30 units, at least
 # Of two places: the cosine between their normals, and the shares of the larger one's length and height that lie between
 # them, from which on they are not the same writing.
 FACING, BESIDE, BELOW = 0.5, 0.7, 0.9
@@ -41,7 +44,7 @@ class FoundMark:
         confidence: of the recogniser, 0 to 1.
         votes: pictures that read so.
         kinds: of the pictures that read it.
-        place: on the surface, size-30 units.
+        spot: on the surface, size-30 units.
         picture: (S, S, 3) of a look at it head-on.
     """
 
@@ -51,14 +54,15 @@ class FoundMark:
     confidence: float
     votes: int
     kinds: tuple[Kind, ...]
-    place: Place
+    spot: Spot
     picture: NDArray[np.uint8]
 
 
 def find_marks(scene: Scene, texts: Sequence[str], renderer: Renderer, reader: Reader) -> list[FoundMark]:
     """Marks on an asset, the surest first.
 
-    Ordinary and relief pictures of the paper's 24 views are read. Places where something like one of the ``texts`` is
+    Ordinary and relief pictures of the paper's 24 views are read; where these show no mark, four parts of each of the
+    six sides from nearer. Places where something like one of the ``texts`` is
     read, or without any, where anything is read with confidence, are looked at again, head-on and so near that the
     writing fills the picture. A text counts as found where enough of these pictures agree; without known texts
     everything that is read with confidence does.
@@ -72,14 +76,34 @@ def find_marks(scene: Scene, texts: Sequence[str], renderer: Renderer, reader: R
         MeshmarkError: as :meth:`core.rendering.renderer.Renderer.load`.
     """
     renderer.load(scene)
-    cameras = np.unique(np.hstack(view_directions()), axis=0)
-    looks = [look(renderer, camera[:3], camera[3:]) for camera in cameras]
+    whole = renderer.frame
+    return _marks(_from_all_sides(renderer), texts, renderer, reader) or _marks(
+        _in_parts(renderer, whole), texts, renderer, reader
+    )
+
+
+def _from_all_sides(renderer: Renderer) -> Iterator[Look]:
+    """Looks at all of an asset."""
+    for camera in np.unique(np.hstack(view_directions()), axis=0):
+        yield look(renderer, camera[:3], camera[3:])
+
+
+def _in_parts(renderer: Renderer, whole: Frame) -> Iterator[Look]:
+    """Looks at four parts of each of its six sides, from half the distance: for marks that are small on it."""
+    center, reach = np.array(whole.center), OFF * whole.radius
+    for direction, up in zip(SIDES, HEADS, strict=True):
+        right = np.cross(up, direction)
+        for across, along in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
+            x, y, z = (center + reach * (across * right + along * up)).tolist()
+            renderer.aim(Frame((x, y, z), PART * whole.radius))
+            yield look(renderer, direction, up)
+
+
+def _marks(looks: Iterable[Look], texts: Sequence[str], renderer: Renderer, reader: Reader) -> list[FoundMark]:
+    """The marks at the places where these looks show something, the surest first."""
     found = places(readings(looks, reader))
     asked = sorted((place for place in found if _promise(place, texts)), key=lambda place: -_promise(place, texts))
-    marks = [
-        _again(place, len(cameras) + number, texts, renderer, reader)
-        for number, place in enumerate(asked[:MOST_PLACES])
-    ]
+    marks = [_again(place, -number, texts, renderer, reader) for number, place in enumerate(asked[:MOST_PLACES], 1)]
     chosen = [mark for mark in marks if mark is not None]
     return _distinct(sorted(chosen, key=lambda mark: (-mark.likeness, -mark.votes, -mark.confidence)))
 
@@ -95,39 +119,56 @@ def _promise(place: Place, texts: Sequence[str]) -> float:
 
 def _again(place: Place, number: int, texts: Sequence[str], renderer: Renderer, reader: Reader) -> FoundMark | None:
     """The mark at a place, by all pictures of it; None where too few agree."""
-    x, y, z = place.center.tolist()
-    renderer.aim(Frame((x, y, z), max(NEARER * place.length, 0.5)))
-    near = look(renderer, place.normal, place.up)
+    spot = place.spot
+    x, y, z = spot.center.tolist()
+    renderer.aim(Frame((x, y, z), max(NEARER * spot.length, LEAST_RADIUS)))
+    near = look(renderer, spot.normal, spot.up)
     lines = [] if _settled(place, texts) else readings([near], reader, number)
     every = [*place.readings, *lines, *_passages(lines)]
-    scored = [(*best(texts, one.text), one) for one in every]
-    if texts:
-        agreeing = [(ratio, one) for ratio, text, one in scored if text is not None and ratio >= enough(text)]
-        if not agreeing:
-            return None
-        ratio, reading = max(agreeing, key=lambda found: (found[0], found[1].confidence))
-        pictures = {(one.look, one.kind) for _, one in agreeing}
-        if ratio < 1 and len(pictures) < VOTES:
-            return None
-        known = best(texts, reading.text)[1]
-    else:
-        sure = [one for one in every if one.confidence >= SURE and len(one.text) >= SHORTEST]
-        reading = max(sure, key=lambda one: (_weight(one, sure), one.confidence))
-        ratio, known = 0.0, None
-        pictures = {(one.look, one.kind) for one in sure if best([reading.text], one.text)[0] >= enough(reading.text)}
-        if len(pictures) < VOTES:
-            return None
-    shown = near.relief if reading.kind == "relief" else near.ordinary
-    kinds: tuple[Kind, ...] = tuple(kind for kind in ("ordinary", "relief") if any(kind == one for _, one in pictures))
-    exact = replace(
-        place,
-        center=reading.center,
-        right=reading.right,
-        normal=reading.normal,
-        length=reading.length,
-        height=reading.height,
+    vote = _vote_for(texts, every) if texts else _vote(every)
+    if vote is None:
+        return None
+    reading, pictures = vote.reading, vote.pictures
+    return FoundMark(
+        text=reading.text,
+        known=vote.known,
+        likeness=vote.likeness,
+        confidence=reading.confidence,
+        votes=len(pictures),
+        kinds=tuple(sorted({kind for _, kind in pictures})),
+        spot=reading.spot,
+        picture=near.relief if reading.kind == "relief" else near.ordinary,
     )
-    return FoundMark(reading.text, known, ratio, reading.confidence, len(pictures), kinds, exact, shown)
+
+
+@dataclass(frozen=True, eq=False)
+class _Vote:
+    """Outcome of a vote: the best reading, the known text that it is, and the pictures that read it."""
+
+    reading: Reading
+    known: str | None
+    likeness: float
+    pictures: set[tuple[int, Kind]]
+
+
+def _vote_for(texts: Sequence[str], every: Sequence[Reading]) -> _Vote | None:
+    """The vote of all readings of a place for one of some known texts."""
+    scored = [(*best(texts, one.text), one) for one in every]
+    agreeing = [(ratio, text, one) for ratio, text, one in scored if text is not None and ratio >= enough(text)]
+    if not agreeing:
+        return None
+    ratio, known, reading = max(agreeing, key=lambda found: (found[0], found[2].confidence))
+    pictures = {(one.look, one.kind) for _, text, one in agreeing if text == known}
+    return _Vote(reading, known, ratio, pictures) if ratio == 1 or len(pictures) >= VOTES else None
+
+
+def _vote(every: Sequence[Reading]) -> _Vote | None:
+    """The vote of all readings of a place for what most of them say."""
+    sure = [one for one in every if one.confidence >= SURE and len(one.text) >= SHORTEST]
+    reading = max(sure, key=lambda one: (_weight(one, sure), one.confidence))
+    alike = [one for one in sure if likeness(reading.text, one.text) >= enough(reading.text)]
+    pictures = {(one.look, one.kind) for one in alike}
+    return _Vote(reading, None, 0.0, pictures) if len(pictures) >= VOTES else None
 
 
 def _weight(reading: Reading, every: Sequence[Reading]) -> float:
@@ -144,8 +185,10 @@ def _passages(lines: list[Reading]) -> list[Reading]:
     """The lines of each near picture joined from the top down: texts of several lines."""
     joined = []
     for kind in ("ordinary", "relief"):
-        mine = sorted((one for one in lines if one.kind == kind and one.confidence >= SURE), key=lambda one: one.row)
-        upright = [one for one in mine if one.right @ mine[0].right > 0]
+        mine = sorted(
+            (one for one in lines if one.kind == kind and one.confidence >= SURE), key=lambda one: one.spot.row
+        )
+        upright = [one for one in mine if one.spot.right @ mine[0].spot.right > 0]
         if len(upright) > 1:
             text = " ".join(one.text for one in upright)
             joined.append(replace(upright[0], text=text, confidence=min(one.confidence for one in upright)))
@@ -156,12 +199,12 @@ def _distinct(marks: list[FoundMark]) -> list[FoundMark]:
     """The marks without those that lie where a surer one does."""
     kept: list[FoundMark] = []
     for mark in marks:
-        if all(_apart(mark.place, other.place) for other in kept):
+        if all(_apart(mark.spot, other.spot) for other in kept):
             kept.append(mark)
     return kept
 
 
-def _apart(one: Place, other: Place) -> bool:
+def _apart(one: Spot, other: Spot) -> bool:
     """True where two places cannot be the same writing, a part of which was read elsewhere in it."""
     away: Float = other.center - one.center
     along, across, out = (abs(float(away @ axis)) for axis in (one.right, one.up, one.normal))

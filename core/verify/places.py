@@ -8,8 +8,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from core.arrays import Float, Int
-from core.verify.readings import Reading
+from core.arrays import Int
+from core.verify.readings import Reading, Spot
 
 # Readings are of one place whose middles are nearer than this share of the shorter one's length, on surface that looks
 # the same way within 60 degrees.
@@ -22,22 +22,11 @@ class Place:
 
     Attributes:
         readings: of it.
-        center: (3,) size-30 units.
-        right, normal: (3,) unit vectors, of the direction of reading, and towards the reader.
-        length, height: size-30 units.
+        spot: that of the surest one.
     """
 
     readings: tuple[Reading, ...]
-    center: Float
-    right: Float
-    normal: Float
-    length: float
-    height: float
-
-    @property
-    def up(self) -> Float:
-        """(3,) unit vector from the foot of the letters to their head."""
-        return np.asarray(np.cross(self.normal, self.right))
+    spot: Spot
 
 
 def places(found: Sequence[Reading]) -> list[Place]:
@@ -51,8 +40,8 @@ def places(found: Sequence[Reading]) -> list[Place]:
 
 
 def _labels(found: Sequence[Reading]) -> Int:
-    center, normal = (np.array([getattr(one, name) for one in found]) for name in ("center", "normal"))
-    length = np.array([one.length for one in found])
+    center, normal = (np.array([getattr(one.spot, name) for one in found]) for name in ("center", "normal"))
+    length = np.array([one.spot.length for one in found])
     pairs = cKDTree(center).query_pairs(NEAR * float(length.max()), output_type="ndarray")
     one, other = pairs[:, 0], pairs[:, 1]
     apart = np.linalg.norm(center[one] - center[other], axis=1)
@@ -64,6 +53,5 @@ def _labels(found: Sequence[Reading]) -> Int:
 
 
 def _place(mine: list[Reading]) -> Place:
-    """The place of some readings: that of the most confident one, whose direction is right side up."""
     best = max(mine, key=lambda one: one.confidence * len(one.text))
-    return Place(tuple(mine), best.center, best.right, best.normal, best.length, best.height)
+    return Place(tuple(mine), best.spot)

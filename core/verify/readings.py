@@ -1,6 +1,6 @@
 """Writing in looks at an asset, with its places on the surface."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from core.arrays import Float
 from core.geometry.directions import EYE_DISTANCE
+from core.geometry.triangles import unit
 from core.metrics.recognition import Line, Reader
 from core.verify.look import Look, Picture
 
@@ -18,6 +19,32 @@ MOST_LINES = 24  # lines a picture, at most: an asset covered with writing of it
 TURNS = (0, 2)  # quarter turns that a line is read in: as it is, and upside down
 GRID = np.stack(np.meshgrid((-0.8, -0.4, 0.0, 0.4, 0.8), (-0.6, 0.0, 0.6)), axis=-1).reshape(-1, 2)
 LEAST = 4  # of these places on a line have to lie on the surface
+STEEPEST = 0.2  # cosine of the ground with the camera, at least
+
+
+@dataclass(frozen=True, eq=False)
+class Spot:
+    """Surface under a line of writing.
+
+    Attributes:
+        row: of the line's middle in the picture, pixels downwards.
+        center: (3,) on the surface, size-30 units.
+        right: (3,) unit vector of the direction of reading.
+        normal: (3,) unit vector towards the reader.
+        length, height: of the line, size-30 units.
+    """
+
+    row: float
+    center: Float
+    right: Float
+    normal: Float
+    length: float
+    height: float
+
+    @property
+    def up(self) -> Float:
+        """(3,) unit vector from the foot of the letters to their head."""
+        return np.asarray(np.cross(self.normal, self.right))
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,39 +56,30 @@ class Reading:
         confidence: the recogniser's, mean over its letters, 0 to 1.
         kind: of the picture.
         look: number of the look.
-        row: of the line's middle in the picture, pixels downwards.
-        center: (3,) on the surface, size-30 units.
-        right: (3,) unit vector of the direction of reading.
-        normal: (3,) unit vector towards the reader.
-        length: size-30 units.
-        height: size-30 units.
+        spot: where it is.
     """
 
     text: str
     confidence: float
     kind: Kind
     look: int
-    row: float
-    center: Float
-    right: Float
-    normal: Float
-    length: float
-    height: float
+    spot: Spot
 
 
-def readings(looks: Sequence[Look], reader: Reader, first: int = 0) -> list[Reading]:
+def readings(looks: Iterable[Look], reader: Reader, first: int = 0) -> list[Reading]:
     """All writing in ordinary and relief pictures; the looks are numbered from ``first`` on."""
     found: list[Reading] = []
     for number, one in enumerate(looks, first):
-        for kind, picture in (("ordinary", one.ordinary), ("relief", one.relief)):
+        kinds: tuple[tuple[Kind, Picture], ...] = (("ordinary", one.ordinary), ("relief", one.relief))
+        for kind, picture in kinds:
             part, corner = _cropped(picture, one)
             lines = reader.detect(part)[:MOST_LINES]
             for turn in TURNS:
                 read = reader.read_with_confidence([np.rot90(line.picture, turn) for line in lines])
                 for line, (text, confidence) in zip(lines, read, strict=True):
-                    placed = _placed(line, turn, corner, one) if text.strip() else None
-                    if placed is not None:
-                        found.append(Reading(text.strip(), confidence, kind, number, *placed))  # type: ignore[arg-type]
+                    spot = _spot(line, turn, corner, one) if text.strip() else None
+                    if spot is not None:
+                        found.append(Reading(text.strip(), confidence, kind, number, spot))
     return found
 
 
@@ -76,8 +94,9 @@ def _cropped(picture: Picture, one: Look) -> tuple[Picture, Float]:
     return part, np.array([left, top], dtype=np.float64)
 
 
-def _placed(line: Line, turn: int, corner: Float, one: Look) -> tuple[float, Float, Float, Float, float, float] | None:
-    """Row, centre, direction, normal, length and height of a line on the surface; None where it lies on nothing."""
+def _spot(line: Line, turn: int, corner: Float, one: Look) -> Spot | None:
+    """The surface under a line, read after so many quarter turns, of a part of a picture whose upper left ``corner``
+    (2,) is in pixels; None where there is too little."""
     angle = np.radians(line.angle + 90 * turn)
     right = np.array([np.cos(angle), np.sin(angle)])
     down = np.array([-right[1], right[0]])
@@ -85,23 +104,23 @@ def _placed(line: Line, turn: int, corner: Float, one: Look) -> tuple[float, Flo
     middle = np.array(line.center) + corner
     half = np.array([length, height]) / 2
     points = one.points(middle + GRID * half @ np.stack([right, down]))
-    known = np.isfinite(points).all(axis=1)
-    if known.sum() < LEAST:
+    solid = points[np.isfinite(points).all(axis=1)]
+    if len(solid) < LEAST:
         return None
-    solid = points[known]
-    center = np.median(solid, axis=0)
+    center, back = np.median(solid, axis=0), one.axes[2]
     # A plane through the places: the shortest axis of their spread is its normal.
-    _, spread, axes = np.linalg.svd(solid - solid.mean(axis=0), full_matrices=False)
-    back = one.axes[2]
-    normal = axes[2] * np.sign(axes[2] @ back or 1.0) if spread[1] > 0 else back
-    if normal @ back < 0.2:  # a rim, or a jump of the depth: what is known is where the reader stands
+    axes = np.linalg.svd(solid - solid.mean(axis=0), full_matrices=False)[2]
+    normal = axes[2] if axes[2] @ back > 0 else -axes[2]
+    if normal @ back < STEEPEST:  # a rim, or a jump of the depth: all that is known is where the reader stands
         normal = back
     flat = right[0] * one.axes[0] - right[1] * one.axes[1]
-    along = flat - flat @ normal * normal
-    along /= np.linalg.norm(along)
-    pixel = 2 * one.slope * float(np.median(_distance(solid, one))) / len(one.depth)
-    return float(middle[1]), center, along, normal, length * pixel / max(float(flat @ along), 0.2), height * pixel
-
-
-def _distance(points: Float, one: Look) -> Float:
-    return np.asarray(EYE_DISTANCE - (points - one.center) @ one.axes[2])
+    along = unit((flat - flat @ normal * normal)[None])[0]
+    pixel = 2 * one.slope * float(EYE_DISTANCE - (center - one.center) @ back) / len(one.depth)
+    return Spot(
+        row=float(middle[1]),
+        center=center,
+        right=along,
+        normal=normal,
+        length=length * pixel / max(float(flat @ along), STEEPEST),
+        height=height * pixel,
+    )

@@ -10,7 +10,7 @@ from core.verify.readings import Kind
 
 
 class ReadMark(Section):
-    """Writing that was read on the surface, in the file's own world coordinates."""
+    """Writing that was read: on the surface of a model, in its own world coordinates, or in a picture."""
 
     text: Annotated[str, Field(description="As it was read.")]
     known: Annotated[str | None, Field(description="The known text that it is; null where none was given.")]
@@ -20,10 +20,18 @@ class ReadMark(Section):
     pictures: Annotated[
         list[Kind], Field(description="Their kinds: as a viewer shows the file, and of its shape alone (relief).")
     ]
-    center: Annotated[Vector, Field(description="The middle of the writing.")]
-    right: Annotated[Vector, Field(description="The direction of reading, a unit vector.")]
-    normal: Annotated[Vector, Field(description="The direction that it is read from, a unit vector.")]
-    length: Annotated[float, Field(description="Length of the line, world units.")]
+    center: Annotated[Vector | None, Field(description="The middle of the writing; null in a picture.")] = None
+    right: Annotated[
+        Vector | None, Field(description="The direction of reading, a unit vector; null in a picture.")
+    ] = None
+    normal: Annotated[
+        Vector | None, Field(description="The direction that it is read from, a unit vector; null in a picture.")
+    ] = None
+    length: Annotated[float | None, Field(description="Length of the line, world units; null in a picture.")] = None
+    pixel: Annotated[
+        tuple[float, float] | None,
+        Field(description="The middle of the writing in a picture, to the right and down; null on a model."),
+    ] = None
 
 
 class AigcLabel(Section):
@@ -37,14 +45,14 @@ class FileLabel(Section):
     """Statements of the file's metadata about all of it; null where it makes none."""
 
     source_type: Annotated[str | None, Field(description="The IPTC's address of how the model came about.")]
-    title: str | None
-    rights: str | None
-    creator: str | None
-    identifier: str | None
-    created: str | None
-    modified: str | None
-    system: str | None
-    system_version: str | None
+    title: Annotated[str | None, Field(description="Its title.")]
+    rights: Annotated[str | None, Field(description="A statement of rights.")]
+    creator: Annotated[str | None, Field(description="Who made it; the first of several.")]
+    identifier: Annotated[str | None, Field(description="Its identifier at whoever made it.")]
+    created: Annotated[str | None, Field(description="When it was made, as it is written there.")]
+    modified: Annotated[str | None, Field(description="When it was last changed, as it is written there.")]
+    system: Annotated[str | None, Field(description="The system that generated it.")]
+    system_version: Annotated[str | None, Field(description="The version of that system.")]
     aigc: Annotated[list[AigcLabel], Field(description="China's labels; a file should have one at most.")]
     copyright: Annotated[str | None, Field(description="`asset.copyright` of the glTF.")]
 
@@ -61,7 +69,7 @@ class VerificationReport(Section):
     found: Annotated[
         list[str] | None, Field(description="Those of them that were read; null where none were looked for.")
     ]
-    marks: Annotated[list[ReadMark], Field(description="What was read on the surface, the surest first.")]
+    marks: Annotated[list[ReadMark], Field(description="What was read, the surest first.")]
     label: Annotated[FileLabel | None, Field(description="Null where the metadata say nothing.")]
     warnings: Annotated[list[Notice], Field(description="What could not be looked for.")]
     timings: Annotated[dict[str, float], Field(description="Seconds of each step.")]

@@ -12,15 +12,17 @@ from core import __version__
 from core.budgets import DEFAULT_BUDGETS, Budgets
 from core.device import device
 from core.formats.admission import admit, document_of
-from core.gltf.scene import Scene, flatten
+from core.gltf.scene import flatten
 from core.metrics.recognition import Reader
 from core.notices import Notice, NoticeCode
 from core.rendering.renderer import Renderer
 from core.report import Engine
 from core.reporting import file_facts
-from core.verify.marks import PICTURE, FoundMark, find_marks
+from core.verify.look import Picture
+from core.verify.marks import PICTURE, find_marks
 from core.verify.metadata import read_label
-from core.verify.report import ReadMark, VerificationReport
+from core.verify.picture import decode, picture_format, read_picture
+from core.verify.report import FileLabel, ReadMark, VerificationReport
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,8 @@ class Verification:
 
 
 def verify(data: bytes, texts: Sequence[str] = (), budgets: Budgets = DEFAULT_BUDGETS) -> Verification:
-    """Marks and labels of a file of any accepted format, whoever made them.
+    """Marks and labels of a file of any accepted format, or marks in a picture of one (PNG, JPEG, WebP), whoever made
+    them.
 
     Args:
         data: the suspect file.
@@ -47,45 +50,80 @@ def verify(data: bytes, texts: Sequence[str] = (), budgets: Budgets = DEFAULT_BU
     Raises:
         MeshmarkError: as the loaders; ``rendering_unavailable`` where nothing can be drawn, and so nothing be read.
     """
-    start = time.perf_counter()
+    start, reader = time.perf_counter(), Reader()
+    kind = picture_format(data)
+    found = _in_picture(data, kind, texts, reader) if kind else _on_model(data, texts, reader, budgets)
+    known = {mark.known for mark in found.marks}
+    report = VerificationReport(
+        file=file_facts(data, found.format),
+        engine=Engine(version=__version__, device=device().value),
+        texts=list(texts),
+        found=[text for text in texts if text in known] if texts else None,
+        marks=found.marks,
+        label=found.label,
+        warnings=[*found.losses, *_unreadable(texts, reader)],
+        timings={"all": round(time.perf_counter() - start, 4)},
+    )
+    return Verification(report.model_dump(mode="json"), tuple(map(_png, found.pictures)))
+
+
+@dataclass(frozen=True)
+class _Found:
+    """The format of a file, its marks with a picture of each, its label, and losses in reading it."""
+
+    format: str
+    marks: list[ReadMark]
+    pictures: list[Picture]
+    label: FileLabel | None = None
+    losses: tuple[Notice, ...] = ()
+
+
+def _on_model(data: bytes, texts: Sequence[str], reader: Reader, budgets: Budgets) -> _Found:
     admitted = admit(data, budgets)
     document = document_of(admitted, budgets)
     scene, label = flatten(document), read_label(document.json)
-    read, reader = time.perf_counter(), Reader()
     with Renderer(PICTURE) as renderer:
-        marks = find_marks(scene, texts, renderer, reader)
-    report = VerificationReport(
-        file=file_facts(data, admitted.format),
-        engine=Engine(version=__version__, device=device().value),
-        texts=list(texts),
-        found=[text for text in texts if any(mark.known == text for mark in marks)] if texts else None,
-        marks=[_mark(mark, scene) for mark in marks],
-        label=label,
-        warnings=[*document.warnings, *_unreadable(texts, reader)],
-        timings={"reading": round(read - start, 4), "marks": round(time.perf_counter() - read, 4)},
-    )
-    return Verification(report.model_dump(mode="json"), tuple(_png(mark) for mark in marks))
+        found = find_marks(scene, texts, renderer, reader)
+    surface = scene.surface
+    marks = [
+        ReadMark(
+            text=mark.text,
+            known=mark.known,
+            likeness=round(mark.likeness, 4),
+            confidence=round(mark.confidence, 4),
+            votes=mark.votes,
+            pictures=list(mark.kinds),
+            center=surface.to_world(mark.spot.center).tolist(),
+            right=mark.spot.right.tolist(),
+            normal=mark.spot.normal.tolist(),
+            length=mark.spot.length / surface.scale,
+        )
+        for mark in found
+    ]
+    pictures = [mark.picture for mark in found]
+    return _Found(admitted.format.value, marks, pictures, label, tuple(document.warnings))
 
 
-def _mark(mark: FoundMark, scene: Scene) -> ReadMark:
-    place, surface = mark.place, scene.surface
-    return ReadMark(
-        text=mark.text,
-        known=mark.known,
-        likeness=round(mark.likeness, 4),
-        confidence=round(mark.confidence, 4),
-        votes=mark.votes,
-        pictures=list(mark.kinds),
-        center=surface.to_world(place.center).tolist(),
-        right=place.right.tolist(),
-        normal=place.normal.tolist(),
-        length=place.length / surface.scale,
-    )
+def _in_picture(data: bytes, kind: str, texts: Sequence[str], reader: Reader) -> _Found:
+    found = read_picture(decode(data), texts, reader)
+    marks = [
+        ReadMark(
+            text=one.text,
+            known=one.known,
+            likeness=round(one.likeness, 4),
+            confidence=round(one.confidence, 4),
+            votes=1,
+            pictures=["ordinary"],
+            pixel=(round(float(one.pixel[0]), 1), round(float(one.pixel[1]), 1)),
+        )
+        for one in found
+    ]
+    return _Found(kind, marks, [one.picture for one in found])
 
 
-def _png(mark: FoundMark) -> bytes:
+def _png(picture: Picture) -> bytes:
     file = io.BytesIO()
-    Image.fromarray(mark.picture).save(file, "PNG")
+    Image.fromarray(picture).save(file, "PNG")
     return file.getvalue()
 
 

@@ -98,7 +98,6 @@ REPORT: JsonDict = {
             "prominence": 0.002,
             "prominence_least": 0.0,
             "label_height_share": 0.004,
-            "label_height_reached": None,
             "match": 0.967,
             "ocr": None,
             "ocr_ge_0.8": None,
@@ -124,7 +123,6 @@ REPORT: JsonDict = {
             "prominence": True,
             "prominence_least": True,
             "label_height_share": True,
-            "label_height_reached": True,
             "match": True,
             "ocr": True,
             "ocr_ge_0.8": True,
@@ -147,11 +145,6 @@ REPORT: JsonDict = {
         },
         "semantics": None,
         "missing": {
-            "label_height_reached": {
-                "code": "not_requested",
-                "message": "The request asked for no label whose rule has a height.",
-                "remedy": "Ask for a `label` whose profile has one.",
-            },
             "ocr": {
                 "code": "not_requested",
                 "message": "The request asked for evaluate: geometry.",

@@ -140,6 +140,19 @@ def test_parts_in_other_files_of_the_package_are_read() -> None:
     assert len(flatten(_convert(data)).surface.faces) == 12
 
 
+@pytest.mark.parametrize(
+    "group",
+    ['<m:colorgroup id="5"/>', '<m:texture2dgroup id="5" texid="9"/>', '<basematerials id="5"/>'],
+    ids=["colours", "texture coordinates", "materials"],
+)
+def test_colours_of_a_group_without_entries_are_not_in_the_file(group: str) -> None:
+    properties = 'pid="5" p1="0"'
+    model = threemf_model(group + f'<object id="1">{threemf_cube(properties)}</object>', ITEM)
+    document = document_of(admit(zipped({"3D/3dmodel.model": model.encode()})))
+    assert "colours that are not in the file" in document.warnings[0].message
+    assert list(document.json["meshes"][0]["primitives"][0]["attributes"]) == ["POSITION"]
+
+
 def test_colours_that_cannot_be_carried_are_said() -> None:
     document = _colors(
         '<m:multiproperties id="5" pids="1"><m:multi pindices="0"/></m:multiproperties>', 'pid="5" p1="0"'

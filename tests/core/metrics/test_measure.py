@@ -50,7 +50,6 @@ def test_the_report_carries_every_metric_and_says_which_way_is_better() -> None:
         "prominence",
         "prominence_least",
         "label_height_share",
-        "label_height_reached",
         "match",
         "ocr",
         "ocr_ge_0.8",
@@ -85,7 +84,7 @@ def test_whatever_is_missing_has_its_reason() -> None:
         "lce": "invalid_request",  # a block without letters has no tops
         "lce_pooled": "invalid_request",
         "match": "invalid_request",  # nobody knows the artwork
-        **dict.fromkeys(("label_height_share", "label_height_reached"), "invalid_request"),
+        "label_height_share": "invalid_request",
         **dict.fromkeys(("ocr", "ocr_ge_0.8", "ocr_exact", "ss"), "not_requested"),
     }
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from core.verify.places import places
-from core.verify.readings import Reading
+from core.verify.readings import Reading, Spot
 
 
 def reading(
@@ -14,12 +14,14 @@ def reading(
         confidence=confidence,
         kind="ordinary",
         look=0,
-        row=0.0,
-        center=np.array([x, 0, 0]),
-        right=np.array([1.0, 0, 0]),
-        normal=np.array(normal, dtype=np.float64),
-        length=4.0,
-        height=0.5,
+        spot=Spot(
+            row=0.0,
+            center=np.array([x, 0, 0]),
+            right=np.array([1.0, 0, 0]),
+            normal=np.array(normal, dtype=np.float64),
+            length=4.0,
+            height=0.5,
+        ),
     )
 
 
@@ -38,5 +40,5 @@ def test_readings_on_the_two_sides_of_a_wall_are_of_two_places() -> None:
 
 def test_a_place_is_where_the_surest_of_its_readings_is() -> None:
     [place] = places([reading(0, confidence=0.3), reading(0.5, confidence=0.9), reading(0.2, text="m", confidence=1)])
-    assert place.center[0] == 0.5
-    np.testing.assert_allclose(place.up, [0, 1, 0])
+    assert place.spot.center[0] == 0.5
+    np.testing.assert_allclose(place.spot.up, [0, 1, 0])

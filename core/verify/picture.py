@@ -1,0 +1,109 @@
+"""Marks in a picture of a suspect file, such as a screenshot."""
+
+import io
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from PIL import Image
+
+from core.arrays import Float
+from core.errors import ErrorCode, MeshmarkError
+from core.gltf.images import image_size, mime_type
+from core.metrics.recognition import Reader
+from core.verify.look import Picture
+from core.verify.readings import TURNS
+from core.verify.texts import best, enough
+
+FORMATS = {"image/png": "png", "image/jpeg": "jpeg", "image/webp": "webp"}
+MOST_PIXELS = 50_000_000
+SIDE = (
+    2048  # pixels of the longer side, to which larger pictures are reduced, and to half of which smaller are enlarged
+)
+MOST_LINES = 64
+SURE, SHORTEST = 0.6, 3  # confidence and letters, at least, of what is told without a known text
+
+
+@dataclass(frozen=True, eq=False)
+class FoundText:
+    """Writing in a picture.
+
+    Attributes:
+        text: as it was read.
+        known: the known text that it is; None where it is none.
+        likeness: to that, 0 to 1.
+        confidence: of the recogniser, 0 to 1.
+        pixel: (2,) its middle, pixels to the right and down.
+        picture: (H, W, 3) the line.
+    """
+
+    text: str
+    known: str | None
+    likeness: float
+    confidence: float
+    pixel: Float
+    picture: Picture
+
+
+def picture_format(data: bytes) -> str | None:
+    """The format of a picture; None for anything else."""
+    return FORMATS.get(mime_type(data) or "")
+
+
+def decode(data: bytes) -> Picture:
+    """(H, W, 3) sRGB pixels of a picture, on white where it is clear.
+
+    Raises:
+        MeshmarkError: ``budget_exceeded`` above 50 megapixels, by its header; ``malformed_file``.
+    """
+    size = image_size(memoryview(data))
+    if size is None or min(size) < 1:
+        raise _malformed("its header is broken")
+    if size[0] * size[1] > MOST_PIXELS:
+        raise MeshmarkError(
+            ErrorCode.BUDGET_EXCEEDED,
+            f"The picture has {size[0]:,} x {size[1]:,} pixels; at most {MOST_PIXELS:,} are read.",
+            "Send a smaller picture.",
+        )
+    try:
+        with (
+            warnings.catch_warnings(),
+            Image.open(io.BytesIO(data), formats=list(map(str.upper, FORMATS.values()))) as image,
+        ):
+            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            if image.size != size:
+                raise _malformed("its headers contradict each other")
+            clear = Image.new("RGBA", image.size, "white")
+            clear.alpha_composite(image.convert("RGBA"))
+    except (OSError, ValueError, SyntaxError, Warning, Image.DecompressionBombError) as error:
+        raise _malformed(f"{type(error).__name__}") from None
+    return np.asarray(clear.convert("RGB"))
+
+
+def read_picture(picture: Picture, texts: Sequence[str], reader: Reader) -> list[FoundText]:
+    """Writing in a picture, the surest first: known ``texts``, or without any, all that is read with confidence."""
+    longest = max(picture.shape[:2])
+    scale = min(SIDE / longest, max(SIDE / 2 / longest, 1.0))
+    scaled = picture
+    if scale != 1:
+        method = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+        scaled = np.asarray(cv2.resize(picture, None, fx=scale, fy=scale, interpolation=method), dtype=np.uint8)
+    found = []
+    lines = reader.detect(scaled)[:MOST_LINES]
+    for turn in TURNS:
+        turned = [np.rot90(line.picture, turn) for line in lines]
+        for line, part, (text, confidence) in zip(lines, turned, reader.read_with_confidence(turned), strict=True):
+            likeness, known = best(texts, text)
+            told = known is not None and likeness >= enough(known) if texts else len(text) >= SHORTEST
+            if told and (confidence >= SURE or likeness == 1):
+                pixel = np.array(line.center) / scale
+                found.append(FoundText(text, known, likeness, confidence, pixel, np.ascontiguousarray(part)))
+    return sorted(found, key=lambda one: (-one.likeness, -one.confidence))
+
+
+def _malformed(what: str) -> MeshmarkError:
+    return MeshmarkError(
+        ErrorCode.MALFORMED_FILE, f"The picture cannot be decoded: {what}.", "Save it again as PNG or JPEG."
+    )
