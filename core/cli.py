@@ -305,7 +305,7 @@ def _evaluate(options: argparse.Namespace) -> None:
     metrics = report["metrics"]
     for name, value in (metrics["watermark_quality"] | metrics["asset_utility"]).items():
         missing = metrics["missing"].get(name)
-        print(f"{name:18}{missing['message'] if missing else format(value, '.4g')}")
+        print(f"{name:20}{missing['message'] if missing else format(value, '.4g')}")
 
 
 def _attack(options: argparse.Namespace) -> None:

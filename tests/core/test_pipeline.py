@@ -151,7 +151,7 @@ def test_a_full_report_has_all_eight_metrics_of_the_paper_and_what_each_of_them_
     assert utility["se"] <= 1
     assert metrics["semantics"]
     assert list(metrics["seconds"]) == [
-        *("placement", "visibility", "prominence", "artwork", "shape"),
+        *("placement", "visibility", "prominence", "label height", "artwork", "shape"),
         *("curvature", "saliency", "readability", "semantics"),
     ]
     assert all(0 <= mark["saliency"] <= 1 for mark in report["watermarks"])
