@@ -5,6 +5,7 @@ without marks is a negative. A row is printed as each is done, and the rates at 
 """
 
 import argparse
+import io
 import json
 import multiprocessing
 import sys
@@ -14,10 +15,15 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
+from PIL import Image
+
 from core.errors import MeshmarkError
+from core.gltf.scene import scene_of
 from core.lab.attacks.attack import attack_file
 from core.parameters import Evaluate, Parameters
 from core.pipeline import watermark
+from core.rendering.pictures import DIRECTIONS, UPS, pictures
+from core.rendering.renderer import Renderer
 from core.verify.verify import verify
 from tests.survey import assets
 
@@ -37,6 +43,7 @@ ATTACKS: dict[str, tuple[str, float | None]] = {
     "noise": ("noise", None),
     "removal": ("removal", None),
 }
+SCREENSHOTS = "screenshots"  # of 512 pixels, JPEG of quality 70
 Row = tuple[str, str, str, bool | None, int, float]  # file, attack, colour, found, marks, seconds
 
 
@@ -45,7 +52,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--only", action="append", help="start of a file's name; may be given several times")
-    parser.add_argument("--attacks", default="", help=f"of {', '.join(ATTACKS)}; with commas between them")
+    known = ", ".join([*ATTACKS, SCREENSHOTS])
+    parser.add_argument("--attacks", default="", help=f"of {known}; with commas between them")
     options = parser.parse_args()
     attacks = [name.strip() for name in options.attacks.split(",") if name.strip()]
     found: dict[tuple[str, str], list[bool]] = defaultdict(list)
@@ -81,6 +89,9 @@ def _rows(path: Path, data: bytes, attacks: list[str]) -> Iterator[Row]:
             continue
         yield _row(path, UNTOUCHED, name, marked)
         for attack in attacks:
+            if attack == SCREENSHOTS:
+                yield from _screenshots(path, name, marked)
+                continue
             kind, strength = ATTACKS[attack]
             try:
                 attacked = attack_file(marked, kind, strength, 0, data)
@@ -88,6 +99,16 @@ def _rows(path: Path, data: bytes, attacks: list[str]) -> Iterator[Row]:
                 yield path.name, attack, name, None, 0, 0.0
                 continue
             yield _row(path, attack, name, attacked)
+
+
+def _screenshots(path: Path, color: str, model: bytes) -> Iterator[Row]:
+    """A row for each of four screenshots from the sides, as a phone takes them."""
+    with Renderer(512) as renderer:
+        shown = pictures(scene_of(model), renderer, DIRECTIONS[12::3], UPS[12::3])
+    for picture in shown:
+        file = io.BytesIO()
+        Image.fromarray(picture).save(file, "JPEG", quality=70)
+        yield _row(path, SCREENSHOTS, color, file.getvalue())
 
 
 def _row(path: Path, attack: str, color: str, data: bytes) -> Row:
