@@ -11,6 +11,7 @@ from PIL import Image
 from core import __version__
 from core.budgets import DEFAULT_BUDGETS, Budgets
 from core.device import device
+from core.errors import MeshmarkError
 from core.formats.admission import admit, document_of
 from core.gltf.scene import flatten
 from core.metrics.recognition import Reader
@@ -19,9 +20,9 @@ from core.rendering.renderer import Renderer
 from core.report import Engine
 from core.reporting import file_facts
 from core.verify.look import Picture
-from core.verify.marks import PICTURE, find_marks
+from core.verify.marks import PICTURE, FoundMark, find_marks
 from core.verify.metadata import read_label
-from core.verify.picture import decode, picture_format, read_picture
+from core.verify.picture import FoundText, decode, picture_format, read_picture
 from core.verify.report import FileLabel, ReadMark, VerificationReport
 
 
@@ -81,16 +82,18 @@ class _Found:
 def _on_model(data: bytes, texts: Sequence[str], reader: Reader, budgets: Budgets) -> _Found:
     admitted = admit(data, budgets)
     document = document_of(admitted, budgets)
-    scene, label = flatten(document), read_label(document.json)
+    scene, losses = flatten(document), list(document.warnings)
+    try:
+        label = read_label(document.json)
+    except MeshmarkError as error:  # broken metadata must not keep the marks from being looked for
+        label = None
+        losses.append(error.notice())
     with Renderer(PICTURE) as renderer:
         found = find_marks(scene, texts, renderer, reader)
     surface = scene.surface
     marks = [
         ReadMark(
-            text=mark.text,
-            known=mark.known,
-            likeness=round(mark.likeness, 4),
-            confidence=round(mark.confidence, 4),
+            **_said(mark),
             votes=mark.votes,
             pictures=list(mark.kinds),
             center=surface.to_world(mark.spot.center).tolist(),
@@ -100,18 +103,14 @@ def _on_model(data: bytes, texts: Sequence[str], reader: Reader, budgets: Budget
         )
         for mark in found
     ]
-    pictures = [mark.picture for mark in found]
-    return _Found(admitted.format.value, marks, pictures, label, tuple(document.warnings))
+    return _Found(admitted.format.value, marks, [mark.picture for mark in found], label, tuple(losses))
 
 
 def _in_picture(data: bytes, kind: str, texts: Sequence[str], reader: Reader) -> _Found:
     found = read_picture(decode(data), texts, reader)
     marks = [
         ReadMark(
-            text=one.text,
-            known=one.known,
-            likeness=round(one.likeness, 4),
-            confidence=round(one.confidence, 4),
+            **_said(one),
             votes=1,
             pictures=["ordinary"],
             pixel=(round(float(one.pixel[0]), 1), round(float(one.pixel[1]), 1)),
@@ -119,6 +118,15 @@ def _in_picture(data: bytes, kind: str, texts: Sequence[str], reader: Reader) ->
         for one in found
     ]
     return _Found(kind, marks, [one.picture for one in found])
+
+
+def _said(found: FoundMark | FoundText) -> dict[str, Any]:
+    return {
+        "text": found.text,
+        "known": found.known,
+        "likeness": round(found.likeness, 4),
+        "confidence": round(found.confidence, 4),
+    }
 
 
 def _png(picture: Picture) -> bytes:

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from core.cli import main
 from core.errors import ErrorCode, MeshmarkError
+from core.gltf.document import Document
 from core.gltf.scene import scene_of
 from core.lab.plain import Mesh, plain, plain_glb
 from core.parameters import Parameters
@@ -91,6 +92,14 @@ def test_a_text_that_cannot_be_read_is_told_of() -> None:
     box = cuboid(30, 20, 4)
     [notice] = verify(plain_glb(Mesh(box.positions, box.faces)), ["שלום"]).report["warnings"]
     assert notice["code"] == "unreadable_script"
+
+
+def test_broken_metadata_do_not_keep_marks_from_being_read() -> None:
+    document = Document.from_glb(marked(color="auto")[0])
+    document.json["extensions"]["KHR_xmp_json_ld"]["packets"] = 3
+    found = verify(document.to_glb(), ["watermark"]).report
+    assert (found["found"], found["label"]) == (["watermark"], None)
+    assert [notice["code"] for notice in found["warnings"]] == ["malformed_file"]
 
 
 def test_a_file_that_is_none_is_refused_as_everywhere() -> None:
