@@ -65,10 +65,9 @@ def write_label(document: Json, label: Label, words: str, declaration: Declarati
     """A glTF's JSON with a label. Nothing that it says already is changed or dropped.
 
     The packet about the whole file gets what it does not state yet, and the words for its rights where nobody states
-    any; ``asset.copyright`` gets the rights and the words
-    behind what it says, and ``asset.extras`` the names that it does not have, by the keys that Sketchfab uses where
-    there are some. A file has at most one of China's labels (GB 45438-2025, 6.1 c): where there is one already, only
-    the fields of the propagator that it leaves empty are filled.
+    any; ``asset.copyright`` gets the rights and the words behind what it says, and ``asset.extras`` the names that it
+    does not have, by the keys that Sketchfab uses where there are some. A file has at most one of China's labels (GB
+    45438-2025, 6.1 c): where there is one already, only the fields of the propagator that it leaves empty are filled.
 
     Args:
         document: stays as it is.

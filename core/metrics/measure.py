@@ -116,6 +116,16 @@ class Pair:
                 "Give the watermarks as JSON, or the report of the job that made them.",
             )
 
+    def require_layouts(self, what: str) -> Layouts:
+        """The layouts; raise where nobody knows them, saying ``what`` that leaves unknown."""
+        if self.layouts is None:
+            raise MeshmarkError(
+                ErrorCode.INVALID_REQUEST,
+                f"{what} known only to the job that embosses them.",
+                "See the report of that job.",
+            )
+        return self.layouts
+
 
 def measure(pair: Pair, level: Evaluate, progress: Callable[[float], None] = lambda _: None) -> Measurement:
     """Measure what ``level`` asks for. Never raises: a metric that cannot be had is None, with the reason.
@@ -186,27 +196,17 @@ def _prominence(pair: Pair, _: Measurement) -> Values:
 
 def _label_height(pair: Pair, _: Measurement) -> Values:
     pair.require_boxes()
-    if pair.layouts is None:
-        raise MeshmarkError(
-            ErrorCode.INVALID_REQUEST,
-            "How high the letters of the watermarks are is known only to the job that embosses them.",
-            "See the report of that job.",
-        )
+    layouts = pair.require_layouts("How high the letters of the watermarks are is")
     original, boxes = pair.original, pair.boxes
     letters = above_letters(original.surface, original.index, boxes, pair.relief)
-    height, radius = pair.layouts.line_height(boxes.size), original.surface.radius
+    height, radius = layouts.line_height(boxes.size), original.surface.radius
     return {"label_height_share": label_height(boxes, height, letters, pair.watermarked.index, radius)}
 
 
 def _artwork(pair: Pair, _: Measurement) -> Values:
     pair.require_boxes()
-    if pair.layouts is None:
-        raise MeshmarkError(
-            ErrorCode.INVALID_REQUEST,
-            "The outlines of the watermarks are known only to the job that embosses them.",
-            "See the report of that job.",
-        )
-    return {"match": float(match(pair.boxes, pair.relief, pair.layouts, pair.watermarked.index).mean())}
+    layouts = pair.require_layouts("The outlines of the watermarks are")
+    return {"match": float(match(pair.boxes, pair.relief, layouts, pair.watermarked.index).mean())}
 
 
 def _shape(pair: Pair, _: Measurement) -> Values:
