@@ -31,6 +31,10 @@ class SigningError(Exception):
     """Nothing was signed this time, for example since the server of time stamps does not answer."""
 
 
+class UnsignableError(Exception):
+    """An asset or a definition that nobody could sign, or a disk that the copy does not fit on."""
+
+
 class Signer:
     """Signer with one key, which never leaves it. Not to be shared between threads.
 
@@ -48,8 +52,8 @@ class Signer:
             self._signer = _signer(chain, timestamp_url)
             with closing(_signer(chain, None)) as trial:  # some faults show when something is signed, not before
                 _sign(trial, self._context, TRIAL, io.BytesIO(b"trial"), io.BytesIO(), embed=False)
-        except (c2pa.C2paError, SigningError) as error:
-            raise UnusableChainError(f"Nothing can be signed with the key and the chain: {error}.") from None
+        except (c2pa.C2paError, SigningError, UnsignableError) as error:
+            raise UnusableChainError(f"Nothing can be signed with the key and the chain: {_line(error)}.") from None
 
     def sign(self, asset: BinaryIO, definition: Mapping[str, Any], copy: BinaryIO, embed: bool = False) -> bytes:
         """A manifest store about an asset; it is beside the asset, or within a copy of it.
@@ -61,7 +65,8 @@ class Signer:
             embed: embed it, in a format that has room for one.
 
         Raises:
-            SigningError: nothing was signed.
+            SigningError: nothing was signed this time.
+            UnsignableError: nor would another time.
         """
         return _sign(self._signer, self._context, definition, asset, copy, embed)
 
@@ -88,5 +93,11 @@ def _sign(
         if not embed:
             builder.set_no_embed()
         return bytes(builder.sign(signer, definition["format"], asset, copy))
+    except c2pa.C2paError.Signature as error:
+        raise SigningError(_line(error)) from error
     except c2pa.C2paError as error:
-        raise SigningError(" ".join(str(error).split())) from error
+        raise UnsignableError(_line(error)) from error
+
+
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split())

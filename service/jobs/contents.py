@@ -57,7 +57,7 @@ def create_job(
         MeshmarkError: raised by the submission's condition; then nothing is recorded and nothing kept.
     """
     contents = {kind: Content(item.sha256, item.size) for kind, item in staged.items()}
-    key = result_key(parameters, contents)
+    key = result_key(parameters, contents, submission.signed)
     may_reuse = submission.cache
 
     def record() -> Job:
