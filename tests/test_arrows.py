@@ -44,6 +44,7 @@ BELOW = {
         "pipeline stages report metrics rendering placement analysis artwork formats gltf geometry budgets parameters "
         "processors"
     ),
+    "credentials": "report",
     "verify": "report reporting metrics rendering labels formats gltf geometry budgets device",
     "cli_files": "",
     "cli_verify": "cli_files verify",
@@ -54,7 +55,7 @@ BELOW = {
 EVERYWHERE = {"arrays", "errors", "notices", "__version__"}
 
 # Of core, the service and the worker use these; the worker alone the reading of uploads.
-OF_SERVICE = {"errors", "validation", "parameters", "budgets", "artwork", "report", "__version__"}
+OF_SERVICE = {"errors", "validation", "parameters", "budgets", "artwork", "report", "credentials", "__version__"}
 OF_WORKER = OF_SERVICE | {"formats", "pipeline", "preload", "processors"}
 
 FILE_LINES = 400

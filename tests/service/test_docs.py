@@ -32,6 +32,7 @@ from service.__main__ import parser as service_parser
 from service.app import create_app
 from service.config import Settings
 from service.hooks.config import FILE
+from service.jobs.ledger import SIGNING
 from service.jobs.ledger_metrics import LedgerCollector
 from service.jobs.models import JobState
 from service.problems import STATUS
@@ -197,7 +198,7 @@ def test_every_state_and_every_stage_of_a_job_is_named() -> None:
     states = re.search(r"\*\*Job states\*\*.*\n*.*", page("concepts"))
     assert states is not None
     assert set(re.findall(r"`(\w+)`", states[0].partition("\n")[0])) == set(JobState)
-    assert names("concepts", "Job") == list(STAGES)
+    assert names("concepts", "Job") == [*STAGES, SIGNING]
 
 
 def test_every_event_that_an_endpoint_may_name_is_on_the_page_of_webhooks() -> None:
