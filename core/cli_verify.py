@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +23,16 @@ def add_verify(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") 
     )
     verify.add_argument("--report", type=Path, metavar="V.json", help="write the report here")
     verify.add_argument("--pictures", type=Path, metavar="DIR", help="write a picture of each mark there")
+    verify.add_argument(
+        "--evidence", type=Path, metavar="E.html", help="write a page for people here: marks, pictures, hashes, times"
+    )
 
 
 def _verify(options: argparse.Namespace) -> None:
+    from core.verify.evidence import evidence_page
     from core.verify.verify import verify  # the renderer and the recogniser take a second to load
 
+    moment = datetime.now(UTC)
     result = verify(read_file(options.input), options.text)
     report = result.report
     if options.report:
@@ -35,6 +41,8 @@ def _verify(options: argparse.Namespace) -> None:
         options.pictures.mkdir(parents=True, exist_ok=True)
         for number, picture in enumerate(result.pictures):
             write_file(options.pictures / f"mark-{number}.png", picture)
+    if options.evidence:
+        write_file(options.evidence, evidence_page(report, result.pictures, options.input.name, moment))
     for line in _lines(options.input, report):
         print(line)
 

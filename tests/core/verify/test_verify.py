@@ -1,5 +1,6 @@
 """Marks of real files are read back, and where there are none nothing is."""
 
+import base64
 import json
 from functools import cache
 from pathlib import Path
@@ -112,13 +113,15 @@ def test_the_command_prints_what_it_read_and_writes_the_same_report_and_pictures
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     model, marks = marked(color="auto")
-    file, report, pictures = tmp_path / "a.glb", tmp_path / "v.json", tmp_path / "pictures"
+    file, report, pictures, evidence = (tmp_path / name for name in ("a.glb", "v.json", "pictures", "e.html"))
     file.write_bytes(model)
     asked = ["--text", "watermark", "--text", "another text", "--report", str(report), "--pictures", str(pictures)]
+    asked += ["--evidence", str(evidence)]
     assert main(["verify", str(file), *asked]) == 0
     printed = capsys.readouterr().out
     assert f"{len(marks)} marks read" in printed
     assert 'not found: "another text"' in printed
     assert json.loads(report.read_text()) | {"timings": {}} == verified("auto").report | {"timings": {}}
     assert [path.read_bytes() for path in sorted(pictures.iterdir())] == list(verified("auto").pictures)
+    assert all(base64.b64encode(picture) in evidence.read_bytes() for picture in verified("auto").pictures)
     assert main(["verify", str(tmp_path / "none.glb")]) == 1
