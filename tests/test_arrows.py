@@ -45,7 +45,7 @@ BELOW = {
         "processors"
     ),
     "credentials": "report",
-    "verify": "report reporting metrics rendering labels formats gltf geometry budgets device",
+    "verify": "credentials report reporting metrics rendering labels formats gltf geometry budgets device",
     "cli_files": "",
     "cli_verify": "cli_files verify",
     "cli_text": "labels parameters",

@@ -15,6 +15,7 @@ from pydantic import BaseModel
 
 from core.budgets import DEFAULT_BUDGETS
 from core.cli import parser
+from core.credentials.facts import Credentials, CredentialState
 from core.embossing.refusal import EXPLAINED
 from core.errors import ErrorCode
 from core.lab.attacks.attack import ATTACKS
@@ -159,6 +160,8 @@ def test_the_table_of_a_verification_has_the_fields_of_its_model() -> None:
     contents = {name: content for cell, content in table for name in re.findall(r"\w+", cell)}
     assert [*contents] == [field.alias or name for name, field in VerificationReport.model_fields.items()]
     assert set(ReadMark.model_fields) <= set(re.findall(r"`(\w+)`", contents["marks"]))
+    assert set(Credentials.model_fields) <= set(re.findall(r"`(\w+)`", page("verification")))
+    assert names("verification", "Content Credentials") == list(CredentialState)
     assert set(FileLabel.model_fields) <= set(re.findall(r"`(?:asset\.)?(\w+)`", page("verification")))
 
 
