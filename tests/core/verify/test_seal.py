@@ -57,7 +57,7 @@ def test_a_picture_is_judged_by_its_own() -> None:
 
 
 def test_where_the_library_is_missing_nothing_is_claimed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(seal, "find_spec", lambda name: None)
+    monkeypatch.setattr(seal, "find_spec", lambda _: None)
     assert verify(picture()).report["credentials"] is None
     with pytest.raises(MeshmarkError, match="extra c2pa is not installed") as caught:
         judge(b"glTF", None, Seal(b"sidecar"))
