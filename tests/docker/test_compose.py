@@ -26,6 +26,9 @@ from tests.worker.waiting import wait_until
 ROOT = Path(__file__).parents[2]
 COMPOSE: dict[str, Any] = yaml.safe_load((ROOT / "docker" / "compose.yaml").read_text())
 SERVICES: dict[str, dict[str, Any]] = COMPOSE["services"]
+CREDENTIALS: dict[str, dict[str, Any]] = {
+    "signer": yaml.safe_load((ROOT / "docker" / "compose.credentials.yaml").read_text())["services"]["signer"]
+}
 SERVERS = {"postgres", "redis", "store", "bucket"}
 
 
