@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,12 +12,12 @@ from core.geometry.directions import view_directions
 from core.gltf.scene import Scene
 from core.metrics.recognition import Reader
 from core.rendering.renderer import Frame, Renderer
-from core.verify.look import Look, look
+from core.verify.look import Look, Picture, look
 from core.verify.places import Place, places
 from core.verify.readings import Kind, Reading, Spot, readings
 from core.verify.texts import best, enough, likeness
 
-PICTURE = 1024  # pixels a side
+PICTURE, SHOWN = 1024, 512  # pixels a side of pictures that are read, and of those that are kept
 SIDES = np.array([[0.0, 0, 1], [1, 0, 0], [0, 0, -1], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
 HEADS = np.array([[0.0, 1, 0], [0, 1, 0], [0, 1, 0], [0, 1, 0], [0, 0, -1], [0, 0, 1]])
 OFF, PART = 0.42, 0.55  # of a part of a side from its middle, and its radius, over the radius of the whole
@@ -137,8 +138,13 @@ def _again(place: Place, number: int, texts: Sequence[str], renderer: Renderer, 
         votes=len(pictures),
         kinds=tuple(sorted({kind for _, kind in pictures})),
         spot=reading.spot,
-        picture=near.relief if reading.kind == "relief" else near.ordinary,
+        picture=_shown(near.relief if reading.kind == "relief" else near.ordinary),
     )
+
+
+def _shown(picture: Picture) -> Picture:
+    """The picture of a look as it is shown to people: (SHOWN, SHOWN, 3)."""
+    return np.asarray(cv2.resize(picture, (SHOWN, SHOWN), interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 @dataclass(frozen=True, eq=False)

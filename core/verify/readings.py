@@ -17,6 +17,7 @@ Kind = Literal["ordinary", "relief"]
 MARGIN = 32  # pixels of background left around the asset
 MOST_LINES = 24  # lines a picture, at most: an asset covered with writing of its own must not take minutes
 TURNS = (0, 2)  # quarter turns that a line is read in: as it is, and upside down
+UPRIGHT, UPRIGHT_LETTERS = 0.95, 5  # confidence and letters from which on no line of four assets was one turned over
 GRID = np.stack(np.meshgrid((-0.8, -0.4, 0.0, 0.4, 0.8), (-0.6, 0.0, 0.6)), axis=-1).reshape(-1, 2)
 LEAST = 4  # of these places on a line have to lie on the surface
 STEEPEST = 0.2  # cosine of the ground with the camera, at least
@@ -80,7 +81,13 @@ def readings(looks: Iterable[Look], reader: Reader, first: int = 0) -> list[Read
                     spot = _spot(line, turn, corner, one) if text.strip() else None
                     if spot is not None:
                         found.append(Reading(text.strip(), confidence, kind, number, spot))
+                lines = [line for line, said in zip(lines, read, strict=True) if not _is_upright(*said)]
     return found
+
+
+def _is_upright(text: str, confidence: float) -> bool:
+    """True for a line that was read so surely that it need not be turned over."""
+    return confidence >= UPRIGHT and len(text.strip()) >= UPRIGHT_LETTERS
 
 
 def _cropped(picture: Picture, one: Look) -> tuple[Picture, Float]:
