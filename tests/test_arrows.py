@@ -44,7 +44,7 @@ BELOW = {
         "pipeline stages report metrics rendering placement analysis artwork formats gltf geometry budgets parameters "
         "processors"
     ),
-    "verify": "report reporting metrics rendering labels formats gltf geometry budgets device",
+    "verify": "evaluate report reporting metrics rendering artwork labels formats gltf geometry budgets device",
     "cli_files": "",
     "cli_verify": "cli_files verify",
     "cli_text": "labels parameters",
