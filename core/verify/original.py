@@ -30,10 +30,10 @@ from core.verify.report import ComparedMark, Comparison
 
 MOST_MARKS = 256  # of a report
 # What the best alignment of the same model leaves at most, over the suspect's radius, and covers of it at least.
-RESIDUAL, COVERED = 0.012, 0.1
+RESIDUAL, COVERED = 0.007, 0.1
 # Likeness of the relief to the artwork from which on a mark is there; without artwork, the share of its box that stands
 # out; and the share of its box, below which there is not enough surface to say.
-LIKE, OUT, SURFACE = 0.4, 0.1, 0.5
+LIKE, OUT, SURFACE = 0.35, 0.3, 0.5
 MATCH = MatchOptions(rays=4096)
 Field = tuple[Float, Bool]  # as :func:`core.verify.heights.height_field` gives
 # Of a line that was read: width and height over its own, and the thickness over its height.

@@ -18,7 +18,8 @@ class RegistrationOptions:
     """Values of :func:`registrations`: all ours.
 
     Attributes:
-        points: of each surface that alignments are chosen and refined by.
+        many: points of each surface that fill a grid of distances.
+        points: of these, the ones that alignments are chosen and refined by.
         few: of these, the ones that all rotations are tried with.
         seed: of the points.
         turns: rotations that are tried, spread evenly over all.
@@ -35,6 +36,7 @@ class RegistrationOptions:
         reach: that.
     """
 
+    many: int = 16_000
     points: int = 2000
     few: int = 300
     seed: int = 0
@@ -141,23 +143,26 @@ class _Side:
     """A surface with what all steps ask of it.
 
     Attributes:
-        points: (N, 3) spread evenly by area.
+        many: (N, 3) points drawn evenly by area.
+        points: the first of them.
         index: over it.
-        radius: of the ball around all of it, size-30 units.
+        ball: the middle and radius of the ball around it, size-30 units.
+        radius: that radius.
     """
 
     def __init__(self, surface: Surface, options: RegistrationOptions) -> None:
         rng = np.random.default_rng(options.seed)
-        many, _ = sample(surface, max(20 * options.points, 1), rng)
-        self.many, self.points = many, many[: options.points]
+        self.many, _ = sample(surface, options.many, rng)
+        self.points = self.many[: options.points]
         self.index = SpatialIndex(surface.positions, surface.faces)
-        self.radius = float(np.linalg.norm(many - _ball(many)[0], axis=1).max())
+        self.ball = _ball(self.points)
+        self.radius = self.ball[1]
 
     def extents(self) -> Iterator[tuple[Float, float]]:
         """Middles (3,) of it and its extents from there, size-30 units: by area, and of the ball around it."""
         middle = self.many.mean(axis=0)
         yield middle, float(np.sqrt(((self.many - middle) ** 2).sum(axis=1).mean()))
-        yield _ball(self.many)
+        yield self.ball
 
 
 def _ball(points: Float, steps: int = 300) -> tuple[Float, float]:

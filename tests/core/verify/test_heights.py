@@ -14,7 +14,7 @@ BOX = Boxes(np.array([[0.0, 0, 2]]), np.eye(3)[None], np.array([[8.0, 4, 2]]))
 def index(*boxes: tuple[float, float, float, float]) -> SpatialIndex:
     """Blocks of a width, a depth and a height, each moved along x."""
     parts = [cuboid(*size) for *size, _ in boxes]
-    positions = [part.positions + [shift, 0, 0] for part, (*_, shift) in zip(parts, boxes, strict=True)]
+    positions = [part.positions + np.array([shift, 0, 0]) for part, (*_, shift) in zip(parts, boxes, strict=True)]
     first = np.cumsum([0, *(len(part.positions) for part in parts)])
     return SpatialIndex(
         np.concatenate(positions), np.concatenate([part.faces + row for part, row in zip(parts, first, strict=False)])
