@@ -38,6 +38,7 @@ class ErrorCode(Code):
     INVALID_FONT = "invalid_font"
     INVALID_LOGO = "invalid_logo"
     UNKNOWN_REGION = "unknown_region"
+    DIFFERENT_MODEL = "different_model"
     # The work itself.
     NO_PLACEMENT = "no_placement"
     NOT_MANIFOLD = "not_manifold"

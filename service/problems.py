@@ -45,6 +45,7 @@ STATUS: dict[Code, int] = {  # in the order in which openapi.yaml and the manual
     ErrorCode.INVALID_FONT: 422,
     ErrorCode.INVALID_LOGO: 422,
     ErrorCode.UNKNOWN_REGION: 422,
+    ErrorCode.DIFFERENT_MODEL: 422,
     ErrorCode.NO_PLACEMENT: 422,
     ErrorCode.NOT_MANIFOLD: 422,
     ErrorCode.RENDERING_UNAVAILABLE: 500,

@@ -45,7 +45,9 @@ BELOW = {
         "processors"
     ),
     "credentials": "report",
-    "verify": "credentials report reporting metrics rendering labels formats gltf geometry budgets device",
+    "verify": (
+        "credentials evaluate report reporting metrics rendering artwork labels formats gltf geometry budgets device"
+    ),
     "cli_files": "",
     "cli_verify": "cli_files verify",
     "cli_text": "labels parameters",

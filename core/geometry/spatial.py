@@ -3,7 +3,7 @@
 from copy import copy
 from enum import IntEnum
 from functools import cached_property, reduce
-from typing import Self
+from typing import Protocol, Self
 
 import igl
 import numpy as np
@@ -37,6 +37,13 @@ class Hides(IntEnum):
     """Its back is not drawn."""
     NEVER = 2
     """It is see-through."""
+
+
+class RayCaster(Protocol):
+    """Surface that rays are cast on."""
+
+    def first_hit(self, origins: Float, directions: Float, eye: Eye | None = None) -> tuple[Float, Int]:
+        """First hit of each ray, see :meth:`SpatialIndex.first_hit`."""
 
 
 class _Hierarchies:

@@ -11,7 +11,7 @@ from core.artwork.layouts import Layouts
 from core.artwork.raster import raster
 from core.geometry.boxes import Boxes
 from core.geometry.products import product
-from core.geometry.spatial import Eye, SpatialIndex
+from core.geometry.spatial import Eye, RayCaster
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,14 @@ class MatchOptions:
 MATCH = MatchOptions()
 
 
-def match(boxes: Boxes, relief: Float, layouts: Layouts, index: SpatialIndex, options: MatchOptions = MATCH) -> Float:
+def match(
+    boxes: Boxes,
+    relief: Float,
+    layouts: Layouts,
+    index: RayCaster,
+    options: MatchOptions = MATCH,
+    ground: RayCaster | None = None,
+) -> Float:
     """(B,) likeness of what each mark shows from the front to its artwork, 0 to 1.
 
     Rays along the mark's normal find the height of the surface over its box and a margin around it. From the heights,
@@ -58,6 +65,7 @@ def match(boxes: Boxes, relief: Float, layouts: Layouts, index: SpatialIndex, op
         layouts: that the marks are set in.
         index: over the watermarked surface.
         options: tuned values.
+        ground: over the surface without marks, where it is known: heights are then those over it.
     """
     likeness = np.zeros(len(boxes))
     layout = layouts.of(boxes.size)
@@ -65,6 +73,9 @@ def match(boxes: Boxes, relief: Float, layouts: Layouts, index: SpatialIndex, op
         pattern = _pattern(layouts.artworks[number], options)
         for mark in np.flatnonzero(layout == number).tolist():
             height, met = _heights(boxes[np.array([mark])], pattern, index, options)
+            if ground is not None:
+                below, known = _heights(boxes[np.array([mark])], pattern, ground, options)
+                height, met = height - below, met & known
             seen = _relief(height / max(abs(relief[mark]), np.finfo(float).tiny), met, options.ground * pattern.stroke)
             smooth = gaussian_filter(np.clip(seen, -1, 1), options.smooth * pattern.stroke)
             likeness[mark] = _correlation(pattern.relief, smooth, options)
@@ -94,7 +105,7 @@ def _pattern(artwork: Artwork, options: MatchOptions) -> _Pattern:
     return _Pattern(gaussian_filter(relief, options.smooth * stroke), columns, margin, stroke)
 
 
-def _heights(box: Boxes, pattern: _Pattern, index: SpatialIndex, options: MatchOptions) -> tuple[Float, Bool]:
+def _heights(box: Boxes, pattern: _Pattern, index: RayCaster, options: MatchOptions) -> tuple[Float, Bool]:
     """(H, W) height of the surface at each ray over the one ``box``, size-30 units; and where there is any."""
     shape, size = pattern.relief.shape, box.size[0]
     u, v = (

@@ -64,7 +64,11 @@ LABEL_NAMES = {"source_type": "source type", "system_version": "version of the s
 
 
 def evidence_page(
-    report: Mapping[str, Any], pictures: Sequence[bytes], filename: str, moment: datetime | None = None
+    report: Mapping[str, Any],
+    pictures: Sequence[bytes],
+    filename: str,
+    moment: datetime | None = None,
+    heights: Sequence[bytes] = (),
 ) -> bytes:
     """A self-contained HTML page, UTF-8: no script, nothing that is fetched, for screens, phones and paper.
 
@@ -76,12 +80,14 @@ def evidence_page(
         pictures: a PNG of each of its marks.
         filename: of the suspect file.
         moment: of the verification, with its time zone; left out of the page where it is not known.
+        heights: a PNG of the relief of each mark over the original; none without one.
     """
     parts = [
         _head(report, filename),
         _file(report, filename, moment),
         _texts(report),
         _marks(report["marks"], pictures),
+        _original(report["original"], heights),
         _label(report["label"]),
         _credentials(report["credentials"]),
         _warnings(report["warnings"]),
@@ -189,15 +195,61 @@ def _mark(number: int, mark: Mapping[str, Any], picture: bytes) -> str:
             ("faces", _numbers(mark["normal"])),
             ("length", f"{mark['length']:.4g}"),
         ]
+    return _article(f"Mark {number}", "seen head-on", picture, rows)
+
+
+def _article(title: str, seen: str, picture: bytes, rows: Pairs) -> str:
+    """A picture with a table beside it."""
     source = base64.b64encode(picture).decode()
     return (
-        f'<article>\n<figure><img alt="Mark {number}, seen head-on" src="data:image/png;base64,{source}"></figure>\n'
-        f"<div><h3>Mark {number}</h3>{_table(rows)}</div>\n</article>"
+        f'<article>\n<figure><img alt="{title}, {seen}" src="data:image/png;base64,{source}"></figure>\n'
+        f"<div><h3>{title}</h3>{_table(rows)}</div>\n</article>"
     )
 
 
 def _numbers(values: Iterable[float]) -> str:
     return ", ".join(f"{value:.4g}" for value in values)
+
+
+def _original(original: Mapping[str, Any] | None, heights: Sequence[bytes]) -> str:
+    if original is None:
+        return ""
+    file, marks = original["file"], original["marks"]
+    rows = [
+        ("SHA-256", f"<code>{html.escape(file['sha256'])}</code>"),
+        ("size, format", f"{_count(file['bytes'], 'byte')}, {_said(file['format'])}"),
+        ("residual", f"{100 * original['residual']:.2g} % of the radius, of the nearest four fifths"),
+        ("covered", f"{100 * original['covered']:.0f} % of the original"),
+        ("scale", f"{original['scale']:.6g}"),
+    ]
+    if original["is_asset"] is not None:
+        there = sum(mark["present"] is True for mark in marks)
+        color = "good" if there else "bad"
+        rows += [
+            ("marks of the job", f'<span class="{color}">{there} of {len(marks)} are there</span>'),
+            ("marked by the job", "this very file" if original["is_asset"] else "another file than this original"),
+            ("made by the job", "this very suspect file" if original["is_result"] else "another file than the suspect"),
+        ]
+    note = '<p class="soft">Red stands out of the original\'s surface, blue lies in it; grey: nothing to compare.</p>'
+    shown = [_height(mark, picture) for mark, picture in zip(marks, heights, strict=True)]
+    return _section("Against the original", "\n".join([_table(rows), *([note] if shown else []), *shown]))
+
+
+def _height(mark: Mapping[str, Any], picture: bytes) -> str:
+    words = {
+        True: '<span class="good">there</span>',
+        False: '<span class="bad">not there</span>',
+        None: "too little of the surface is left to say",
+    }
+    rows = [("text", _said(mark["text"]))]
+    if mark["standing_out"] is not None:
+        rows.append(("result", words[mark["present"]]))
+    if mark["correlation"] is not None:
+        rows.append(("likeness to the artwork", f"{mark['correlation']:.2f} of 1"))
+    if mark["standing_out"] is not None:
+        rows.append(("stands out", f"{100 * mark['standing_out']:.0f} % of its box"))
+    rows += [("height", f"{mark['height']:.3g}"), ("surface", f"{100 * mark['surface']:.0f} % of its box")]
+    return _article(f"Relief of mark {mark['index']}", "its height over the original", picture, rows)
 
 
 def _label(label: Mapping[str, Any] | None) -> str:
@@ -233,6 +285,8 @@ def _warnings(warnings: Sequence[Mapping[str, Any]]) -> str:
 
 def _meaning(report: Mapping[str, Any]) -> str:
     asked = " ".join(f"--text={shlex.quote(text)}" for text in report["texts"])
+    if report["original"] is not None:
+        asked += " --original ORIGINAL" + (" --report-of REPORT" if report["original"]["is_asset"] is not None else "")
     return _section(
         "What this page proves",
         "<p>It says what Meshmark read in the file of this SHA-256. It is not signed: whoever has the file can check "

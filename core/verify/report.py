@@ -58,6 +58,69 @@ class FileLabel(Section):
     copyright: Annotated[str | None, Field(description="`asset.copyright` of the glTF.")]
 
 
+class ComparedMark(Section):
+    """Relief of a mark over the original's surface."""
+
+    index: Annotated[
+        int, Field(description="`id` of the mark in the job's report; without one, its place in `marks`, from 0 on.")
+    ]
+    text: Annotated[str, Field(description="The text that it says.")]
+    present: Annotated[
+        bool | None,
+        Field(
+            description="Whether it stands there; null without a report, and where too little of the surface is left."
+        ),
+    ] = None
+    correlation: Annotated[
+        float | None,
+        Field(
+            description="Likeness of the relief to the artwork, 0 to 1; null without a report, and for artwork that it "
+            "does not hold (a logo or a font that was sent)."
+        ),
+    ] = None
+    standing_out: Annotated[
+        float | None,
+        Field(
+            description="Share of its box that stands out of the original, or lies in it, by a quarter of the mark's "
+            "height or more; null without a report."
+        ),
+    ] = None
+    height: Annotated[
+        float, Field(description="Height there over the original, world units of that; negative for sunken letters.")
+    ]
+    surface: Annotated[float, Field(description="Share of its box where both files have a surface.")]
+
+
+class Comparison(Section):
+    """A suspect file against an original."""
+
+    file: Annotated[FileFacts, Field(description="The original.")]
+    is_asset: Annotated[
+        bool | None,
+        Field(description="Whether it is the very file that the job marked, by its SHA-256; null without a report."),
+    ]
+    is_result: Annotated[
+        bool | None,
+        Field(description="Whether the suspect is the very result of the job, by its SHA-256; null without a report."),
+    ]
+    scale: Annotated[
+        float, Field(description="World coordinates of the original are scale * rotation * suspect + translation.")
+    ]
+    rotation: Annotated[tuple[Vector, Vector, Vector], Field(description="The rows of a matrix.")]
+    translation: Annotated[Vector, Field(description="World units of the original.")]
+    residual: Annotated[
+        float,
+        Field(
+            description="Root mean square distance of the nearest four fifths of the suspect's surface to the "
+            "original's, over the suspect's radius."
+        ),
+    ]
+    covered: Annotated[float, Field(description="Share of the original's surface that the suspect lies near.")]
+    marks: Annotated[
+        list[ComparedMark], Field(description="The marks of the job's report; without one, those that were read.")
+    ]
+
+
 class VerificationReport(Section):
     """Marks and labels that were found in a file."""
 
@@ -75,5 +138,8 @@ class VerificationReport(Section):
     credentials: Annotated[
         Credentials | None, Field(description="Null where the library that reads them is not installed.")
     ]
+    original: Annotated[
+        Comparison | None, Field(description="The comparison with an original; null where none was given.")
+    ] = None
     warnings: Annotated[list[Notice], Field(description="What could not be looked for.")]
     timings: Annotated[dict[str, float], Field(description="Seconds of each step.")]
