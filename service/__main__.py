@@ -1,4 +1,4 @@
-"""`python -m service [all|api|openapi|keys|jobs|adopt-store]`: the service with its workers, the API alone, and tools.
+"""`python -m service [all|api|openapi|keys|jobs|credentials|adopt-store]`: API with workers, API alone, and tools.
 
 `python -m service --show-settings` prints every setting with its value and where that comes from.
 """
@@ -18,6 +18,7 @@ from sqlalchemy.exc import OperationalError
 from service.app import create_app
 from service.background import in_background
 from service.config import Settings, load_settings
+from service.credentials import add_credentials_commands, require_chain, run_credentials_command
 from service.data_folder import keep_private
 from service.dead_jobs import add_jobs_commands, run_jobs_command
 from service.hangup import hangup_handler
@@ -108,11 +109,12 @@ def parser() -> argparse.ArgumentParser:
     """All commands with their options."""
     top = argparse.ArgumentParser(prog="python -m service", description=__doc__)
     top.add_argument("--show-settings", action="store_true", help="print the settings in effect and end")
-    commands = top.add_subparsers(dest="what", metavar="all|api|openapi|keys|jobs|adopt-store")
+    commands = top.add_subparsers(dest="what", metavar="all|api|openapi|keys|jobs|credentials|adopt-store")
     for name, meaning in (("all", "API and workers"), ("api", "the API alone"), ("openapi", "print its document")):
         commands.add_parser(name, help=meaning)
     add_keys_commands(commands.add_parser("keys", help="create, list and revoke API keys"))
     add_jobs_commands(commands.add_parser("jobs", help="list jobs whose workers died, and try them again"))
+    add_credentials_commands(commands.add_parser("credentials", help="make a key and a chain for tests"))
     commands.add_parser("adopt-store", help="make another database's artifact store this one's")
     return top
 
@@ -142,13 +144,19 @@ def run(arguments: argparse.Namespace) -> None:
             sys.exit(run_keys_command(_private_settings(), arguments))
         case "jobs":
             sys.exit(run_jobs_command(_private_settings(), arguments))
+        case "credentials":
+            sys.exit(run_credentials_command(arguments))
         case "adopt-store":
             sys.exit(run_adopt_store(_private_settings()))
         case "api":
             serve(load_settings())
         case _:
-            modules = ("worker", "worker.webhooks")
-            serve(load_settings(), *([sys.executable, "-m", module, str(os.getpid())] for module in modules))
+            settings = load_settings()
+            modules = ["worker", "worker.webhooks"]
+            if settings.c2pa_chain or settings.c2pa_key:
+                require_chain(settings)  # here too: a signer that cannot start would be started again and again
+                modules.append("worker.signer")
+            serve(settings, *([sys.executable, "-m", module, str(os.getpid())] for module in modules))
 
 
 def _private_settings() -> Settings:

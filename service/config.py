@@ -91,6 +91,7 @@ class Settings(BaseSettings):
     webhooks_metrics_port: Annotated[
         int, Field(ge=0, le=65535, description="Port of the metrics of a sender of webhooks; 0: none.")
     ] = 0
+    signer_metrics_port: Annotated[int, Field(ge=0, le=65535, description="Port of a signer's metrics; 0: none.")] = 0
     data_dir: Annotated[
         Path, Field(description="Folder of scratch files, and of the default ledger, broker and artifact store.")
     ] = Path("data")
@@ -247,6 +248,24 @@ class Settings(BaseSettings):
             "webhooks; empty: in clear."
         ),
     ] = None
+    c2pa_chain: Annotated[
+        Path | None,
+        Field(
+            description="PEM file of the certificates that results are signed with, the signer's own first, for API, "
+            "workers and signers; empty: results have no Content Credentials."
+        ),
+    ] = None
+    c2pa_key: Annotated[
+        Path | None,
+        Field(description="PEM file of the private key (EC, P-256) of the first certificate, for signers alone."),
+    ] = None
+    c2pa_timestamp_url: Annotated[
+        str,
+        Field(
+            pattern="^$|^https?://",
+            description="Server of time stamps (RFC 3161) that signers send each signature to; empty: none.",
+        ),
+    ] = ""
     hooks_file: Annotated[
         Path | None, Field(description="TOML file of the buckets to watch, for API and workers; empty: none.")
     ] = None
@@ -311,6 +330,8 @@ class Settings(BaseSettings):
             raise ValueError("MESHMARK_S3_ACCESS_KEY_ID and MESHMARK_S3_SECRET_ACCESS_KEY go together")
         if self.s3_presign and not self.store_url:
             raise ValueError("MESHMARK_S3_PRESIGN needs a MESHMARK_STORE_URL")
+        if self.c2pa_chain is None and (self.c2pa_key or self.c2pa_timestamp_url):
+            raise ValueError("MESHMARK_C2PA_KEY and MESHMARK_C2PA_TIMESTAMP_URL need a MESHMARK_C2PA_CHAIN")
         return self
 
     @property

@@ -39,6 +39,7 @@ JOB_SECONDS = Histogram("meshmark_job_seconds", "Of a worker with one attempt at
 STAGE_SECONDS = Histogram("meshmark_stage_seconds", "Of an attempt by stage.", ["stage"], buckets=WORK_SECONDS)
 ARTIFACT_BYTES = Counter("meshmark_artifact_bytes", "Bytes that workers fetched and published.", ["kind"])
 WEBHOOK_ATTEMPTS = Counter("meshmark_webhook_attempts", "Attempts to send a webhook, by what came of them.", ["result"])
+CREDENTIALS = Counter("meshmark_credentials", "Attempts to sign a result, by what came of them.", ["result"])
 BUILD = Info("meshmark_build", "What runs here.")
 BUILD.info({"version": __version__, "python": platform.python_version()})
 

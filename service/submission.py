@@ -123,6 +123,7 @@ def submit(state: AppState, order: Order, known: Verdicts | None = None) -> Acce
             condition=condition,
             queue=queue.queue_for(state.settings, asset.size if asset else None),
             priority=order.priority,
+            signed=state.settings.c2pa_chain is not None,
         )
         return Accepted(contents.create_job(state.ledger, state.artifacts, order.filename, wanted, staged, submission))
 

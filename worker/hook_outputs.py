@@ -19,8 +19,16 @@ from worker.repeating import repeatedly
 from worker.tasks import Worker
 
 INTERVAL = 1.0  # seconds between two queries for due objects
-SUFFIXES = {ArtifactKind.REPORT: ".report.json", ArtifactKind.MODEL: ".watermarked.glb"}  # the model last
-MEDIA_TYPES = {ArtifactKind.REPORT: "application/json", ArtifactKind.MODEL: "model/gltf-binary"}
+SUFFIXES = {  # the model last
+    ArtifactKind.REPORT: ".report.json",
+    ArtifactKind.CREDENTIALS: ".watermarked.c2pa",
+    ArtifactKind.MODEL: ".watermarked.glb",
+}
+MEDIA_TYPES = {
+    ArtifactKind.REPORT: "application/json",
+    ArtifactKind.CREDENTIALS: "application/c2pa",
+    ArtifactKind.MODEL: "model/gltf-binary",
+}
 
 log = structlog.get_logger(__name__)
 

@@ -121,9 +121,11 @@ class Worker:
             with Heartbeat(self.ledger, lease, self.settings.lease_seconds) as heartbeat:
                 contents.discard(self.ledger, self.artifacts, self.ledger.drop_outputs(lease))
                 self._work(job, folder, heartbeat)
-                if not self._retried(heartbeat, lambda: self.ledger.succeed(lease)):
+                finish = self.ledger.hand_over if self.settings.c2pa_chain else self.ledger.succeed
+                if not self._retried(heartbeat, lambda: finish(lease)):
                     raise LeaseLostError
-            log.info("job succeeded", seconds=round(time.monotonic() - began, 2))
+            done = "job waits for its credentials" if self.settings.c2pa_chain else "job succeeded"
+            log.info(done, seconds=round(time.monotonic() - began, 2))
         except (StoreUnavailableError, OperationalError) as error:
             self.ledger.release(lease)  # without a message: a sweeper announces it again after a while
             log.warning("job put back: the artifact store or the ledger does not answer", reason=str(error))
@@ -264,6 +266,8 @@ def private_folders(settings: Settings) -> tuple[Path, ...]:
     private = [settings.data_dir.resolve(), SECRETS]
     if settings.secrets_key:
         private.append(settings.secrets_key.resolve())
+    if settings.c2pa_key:
+        private.append(settings.c2pa_key.resolve())
     if settings.hooks_file:
         secret = [settings.hooks_file, *secret_files(settings.hooks_file)]  # tokens and keys of buckets
         private += [path.resolve() for path in secret]

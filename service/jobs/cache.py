@@ -18,7 +18,9 @@ from service.jobs.ledger import OUTPUTS, Content
 from service.jobs.models import ArtifactKind, Job, JobState
 
 
-def result_key(parameters: dict[str, Any], contents: Mapping[ArtifactKind, Content]) -> str | None:
+def result_key(
+    parameters: dict[str, Any], contents: Mapping[ArtifactKind, Content], signed: bool = False
+) -> str | None:
     """Cache key of a job's results; None while its asset is not known."""
     if ArtifactKind.INPUT not in contents:
         return None
@@ -26,7 +28,8 @@ def result_key(parameters: dict[str, Any], contents: Mapping[ArtifactKind, Conte
     # Other fonts installed, other letters. The ones that stand in for a font that was sent are among these.
     wording = Parameters.model_validate(parameters).resolved()
     fonts = serving_fonts(wording.text, wording.language)
-    return fingerprint({"engine": __version__, "parameters": parameters, "fonts": fonts, **inputs})
+    more = {"signed": True} if signed else {}
+    return fingerprint({"engine": __version__, "parameters": parameters, "fonts": fonts, **more, **inputs})
 
 
 def find_results(sessions: sessionmaker[Session], tenant: str, key: str | None) -> dict[ArtifactKind, Content]:

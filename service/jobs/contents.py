@@ -58,7 +58,8 @@ def create_job(
     """
     contents = {kind: Content(item.sha256, item.size) for kind, item in staged.items()}
     # A verification's page of evidence says when this very file was looked at: it is made anew each time.
-    key = result_key(parameters, contents) if submission.kind is JobKind.WATERMARK else None
+    is_watermark = submission.kind is JobKind.WATERMARK
+    key = result_key(parameters, contents, submission.signed) if is_watermark else None
     may_reuse = submission.cache
 
     def record() -> Job:

@@ -58,7 +58,11 @@ BATCH = 50  # old jobs forgotten in one transaction, with some ten rows each
 # First statement of a transaction that excludes all others with the same key. SQLite has one lock for all.
 EXCLUSIVE = {"sqlite": text("BEGIN IMMEDIATE"), "postgresql": text("SELECT pg_advisory_xact_lock(:key)")}
 MIGRATION = 7239017  # key of that lock for migrations: an arbitrary constant
-OUTPUTS = (ArtifactKind.MODEL, ArtifactKind.REPORT, ArtifactKind.PREVIEW, ArtifactKind.EVIDENCE)
+OUTPUTS = (
+    *(ArtifactKind.MODEL, ArtifactKind.REPORT, ArtifactKind.PREVIEW),
+    *(ArtifactKind.CREDENTIALS, ArtifactKind.EVIDENCE),
+)
+SIGNING = "signing"  # stage of a job that waits for its credentials
 PUBLIC_RETENTION = timedelta(hours=1)  # the most that the files of jobs without a key are kept
 
 
@@ -74,6 +78,7 @@ class Submission:
     """Tenant of a new job, and the options that come with it.
 
     `cache` allows it the results of an earlier job: see :mod:`service.jobs.cache`.
+    `signed` jobs have results with credentials.
     `condition` is called in the transaction that records the job, with its id, after the job was added;
     an error in it rolls the transaction back.
     """
@@ -86,6 +91,7 @@ class Submission:
     condition: Callable[[Session, str], None] = lambda _session, _job_id: None
     queue: Queue = Queue.SMALL
     priority: Priority = Priority.NORMAL
+    signed: bool = False
 
 
 BY_DEFAULT = Submission()
@@ -250,6 +256,17 @@ class Ledger:
             add_stored(session, _tenant_of(session, lease.job_id), more)
             return True
 
+    def hand_over(self, lease: Lease) -> bool:
+        """Give a job whose results are complete to the signers (:mod:`service.jobs.signing`), with no lease that could
+        expire; False when the lease is void."""
+        with self._session.begin() as session:
+            moment = clock(session)
+            values = {"stage": SIGNING, "lease_token": Job.lease_token + 1, "lease_expires_at": None, "sign_at": moment}
+            if not self._set(session, _held(lease), **values):
+                return False
+            record(session, lease.job_id, "stage", moment)
+            return True
+
     def succeed(self, lease: Lease) -> bool:
         """running -> succeeded; False when the lease is void."""
         with self._session.begin() as session:
@@ -404,6 +421,7 @@ class Ledger:
             "stage": None,
             "finished_at": moment,
             "lease_expires_at": None,
+            "sign_at": None,
             "expires_at": expiry,
             "purge_at": expiry,
         }

@@ -111,6 +111,7 @@ class ArtifactKind(StrEnum):
     MODEL = "model"
     REPORT = "report"
     PREVIEW = "preview"
+    CREDENTIALS = "credentials"
     EVIDENCE = "evidence"
 
 
@@ -139,6 +140,11 @@ class UtcDateTime(TypeDecorator[datetime]):
 def _words(enumeration: type[StrEnum], length: int = 16) -> Enum:
     """A text column of an enumeration's values: a new value needs no migration, as a native type's would."""
     return Enum(enumeration, native_enum=False, length=length, values_callable=lambda members: [*map(str, members)])
+
+
+def _only(condition: str) -> dict[str, Any]:
+    """Options of a partial index: its condition."""
+    return {"sqlite_where": text(condition), "postgresql_where": text(condition)}
 
 
 class Base(DeclarativeBase):
@@ -207,6 +213,7 @@ class Job(Base):
         ),
         Index("ix_jobs_queue_tenant_id_started_at", "queue", "tenant_id", "started_at"),
         Index("ix_jobs_state_finished_at", "state", "finished_at"),
+        Index("ix_jobs_sign_at", "sign_at", **_only("sign_at IS NOT NULL")),
     )
 
     id: Mapped[str] = mapped_column(String(36), primary_key=True)
@@ -230,6 +237,7 @@ class Job(Base):
     attempts: Mapped[int] = mapped_column(default=0)
     lease_token: Mapped[int] = mapped_column(default=0)
     lease_expires_at: Mapped[datetime | None]
+    sign_at: Mapped[datetime | None]  # when a signer may take it next: see service.jobs.signing
     error_code: Mapped[str | None] = mapped_column(String(64))
     error_message: Mapped[str | None]
     error_remedy: Mapped[str | None]
@@ -306,11 +314,6 @@ class WebhookEndpoint(Base):
     former_secret_until: Mapped[datetime | None]
     disabled_reason: Mapped[DisabledReason | None]
     created_at: Mapped[datetime]
-
-
-def _only(condition: str) -> dict[str, Any]:
-    """Options of a partial index: its condition."""
-    return {"sqlite_where": text(condition), "postgresql_where": text(condition)}
 
 
 class WebhookDelivery(Base):

@@ -10,6 +10,7 @@ from pydantic.config import JsonDict
 
 from core.parameters import Parameters
 from service.errors import error_code
+from service.jobs.ledger import OUTPUTS
 from service.jobs.models import ArtifactKind, Job, JobState, Priority
 from service.problems import PublishedCode, title
 
@@ -40,6 +41,7 @@ EXAMPLE: JsonDict = {
         "model": "/v1/watermarks/6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11/model",
         "report": None,
         "preview": None,
+        "credentials": None,
     },
 }
 
@@ -91,6 +93,7 @@ class LinksView(BaseModel):
     model: str | None
     report: str | None
     preview: str | None
+    credentials: str | None
 
 
 class JobView(BaseModel):
@@ -128,10 +131,7 @@ class JobView(BaseModel):
             error = ErrorView(
                 code=code, title=title(code), detail=job.error_message or "", remedy=job.error_remedy or ""
             )
-        parts = {
-            kind.value: f"{url}/{kind}" if job.artifact(kind) else None
-            for kind in (ArtifactKind.MODEL, ArtifactKind.REPORT, ArtifactKind.PREVIEW)
-        }
+        parts = {kind.value: f"{url}/{kind}" if job.artifact(kind) else None for kind in OUTPUTS}
         return cls(
             id=job.id,
             state=job.state,

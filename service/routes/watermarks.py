@@ -31,6 +31,7 @@ MEDIA_TYPES = {
     ArtifactKind.MODEL: "model/gltf-binary",
     ArtifactKind.REPORT: "application/json",
     ArtifactKind.PREVIEW: "image/png",
+    ArtifactKind.CREDENTIALS: "application/c2pa",
 }
 CONTENT: dict[ArtifactKind, dict[str, Any]] = {
     ArtifactKind.MODEL: {"type": "string", "format": "binary"},
@@ -39,8 +40,14 @@ CONTENT: dict[ArtifactKind, dict[str, Any]] = {
         "description": "`meshmark.report/1`, as the manual's page on the report describes it.",
     },
     ArtifactKind.PREVIEW: {"type": "string", "format": "binary"},
+    ArtifactKind.CREDENTIALS: {"type": "string", "format": "binary"},
 }
-SUFFIXES = {ArtifactKind.MODEL: ".glb", ArtifactKind.REPORT: ".report.json", ArtifactKind.PREVIEW: ".png"}
+SUFFIXES = {
+    ArtifactKind.MODEL: ".glb",
+    ArtifactKind.REPORT: ".report.json",
+    ArtifactKind.PREVIEW: ".png",
+    ArtifactKind.CREDENTIALS: ".c2pa",
+}
 
 ACCEPTED: dict[int | str, dict[str, Any]] = {
     202: {
@@ -320,6 +327,13 @@ async def read_preview(request: Request, state: State, client: Admitted, job_id:
     return await _deliver(request, state, client, job_id, ArtifactKind.PREVIEW)
 
 
+@router.head("/{job_id}/credentials", name="head_credentials", **_download(ArtifactKind.CREDENTIALS))
+@router.get("/{job_id}/credentials", **_download(ArtifactKind.CREDENTIALS))
+async def read_credentials(request: Request, state: State, client: Admitted, job_id: str) -> Response:
+    """The model's Content Credentials, a C2PA manifest store beside it; where the service signs its results."""
+    return await _deliver(request, state, client, job_id, ArtifactKind.CREDENTIALS)
+
+
 def find_job(state: AppState, client: Client, job_id: str) -> Job:
     """Find a client's job by its id.
 
@@ -348,9 +362,13 @@ def _delivery(request: Request, state: AppState, client: Client, job_id: str, ki
     name = PurePath(job.filename).stem + ".watermarked" + SUFFIXES[kind]
     headers = {"Content-Type": MEDIA_TYPES[kind], "Content-Disposition": disposition(name)}
     try:
-        return deliver(request, state.artifacts, state.content, artifact, headers)
+        response = deliver(request, state.artifacts, state.content, artifact, headers)
     except FileNotFoundError:  # deleted since the ledger was read
         raise _not_there(find_job(state, client, job_id), kind) from None
+    if kind is ArtifactKind.MODEL and job.artifact(ArtifactKind.CREDENTIALS):
+        place = request.app.url_path_for("read_credentials", job_id=job_id)
+        response.headers["Link"] = f'<{place}>; rel="c2pa-manifest"'  # C2PA 2.2, section 15.5.3.2
+    return response
 
 
 def _not_there(job: Job, kind: ArtifactKind) -> MeshmarkError:
