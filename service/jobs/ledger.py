@@ -84,7 +84,6 @@ class Submission:
     """
 
     tenant: str = DEFAULT_TENANT
-    kind: JobKind = JobKind.WATERMARK
     metadata: Mapping[str, str] = field(default_factory=dict)
     webhook: str | None = None
     cache: bool = False
@@ -92,6 +91,7 @@ class Submission:
     queue: Queue = Queue.SMALL
     priority: Priority = Priority.NORMAL
     signed: bool = False
+    kind: JobKind = JobKind.WATERMARK
 
 
 BY_DEFAULT = Submission()
