@@ -13,7 +13,8 @@ from core.metrics.recognition import Reader
 from core.rendering.renderer import Frame, Renderer
 from core.verify.look import Look, look
 from core.verify.places import Place, places
-from core.verify.readings import Kind, Reading, Spot, readings
+from core.verify.readings import Reading, Spot, readings
+from core.verify.report import Kind
 from core.verify.texts import best, enough, likeness
 
 PICTURE = 1024  # pixels a side
