@@ -4,9 +4,12 @@ import argparse
 import json
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from core.cli_files import read_file, write_file
+
+if TYPE_CHECKING:
+    from core.verify.seal import Seal
 
 
 def add_verify(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -21,6 +24,12 @@ def add_verify(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") 
     verify.add_argument(
         "--text", action="append", default=[], help="a text that its marks may say; may be repeated (default: any)"
     )
+    verify.add_argument(
+        "--credentials", type=Path, metavar="C.c2pa", help="the Content Credentials that came beside the file"
+    )
+    verify.add_argument(
+        "--trust", type=Path, metavar="ROOTS.pem", help="root certificates that are trusted to sign credentials"
+    )
     verify.add_argument("--report", type=Path, metavar="V.json", help="write the report here")
     verify.add_argument("--pictures", type=Path, metavar="DIR", help="write a picture of each mark there")
     verify.add_argument(
@@ -33,7 +42,7 @@ def _verify(options: argparse.Namespace) -> None:
     from core.verify.verify import verify  # the renderer and the recogniser take a second to load
 
     moment = datetime.now(UTC)
-    result = verify(read_file(options.input), options.text)
+    result = verify(read_file(options.input), options.text, seal=_seal(options))
     report = result.report
     if options.report:
         write_file(options.report, (json.dumps(report, indent=2, ensure_ascii=False) + "\n").encode())
@@ -47,6 +56,13 @@ def _verify(options: argparse.Namespace) -> None:
         print(line)
 
 
+def _seal(options: argparse.Namespace) -> "Seal":
+    from core.verify.seal import Seal
+
+    sidecar = read_file(options.credentials) if options.credentials else None
+    return Seal(sidecar, read_file(options.trust).decode(errors="replace") if options.trust else None)
+
+
 def _lines(path: Path, report: dict[str, Any]) -> list[str]:
     """The result in words."""
     marks, label = report["marks"], report["label"]
@@ -58,4 +74,14 @@ def _lines(path: Path, report: dict[str, Any]) -> list[str]:
     lines += [f'not found: "{text}"' for text in report["texts"] if text not in report["found"]]
     stated = {name: value for name, value in (label or {}).items() if value}
     lines.append("metadata: " + (json.dumps(stated, ensure_ascii=False) if stated else "nothing"))
+    lines.append(f"credentials: {_judged(report['credentials'])}")
     return lines + [f"warning: {notice['message']}" for notice in report["warnings"]]
+
+
+def _judged(credentials: dict[str, Any] | None) -> str:
+    """The credentials in words."""
+    if credentials is None:
+        return "not looked for; install meshmark[c2pa]"
+    signed = ", ".join(filter(None, [credentials["issuer"], credentials["name"]]))
+    codes = f" ({', '.join(credentials['codes'])})" if credentials["codes"] else ""
+    return str(credentials["state"]) + (f", signed by {signed}" if signed else "") + codes

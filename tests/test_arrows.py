@@ -44,7 +44,10 @@ BELOW = {
         "pipeline stages report metrics rendering placement analysis artwork formats gltf geometry budgets parameters "
         "processors"
     ),
-    "verify": "report reporting metrics rendering labels formats gltf geometry budgets device validation",
+    "credentials": "report",
+    "verify": (
+        "credentials report reporting metrics rendering labels formats gltf geometry budgets device validation"
+    ),
     "cli_files": "",
     "cli_verify": "cli_files verify",
     "cli_text": "labels parameters",
@@ -54,7 +57,9 @@ BELOW = {
 EVERYWHERE = {"arrays", "errors", "notices", "__version__"}
 
 # Of core, the service and the worker use these; the worker alone the reading of uploads.
-OF_SERVICE = {"errors", "validation", "parameters", "budgets", "artwork", "report", "verify", "__version__"}
+OF_SERVICE = {
+    *{"errors", "validation", "parameters", "budgets", "artwork", "report", "credentials", "verify", "__version__"}
+}
 OF_WORKER = OF_SERVICE | {"formats", "pipeline", "preload", "processors"}
 
 FILE_LINES = 400

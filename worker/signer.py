@@ -154,7 +154,9 @@ def main(parent: int | None) -> None:
     signal.signal(signal.SIGHUP, hangup_handler())
     with closing(signer), metrics_server(settings.metrics_host, settings.signer_metrics_port):
         log.info("ready", until=chain.expires.isoformat())
-        repeatedly("signer", process.sign_due, INTERVAL, process.stopping).join()
+        thread = repeatedly("signer", process.sign_due, INTERVAL, process.stopping)
+        while thread.is_alive():
+            thread.join(INTERVAL)  # not for ever: a signal that comes as that begins would not be noticed
         process.ledger.close()
     log.info("stopped")
 

@@ -5,6 +5,7 @@ import json
 from typing import Any
 
 import c2pa
+from cryptography.x509 import load_pem_x509_certificates
 
 from core.credentials.facts import ABSENT, Credentials, CredentialState
 from core.credentials.manifest import MARKS
@@ -27,7 +28,8 @@ def read_credentials(
         anchors: PEM of the root certificates that are trusted.
 
     Raises:
-        MeshmarkError: ``malformed_file``, ``budget_exceeded``: the sidecar cannot be read, or is far too large.
+        MeshmarkError: ``malformed_file``, ``budget_exceeded``: the sidecar cannot be read, or is far too large;
+            ``invalid_parameters``: there are no certificates among the anchors.
     """
     if sidecar is not None and len(sidecar) > LONGEST_SIDECAR:
         raise MeshmarkError(
@@ -35,6 +37,8 @@ def read_credentials(
             f"The credentials have {len(sidecar):,} bytes; {LONGEST_SIDECAR:,} are read at most.",
             "Send the manifest store alone, as GET /v1/watermarks/{id}/credentials gives it.",
         )
+    if anchors is not None:
+        _require_certificates(anchors)
     settings: dict[str, Any] = {"verify": {"remote_manifest_fetch": False, "verify_trust": anchors is not None}}
     if anchors is not None:
         settings["trust"] = {"user_anchors": anchors}
@@ -52,6 +56,17 @@ def read_credentials(
         raise
     except c2pa.C2paError as error:
         raise _unreadable(" ".join(str(error).split())) from None
+
+
+def _require_certificates(anchors: str) -> None:
+    try:
+        load_pem_x509_certificates(anchors.encode())
+    except ValueError:
+        raise MeshmarkError(
+            ErrorCode.INVALID_PARAMETERS,
+            "The trusted root certificates are no certificates in PEM.",
+            "Name a PEM file of the root certificates that you trust.",
+        ) from None
 
 
 def _judged(store: dict[str, Any]) -> Credentials:

@@ -52,6 +52,14 @@ article > div { flex: 2 1 18rem }
   --good: #116329; --bad: #a40e26 } body { padding: 0; max-width: none; font-size: 10pt } h2 { break-after: avoid } }
 """
 
+STATES = {
+    "trusted": ("good", "trusted: they fit the file, and a trusted certificate signed them"),
+    "valid": ("good", "valid: they fit the file; whether their certificate can be trusted is not known here"),
+    "expired": ("bad", "expired: they fit the file, and their certificate was out of date"),
+    "tampered": ("bad", "tampered: they are not those of this file, or were changed"),
+    "absent": ("soft", "absent"),
+}
+CREDENTIAL_NAMES = {"issuer": "signed by", "name": "certificate of", "source_type": "source type"}
 LABEL_NAMES = {"source_type": "source type", "system_version": "version of the system"}
 
 
@@ -75,6 +83,7 @@ def evidence_page(
         _texts(report),
         _marks(report["marks"], pictures),
         _label(report["label"]),
+        _credentials(report["credentials"]),
         _warnings(report["warnings"]),
         _meaning(report),
     ]
@@ -201,6 +210,18 @@ def _label(label: Mapping[str, Any] | None) -> str:
         rows += [(f"AIGC: {_said(name)}", _said(value)) for name, value in fields.items()]
     said = _table(rows) if rows else "<p>They say nothing.</p>"
     return _section("Metadata", f'{said}\n<p class="soft">Anybody can write and delete these.</p>')
+
+
+def _credentials(credentials: Mapping[str, Any] | None) -> str:
+    if credentials is None:
+        return ""
+    state = credentials["state"]
+    judged = f'<span class="{STATES[state][0]}">{STATES[state][1]}</span>'
+    rows = [("state", judged), ("failures", _said(", ".join(credentials["codes"])))]
+    for name in ("issuer", "name", "time", "generator", "title", "source_type"):
+        rows.append((CREDENTIAL_NAMES.get(name, name), _said(credentials[name] or "")))
+    rows += [("actions", _said(", ".join(credentials["actions"]))), ("marks", _said(", ".join(credentials["marks"])))]
+    return _section("Content Credentials", _table((name, value) for name, value in rows if value != _said("")))
 
 
 def _warnings(warnings: Sequence[Mapping[str, Any]]) -> str:

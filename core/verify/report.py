@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from core.credentials.facts import Credentials
 from core.notices import Notice
 from core.report import Engine, FileFacts, Section, Vector
 
@@ -72,5 +73,8 @@ class VerificationReport(Section):
     ]
     marks: Annotated[list[ReadMark], Field(description="What was read, the surest first.")]
     label: Annotated[FileLabel | None, Field(description="Null where the metadata say nothing.")]
+    credentials: Annotated[
+        Credentials | None, Field(description="Null where the library that reads them is not installed.")
+    ]
     warnings: Annotated[list[Notice], Field(description="What could not be looked for.")]
     timings: Annotated[dict[str, float], Field(description="Seconds of each step.")]

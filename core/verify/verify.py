@@ -25,6 +25,7 @@ from core.verify.marks import PICTURE, FoundMark, find_marks
 from core.verify.metadata import read_label
 from core.verify.picture import FoundText, decode, read_picture
 from core.verify.report import FileLabel, ReadMark, VerificationReport
+from core.verify.seal import NO_SEAL, Seal, judge
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,9 @@ class Verification:
     pictures: tuple[bytes, ...]
 
 
-def verify(data: bytes, texts: Sequence[str] = (), budgets: Budgets = DEFAULT_BUDGETS) -> Verification:
+def verify(
+    data: bytes, texts: Sequence[str] = (), budgets: Budgets = DEFAULT_BUDGETS, *, seal: Seal = NO_SEAL
+) -> Verification:
     """Marks and labels of a file of any accepted format, or marks in a picture of one (PNG, JPEG, WebP), whoever made
     them.
 
@@ -48,12 +51,15 @@ def verify(data: bytes, texts: Sequence[str] = (), budgets: Budgets = DEFAULT_BU
         data: the suspect file.
         texts: known texts that marks may say; without any, everything is told that can be read with confidence.
         budgets: the most that the file may declare before it is read.
+        seal: a sidecar of the file's Content Credentials, and the certificates that are trusted.
 
     Raises:
-        MeshmarkError: as the loaders; ``rendering_unavailable`` where nothing can be drawn, and so nothing be read.
+        MeshmarkError: as the loaders and :func:`core.verify.seal.judge`; ``rendering_unavailable`` where nothing can
+            be drawn, and so nothing be read.
     """
     start, reader = time.perf_counter(), Reader()
     kind = picture_format(data)
+    credentials = judge(data, kind, seal)
     found = _in_picture(data, kind, texts, reader) if kind else _on_model(data, texts, reader, budgets)
     known = {mark.known for mark in found.marks}
     report = VerificationReport(
@@ -63,6 +69,7 @@ def verify(data: bytes, texts: Sequence[str] = (), budgets: Budgets = DEFAULT_BU
         found=[text for text in texts if text in known] if texts else None,
         marks=found.marks,
         label=found.label,
+        credentials=credentials,
         warnings=[*found.losses, *_unreadable(texts, reader)],
         timings={"all": round(time.perf_counter() - start, 4)},
     )

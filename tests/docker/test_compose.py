@@ -26,6 +26,9 @@ from tests.worker.waiting import wait_until
 ROOT = Path(__file__).parents[2]
 COMPOSE: dict[str, Any] = yaml.safe_load((ROOT / "docker" / "compose.yaml").read_text())
 SERVICES: dict[str, dict[str, Any]] = COMPOSE["services"]
+CREDENTIALS: dict[str, dict[str, Any]] = {
+    "signer": yaml.safe_load((ROOT / "docker" / "compose.credentials.yaml").read_text())["services"]["signer"]
+}
 SERVERS = {"postgres", "redis", "store", "bucket"}
 
 
@@ -163,6 +166,26 @@ def test_only_the_sender_of_webhooks_calls_others_and_it_does_not_know_the_store
         "MESHMARK_WEBHOOKS_METRICS_PORT",
         "MESHMARK_SECRETS_KEY",
     }
+
+
+def test_the_signer_alone_has_the_key_and_nobody_else_runs_otherwise_beside_it() -> None:
+    text = (ROOT / "docker" / "compose.credentials.yaml").read_text()
+    added = yaml.safe_load(text)
+    schema = json.loads((ROOT / "tests" / "data" / "compose-spec.json").read_text())
+    jsonschema.Draft7Validator(schema).validate(added)
+    signer = added["services"].pop("signer")
+    assert {name for name, service in added["services"].items() if "c2pa-key.pem" in service["secrets"]} == set()
+    for name, service in added["services"].items():
+        assert service.keys() == {"environment", "secrets"}, name
+        assert service["environment"].keys() == {"MESHMARK_C2PA_CHAIN"}
+    assert signer["networks"] == ["back"]
+    assert "c2pa-key.pem" in signer["secrets"]
+    assert "meshmark_broker_url" not in signer["secrets"]
+    hardened = ("read_only", "cap_drop", "security_opt", "init", "logging", "restart", "image")
+    assert {key: signer[key] for key in hardened} == {key: SERVICES["webhooks"][key] for key in hardened}
+    settings = {name: value for name, value in signer["environment"].items() if "S3" in name or "STORE" in name}
+    assert settings.items() <= SERVICES["worker"]["environment"].items()
+    assert signer["environment"].keys() <= {f"{PREFIX}{name.upper()}" for name in Settings.model_fields}
 
 
 def test_what_is_secret_is_in_files_that_the_script_makes_once(secrets: Path) -> None:

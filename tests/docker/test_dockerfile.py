@@ -83,7 +83,7 @@ def test_the_list_of_what_is_installed_is_that_of_the_project(tmp_path: Path) ->
     subprocess.run([sys.executable, "-c", script.replace("\\\n", "")], cwd=tmp_path, check=True)
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     extras = project["optional-dependencies"]
-    cpu = [*project["dependencies"], *extras["otel"]]
+    cpu = [*project["dependencies"], *extras["otel"], *extras["c2pa"]]
     assert (tmp_path / "cpu.txt").read_text().splitlines() == cpu
     assert (tmp_path / "cuda.txt").read_text().splitlines() == [*cpu, *extras["cuda"]]
 

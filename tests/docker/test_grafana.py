@@ -11,7 +11,9 @@ import pytest
 import yaml
 from prometheus_client import REGISTRY
 
+from core.credentials.sign import Signer
 from service.config import Settings
+from service.credentials import require_chain
 from service.jobs.ledger_metrics import LedgerCollector
 from service.jobs.models import Queue
 from service.metrics import metrics_server
@@ -20,6 +22,8 @@ from tests.service.conftest import client_with
 from tests.service.harness import free_port
 from tests.service.metrics import scrape
 from tests.worker.engines import asset
+from tests.worker.test_signer import order, self_signed
+from worker.signer import SignerProcess
 from worker.webhooks import Sender
 
 DOCKER = Path(__file__).parents[2] / "docker"
@@ -35,18 +39,23 @@ BY_PROMETHEUS = {"le", "job", "instance"}  # what it adds itself, or histograms 
 
 @pytest.fixture(scope="module")
 def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, set[str]]]:
-    """The labels of every sample that is served once jobs succeeded and failed and a webhook was tried, by its name."""
+    """The labels of every sample that is served once jobs succeeded, signed, and failed and a webhook was tried, by its
+    name."""
     port, nobody = free_port(), free_port()
     settings = Settings(
         data_dir=tmp_path_factory.mktemp("served"),
+        **self_signed(tmp_path_factory.mktemp("chain")),
         outbound_networks="127.0.0.0/8",  # type: ignore[arg-type]
         outbound_ports=str(nobody),  # type: ignore[arg-type]
         outbound_http=True,
     )
     with client_with(settings) as client:
         client.http.post("/v1/webhook-endpoints", json={"url": f"http://127.0.0.1:{nobody}/"})
-        for do in ("work", "refuse"):
-            client.run(client.submit(asset(do)))
+        for sent in (order(), asset("refuse")):
+            client.run(client.submit(sent))
+        signer = SignerProcess(settings, Signer(require_chain(settings)))
+        signer.sign_due()
+        signer.ledger.close()
         assert client.http.get("/nothing").status_code == 404
         sender = Sender(settings, client.worker.celery)
         for delivery_id in announce(sender.ledger.sessions, False):
@@ -126,6 +135,7 @@ def test_panels_do_not_overlap() -> None:
 
 def test_grafana_finds_prometheus_and_prometheus_finds_the_processes_of_the_compose_file() -> None:
     compose = yaml.safe_load((DOCKER / "compose.yaml").read_text())
+    more = yaml.safe_load((DOCKER / "compose.credentials.yaml").read_text())["services"]
     (source,) = yaml.safe_load((DOCKER / "grafana/provisioning/datasources/prometheus.yaml").read_text())["datasources"]
     assert source["url"] == "http://prometheus:9090"
     assert "prometheus" in compose["services"]
@@ -133,4 +143,4 @@ def test_grafana_finds_prometheus_and_prometheus_finds_the_processes_of_the_comp
         (found,) = job["dns_sd_configs"]
         (name,) = found["names"]
         variable = f"MESHMARK_{name.upper()}_METRICS_PORT".replace("API_", "")
-        assert compose["services"][name]["environment"][variable] == str(found["port"])
+        assert {**more, **compose["services"]}[name]["environment"][variable] == str(found["port"])

@@ -24,7 +24,7 @@ from service.http_server import Server
 from service.jobs.models import Queue
 from service.outbound.addresses import GLOBAL_UNICAST, NOT_PUBLIC_V4, NOT_PUBLIC_V6, refusal
 from service.outbound.policy import PORTS
-from tests.docker.test_compose import SERVICES
+from tests.docker.test_compose import CREDENTIALS, SERVICES
 from tests.docker.test_dockerfile import STAGES
 from tests.manual import page
 
@@ -63,7 +63,7 @@ def container(pod: Manifest) -> Manifest:
 
 def service_of(name: str) -> Manifest:
     """The service of the compose file that is the same process."""
-    return SERVICES[name.partition("-")[0]]
+    return {**SERVICES, **CREDENTIALS}[name.partition("-")[0]]
 
 
 def settings_of(overlay: str) -> dict[str, str]:
@@ -189,8 +189,8 @@ def test_every_variable_is_a_setting_and_every_process_starts_with_them(
     for name, pod in pods(overlay).items():
         secrets = mounted_secrets(pod, tmp_path / name)
         own = {item["name"]: item["value"] for item in container(pod).get("env", ())}
-        known = {variable for variable in service_of(name)["environment"] if "SECRETS" in variable}
-        assert own.keys() == known, "who needs the keys of webhooks' secrets, and nobody else"
+        known = {name for name in service_of(name)["environment"] if "SECRETS" in name or name.endswith("C2PA_KEY")}
+        assert own.keys() == known, "who needs the keys of webhooks' secrets, or of credentials, and nobody else"
         assert given.keys() | own.keys() <= {f"{PREFIX}{name.upper()}" for name in Settings.model_fields}
         with monkeypatch.context() as process:
             for variable, value in (given | own).items():
@@ -198,7 +198,7 @@ def test_every_variable_is_a_setting_and_every_process_starts_with_them(
             process.setenv("MESHMARK_DATA_DIR", str(tmp_path))
             settings = load_settings(secrets)
         assert settings.database_url == "postgresql://u:p@db/meshmark"
-        assert settings.broker_url == "redis://:p@cache:6379/0"
+        assert (settings.broker_url == "redis://:p@cache:6379/0") == (name != "signer")
         assert (settings.s3_access_key_id.get_secret_value() == "key") == (name != "webhooks")
 
 
@@ -209,6 +209,8 @@ def mounted_secrets(pod: Manifest, folder: Path) -> Path:
         "meshmark_broker_url": "redis://:p@cache:6379/0\n",
         "meshmark_s3_access_key_id": "key\n",
         "meshmark_s3_secret_access_key": "secret\n",
+        "c2pa-key.pem": "a key",
+        "c2pa-chain.pem": "a chain",
         "secrets-key": f"{Fernet.generate_key().decode()}\n",
     }
     assert {"name": "secrets", "mountPath": "/run/secrets", "readOnly": True} in container(pod)["volumeMounts"]

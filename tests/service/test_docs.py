@@ -15,6 +15,7 @@ from pydantic import BaseModel
 
 from core.budgets import DEFAULT_BUDGETS
 from core.cli import parser
+from core.credentials.facts import Credentials, CredentialState
 from core.embossing.refusal import EXPLAINED
 from core.errors import ErrorCode
 from core.lab.attacks.attack import ATTACKS
@@ -32,6 +33,7 @@ from service.__main__ import parser as service_parser
 from service.app import create_app
 from service.config import Settings
 from service.hooks.config import FILE
+from service.jobs.ledger import SIGNING
 from service.jobs.ledger_metrics import LedgerCollector
 from service.jobs.models import JobState
 from service.problems import STATUS
@@ -158,6 +160,8 @@ def test_the_table_of_a_verification_has_the_fields_of_its_model() -> None:
     contents = {name: content for cell, content in table for name in re.findall(r"\w+", cell)}
     assert [*contents] == [field.alias or name for name, field in VerificationReport.model_fields.items()]
     assert set(ReadMark.model_fields) <= set(re.findall(r"`(\w+)`", contents["marks"]))
+    assert set(Credentials.model_fields) <= set(re.findall(r"`(\w+)`", page("verification")))
+    assert names("verification", "Content Credentials") == list(CredentialState)
     assert set(FileLabel.model_fields) <= set(re.findall(r"`(?:asset\.)?(\w+)`", page("verification")))
 
 
@@ -197,7 +201,7 @@ def test_every_state_and_every_stage_of_a_job_is_named() -> None:
     states = re.search(r"\*\*Job states\*\*.*\n*.*", page("concepts"))
     assert states is not None
     assert set(re.findall(r"`(\w+)`", states[0].partition("\n")[0])) == set(JobState)
-    assert names("concepts", "Job") == list(STAGES)
+    assert names("concepts", "Job") == [*STAGES, SIGNING]
 
 
 def test_every_event_that_an_endpoint_may_name_is_on_the_page_of_webhooks() -> None:

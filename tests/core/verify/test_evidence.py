@@ -38,6 +38,7 @@ def report(**changed: Any) -> dict[str, Any]:
         "found": ["ORDER-4711"],
         "marks": [mark],
         "label": label | {"creator": "Somebody", "aigc": [{"fields": {"Label": "1"}, "text": None}]},
+        "credentials": {"state": "tampered", "codes": ["assertion.dataHash.mismatch"], "issuer": "Somebody else"},
         "warnings": [{"code": "small", "message": "It is small.", "remedy": "Look."}],
         "timings": {"all": 1.25},
     }
@@ -92,6 +93,7 @@ def evil() -> dict[str, Any]:
         "found": [EVIL],
         "marks": [usual["marks"][0] | {"text": EVIL, "known": EVIL}],
         "label": usual["label"] | {"creator": EVIL, "aigc": [{"fields": {EVIL: EVIL}, "text": None}]},
+        "credentials": usual["credentials"] | {"issuer": EVIL, "name": EVIL, "actions": [EVIL], "marks": [EVIL]},
         "warnings": [{"code": EVIL, "message": EVIL, "remedy": EVIL}],
     }
 
@@ -102,7 +104,7 @@ def test_markup_of_the_file_is_shown_as_text() -> None:
     assert {name for _, found in shown.elements for name in found} == {
         name for _, found in plain.elements for name in found
     }
-    assert shown.text.count(EVIL) == 3 + 1 + 2 + 3 + 3  # name, text asked for, mark, metadata, warning
+    assert shown.text.count(EVIL) == 3 + 1 + 2 + 3 + 4 + 3  # name, text asked for, mark, metadata, credentials, warning
 
 
 @pytest.mark.parametrize(
@@ -129,6 +131,13 @@ def test_a_page_stays_short_whatever_the_file_says() -> None:
     assert len(read) < 100_000
     assert "é" * MOST_LETTERS + "… (10,000,000 characters in all)" in read
     assert f"and {100_001 - MOST_ROWS:,} more" in read
+
+
+def test_it_says_of_credentials_that_they_are_not_the_files() -> None:
+    shown = page()
+    assert "tampered: they are not those of this file, or were changed" in shown.text
+    assert "assertion.dataHash.mismatch" in shown.text
+    assert "Content Credentials" not in page(credentials=None).text
 
 
 def test_nothing_found_and_nothing_asked_is_told_too() -> None:
