@@ -45,9 +45,7 @@ BELOW = {
         "processors"
     ),
     "credentials": "report",
-    "verify": (
-        "credentials report reporting metrics rendering labels formats gltf geometry budgets device validation"
-    ),
+    "verify": ("credentials report reporting metrics rendering labels formats gltf geometry budgets device validation"),
     "cli_files": "",
     "cli_verify": "cli_files verify",
     "cli_text": "labels parameters",
