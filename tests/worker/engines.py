@@ -93,9 +93,8 @@ def looked_at(data: bytes, texts: Sequence[str], budgets: Budgets) -> Seen:
     if data.startswith(b"# "):
         order = json.loads(data.split(b"\n", 1)[0].removeprefix(b"# "))
         ACTIONS[order["do"]](order)
-    marks = [
-        ReadMark(text=text, known=text, likeness=1.0, confidence=0.9, votes=1, pictures=["ordinary"]) for text in texts
-    ]
+    common = {"likeness": 1.0, "confidence": 0.9, "votes": 1, "pictures": ["ordinary"], "pixel": (1.0, 2.0)}
+    marks = [ReadMark.model_validate({"text": text, "known": text, **common}) for text in texts]
     report = VerificationReport(
         file=FileFacts(sha256=hashlib.sha256(data).hexdigest(), bytes=len(data), format="obj"),
         engine=Engine(version="1", device="cpu"),
