@@ -1,6 +1,7 @@
 """Authentication by API key (RFC 6750), authorization by scope, and rate limit of requests."""
 
 import math
+import time
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -10,10 +11,11 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.routing import APIRoute
 from sqlalchemy.exc import OperationalError
 
+from service.address_limit import client_of
 from service.errors import ServiceErrorCode
 from service.jobs.artifacts import StoreUnavailableError
 from service.jobs.limits import spend
-from service.jobs.models import DEFAULT_TENANT
+from service.jobs.models import DEFAULT_TENANT, PUBLIC_TENANT
 from service.jobs.tenants import Scope, authenticate, note_use
 from service.json_request import JsonRequest
 from service.problems import ProblemError
@@ -32,12 +34,19 @@ class Client:
     tenant: str = DEFAULT_TENANT
     key_id: str | None = None
 
+    @property
+    def is_public(self) -> bool:
+        """Whether it is anybody, without a key where others need one."""
+        return self.tenant == PUBLIC_TENANT
+
 
 class GuardedRoute(APIRoute):
     """Route that authenticates and authorizes a request before its body is read.
 
     A dependency would come too late: FastAPI has read the body by then.
     """
+
+    is_public = False  # open to requests without a key too, where the service has a public mode
 
     def __init__(self, path: str, endpoint: Callable[..., Any], **options: Any) -> None:
         scope = required_scope(options["methods"])
@@ -49,7 +58,8 @@ class GuardedRoute(APIRoute):
         answer = super().get_route_handler()
 
         async def admitted(request: Request) -> Response:
-            request.state.client = await run_in_threadpool(authorize, request)
+            allow = authorize_anybody if self.is_public else authorize
+            request.state.client = await run_in_threadpool(allow, request)
             return await answer(JsonRequest(request.scope, request.receive))
 
         async def guarded(request: Request) -> Response:
@@ -62,6 +72,12 @@ class GuardedRoute(APIRoute):
                 return await admitted(request)  # on a full disk, deletions may use the disk space reserved for them
 
         return guarded
+
+
+class PublicRoute(GuardedRoute):
+    """Guarded route that is open to requests without a key too, where the service has a public mode."""
+
+    is_public = True
 
 
 def required_scope(methods: "set[str] | list[str]") -> Scope:
@@ -102,6 +118,29 @@ def authorize(request: Request) -> Client:
         )
     note_use(state.ledger.sessions, key)
     return client
+
+
+def authorize_anybody(request: Request) -> Client:
+    """As :func:`authorize`; where the service has a public mode, a request without a key is counted by its address.
+
+    Raises:
+        ProblemError: as :func:`authorize` does.
+    """
+    state = state_of(request)
+    settings = state.settings
+    if settings.auth == "none" or not settings.public_verification or "Authorization" in request.headers:
+        return authorize(request)
+    is_question = required_scope([request.method]) is Scope.READ
+    limit = state.public.questions if is_question else state.public.verifications
+    address = client_of(request.client.host if request.client else "")
+    if wait := limit.spend(address, time.monotonic()):
+        raise ProblemError(
+            ServiceErrorCode.RATE_LIMITED,
+            "More requests without an API key come from this address than it may make in a minute.",
+            "Send the request again after the seconds in Retry-After, or with an API key.",
+            CLOSE | {"Retry-After": str(math.ceil(wait))},
+        )
+    return Client(PUBLIC_TENANT)
 
 
 def take_request(state: AppState, client: Client) -> None:

@@ -12,7 +12,9 @@ from pydantic.json_schema import models_json_schema
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from core.report import Report
+from core.verify.report import VerificationReport
 from service.access import SCHEME
+from service.address_limit import PublicLimits
 from service.announcer import Announcer
 from service.bodies import Bodies
 from service.config import Settings
@@ -29,7 +31,7 @@ from service.present_or_absent import without_null
 from service.problems import Problem, install_problem_handlers, problem_response, upload_too_large
 from service.readiness import Readiness
 from service.request_id import RequestId
-from service.routes import batch, events, health, hooks, uploads, watermarks, webhook_endpoints
+from service.routes import batch, events, health, hooks, uploads, verifications, watermarks, webhook_endpoints
 from service.routes.report_example import REPORT
 from service.state import AppState
 from service.template import Template
@@ -38,7 +40,7 @@ from service.webhooks.vault import Vault, read_keys
 MAX_FIELD_BYTES = 2**16  # of one form field
 JSON_BYTES = 2**16  # of a request body that is neither an asset nor a list
 LIST_BYTES = 2**20  # of a batch, or of a notification about objects
-WITH_ASSET = re.compile("/v1/watermarks|/v1/uploads/[^/]+")
+WITH_ASSET = re.compile("/v1/watermarks|/v1/verifications|/v1/uploads/[^/]+")
 WITH_LIST = re.compile("/v1/watermarks/batch|/v1/hooks/[^/]+")
 FORM_FIELDS = 6  # text fields of POST /v1/watermarks
 # Bytes of a form beside its asset, font and logo: fields, part headers, boundaries.
@@ -85,7 +87,7 @@ class Application(FastAPI):
             document = super().openapi()
             schemas = document["components"]["schemas"]
             schemas.update(_components(Problem))
-            for name, schema in _components(Report).items():
+            for name, schema in (_components(Report) | _components(VerificationReport)).items():
                 schemas.setdefault(name, schema)  # what other answers have too is described already
             schemas["Report"]["examples"] = [REPORT]
             for name in ("HTTPValidationError", "ValidationError"):  # FastAPI's own shape, which is never sent
@@ -124,7 +126,8 @@ def create_app(settings: Settings, gate: Template | None = None) -> FastAPI:
         }
         template = gate or gate_template()
         intake = Intake(settings, template)
-        state = AppState(settings, ledger, artifacts, queue, Announcer(queue), Readiness(parts), vault, intake)
+        public = PublicLimits(settings.public_verifications_per_minute)
+        state = AppState(settings, ledger, artifacts, queue, Announcer(queue), Readiness(parts), vault, intake, public)
         state.artifacts.clear_staging(GRACE)
         app.state.meshmark = state
         with metrics_server(settings.metrics_host, settings.metrics_port, LedgerCollector(ledger.sessions)):
@@ -151,6 +154,9 @@ def create_app(settings: Settings, gate: Template | None = None) -> FastAPI:
     )
     app.include_router(watermarks.sending, max_body_size=body_limit)
     app.include_router(watermarks.router, max_body_size=JSON_BYTES)
+    app.include_router(verifications.sending, max_body_size=body_limit)
+    app.include_router(verifications.open_router, max_body_size=JSON_BYTES)
+    app.include_router(verifications.router, max_body_size=JSON_BYTES)
     app.include_router(batch.router, max_body_size=LIST_BYTES)
     app.include_router(uploads.router, max_body_size=JSON_BYTES)
     app.include_router(uploads.sending, max_body_size=body_limit)

@@ -7,7 +7,7 @@ from typing import Any
 from fastapi import Request, Response
 from fastapi.routing import APIRoute
 
-from service.access import CLOSE, GuardedRoute
+from service.access import CLOSE, GuardedRoute, PublicRoute
 from service.errors import ServiceErrorCode
 from service.forms import FormRequest
 from service.problems import ProblemError
@@ -29,6 +29,10 @@ class _Receiving(APIRoute):
 
 class AssetRoute(GuardedRoute, _Receiving):
     """Guarded route that reads forms into the staging folder, and limits a tenant's concurrent uploads."""
+
+
+class PublicAssetRoute(PublicRoute, _Receiving):
+    """Asset route that is open to requests without a key too, where the service has a public mode."""
 
 
 @contextmanager

@@ -82,6 +82,14 @@ class Settings(BaseSettings):
             description="Bytes that may be stored for a tenant when one more job or upload is accepted; 0: any number.",
         ),
     ] = 0
+    public_verification: Annotated[
+        bool,
+        Field(description="With `auth` `keys`, let anybody verify files without a key, at a rate by address."),
+    ] = False
+    public_verifications_per_minute: Annotated[
+        int,
+        Field(ge=1, le=MOST, description="Verifications a minute that may come from an address without a key."),
+    ] = 6
     port: Annotated[int, Field(ge=0, le=65535, description="Port the API listens on; 0 takes any free one.")] = 8080
     metrics_host: Annotated[
         str, Field(description="Address of the metrics, which need no key: one that only your Prometheus reaches.")

@@ -67,10 +67,11 @@ def deliver(
     return StreamingResponse(threads.each(chain([first], chunks)), code, headers)
 
 
-def disposition(name: str) -> str:
-    """The Content-Disposition of a file to be saved under a name (RFC 6266): in ASCII, and as it is if that differs."""
+def disposition(name: str, kind: str = "attachment") -> str:
+    """The Content-Disposition of a file to be saved under a name, or of kind "inline" to be shown (RFC 6266): in ASCII,
+    and as it is if that differs."""
     plain = "".join(character if " " <= character <= "~" and character not in '"\\%' else "_" for character in name)
-    return f'attachment; filename="{plain}"' + ("" if plain == name else f"; filename*=UTF-8''{quote(name, safe='')}")
+    return f'{kind}; filename="{plain}"' + ("" if plain == name else f"; filename*=UTF-8''{quote(name, safe='')}")
 
 
 def is_not_modified(if_none_match: str | None, tag: str) -> bool:

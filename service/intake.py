@@ -34,7 +34,7 @@ MEMORY_MARGIN = 256 * 2**20  # bytes beyond twice the limits of an upload and of
 LONGEST_ANSWER = 2**20  # bytes
 
 Result = TypeVar("Result")
-# Errors of uploads, None where there is none, by what is lettered with them, and the SHA-256 of each by its kind.
+# Errors of uploads, None where there is none, by what is done with them, and the SHA-256 of each by its kind.
 Verdicts = dict[tuple[str, ...], MeshmarkError | None]
 
 log = structlog.get_logger(__name__)
@@ -64,6 +64,8 @@ class Intake:
             "seconds": settings.intake_time_limit,
             "memory": 2 * (settings.max_upload_bytes + settings.max_unpacked_bytes) + MEMORY_MARGIN,
             "sandbox": settings.sandbox,
+            "lettering": "",
+            "pictures": False,
         }
 
     async def run(self, tenant: str, function: Callable[[], Result]) -> Result:
@@ -107,15 +109,27 @@ class Intake:
             lettering = parameters.model_dump_json(exclude={"keep_out", "prefer"})
         known = {} if known is None else known
         if lettering or logo:
-            self._look(tenant, known, lettering, font=font, logo=logo)
+            self._look(tenant, known, {"lettering": lettering}, font=font, logo=logo)
         if asset:  # by itself, since a batch may name it often
-            self._look(tenant, known, "", asset=asset)
+            self._look(tenant, known, {}, asset=asset)
 
-    def _look(self, tenant: str, known: Verdicts, lettering: str, **files: Staged | None) -> None:
-        """Refuse files, or what is to be lettered with them, by the verdict of the gate, which is asked once."""
-        key = (lettering, *(f"{name} {file.sha256}" for name, file in files.items() if file))
+    def check_suspect(self, tenant: str, suspect: Staged) -> None:
+        """Refuse a file that cannot be verified, an asset or a picture, as far as its headers tell.
+
+        Args:
+            tenant: whose upload it is.
+            suspect: the file.
+
+        Raises:
+            MeshmarkError: as :meth:`check` does.
+        """
+        self._look(tenant, {}, {"pictures": True}, asset=suspect)
+
+    def _look(self, tenant: str, known: Verdicts, more: Mapping[str, object], **files: Staged | None) -> None:
+        """Refuse files, or what is to be done with them, by the verdict of the gate, which is asked once."""
+        key = (json.dumps(more), *(f"{name} {file.sha256}" for name, file in files.items() if file))
         if key not in known:
-            known[key] = self._check(tenant, lettering, files)
+            known[key] = self._check(tenant, more, files)
         if refusal := known[key]:
             # As a new error: it may be raised again, and the frames in its traceback hold what the request held.
             raise MeshmarkError(refusal.code, refusal.message, refusal.remedy)
@@ -125,10 +139,12 @@ class Intake:
         self._uploads.close()
         self._processes.close()
 
-    def _check(self, tenant: str, lettering: str, files: Mapping[str, Staged | None]) -> MeshmarkError | None:
+    def _check(
+        self, tenant: str, more: Mapping[str, object], files: Mapping[str, Staged | None]
+    ) -> MeshmarkError | None:
         """Check an upload in a process of the gate; returns its error, or None."""
         paths = dict.fromkeys(("asset", "font", "logo")) | {name: file.path for name, file in files.items() if file}
-        request = json.dumps({**self._request, **paths, "lettering": lettering}, default=os.fspath).encode() + b"\n"
+        request = json.dumps({**self._request, **paths, **more}, default=os.fspath).encode() + b"\n"
         with self._processes.acquired(tenant):
             with writing():
                 stderr = tempfile.TemporaryFile()  # noqa: SIM115  # it is closed below

@@ -8,18 +8,19 @@ from fastapi import UploadFile
 
 from core.errors import ErrorCode, MeshmarkError
 from core.parameters import Parameters
+from core.verify.parameters import VerificationParameters
 from service.errors import ServiceErrorCode
 from service.jobs import sources, uploads
 from service.outbound.resolve import check_address
 from service.state import AppState
-from service.submission import Order, plain_name
+from service.submission import Order, kind_of, plain_name
 from service.webhooks.endpoints import check_job_webhook
 
 
 def order_from(
     state: AppState,
     tenant: str,
-    parameters: Parameters,
+    parameters: Parameters | VerificationParameters,
     metadata: dict[str, str],
     *,
     file: UploadFile | None = None,
@@ -39,7 +40,7 @@ def order_from(
     """
     _check_one(file=file, source_url=source_url, upload_id=upload_id)
     if webhook is not None:
-        check_job_webhook(state.ledger.sessions, tenant, webhook, state.settings.outbound)
+        check_job_webhook(state.ledger.sessions, tenant, webhook, state.settings.outbound, kind_of(parameters))
         more["webhook"] = webhook
     if file is not None:
         asset = state.artifacts.stage(file.file, limit=state.settings.max_upload_bytes, name="file")

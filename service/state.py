@@ -7,6 +7,7 @@ from typing import Annotated
 from celery import Celery
 from fastapi import Depends, Request
 
+from service.address_limit import PublicLimits
 from service.announcer import Announcer
 from service.config import Settings
 from service.event_stream import Streams
@@ -31,6 +32,7 @@ class AppState:
     readiness: Readiness
     vault: Vault
     intake: Intake
+    public: PublicLimits
     streams: Streams = field(default_factory=Streams)
     uploads: InFlight = field(default_factory=InFlight)
     content: StoreThreads = field(default_factory=partial(StoreThreads, CONTENT))

@@ -11,15 +11,19 @@ from sqlalchemy.orm import Session
 from core.artwork.qr_code import check_code
 from core.errors import MeshmarkError
 from core.parameters import Parameters
+from core.verify.parameters import VerificationParameters
 from service.errors import ServiceErrorCode
 from service.intake import Verdicts
 from service.jobs import contents, idempotency, queue
 from service.jobs.artifacts import Staged
+from service.jobs.known_texts import known_texts
 from service.jobs.ledger import Submission
 from service.jobs.limits import check_active
-from service.jobs.models import ArtifactKind, Job, Priority
+from service.jobs.models import PUBLIC_TENANT, ArtifactKind, Job, JobKind, Priority
 from service.jobs.quota import check_stored
 from service.state import AppState
+
+PUBLIC_JOBS = 50  # without a key that may wait and run at a time: some minutes' work of one worker
 
 
 def _nothing(_session: Session, _job_id: str) -> None:
@@ -33,7 +37,7 @@ class Order:
     Attributes:
         tenant: owner of the job.
         filename: the client's name of the asset.
-        parameters: parameters of the engine.
+        parameters: of a watermark, or of a verification.
         metadata: the client's notes about the job.
         asset: stages the asset while it is entered; None where a worker downloads it later.
         origin: source of that download, as part of the request's fingerprint.
@@ -48,7 +52,7 @@ class Order:
 
     tenant: str
     filename: str
-    parameters: Parameters
+    parameters: Parameters | VerificationParameters
     metadata: Mapping[str, str]
     asset: AbstractContextManager[Staged] | None
     origin: Mapping[str, str] = field(default_factory=dict)
@@ -59,6 +63,11 @@ class Order:
     logo: AbstractContextManager[Staged] | None = None
     key: str | None = None
     cache: bool = True
+
+    @property
+    def kind(self) -> JobKind:
+        """Kind of the job."""
+        return kind_of(self.parameters)
 
 
 class Accepted(NamedTuple):
@@ -81,13 +90,17 @@ def submit(state: AppState, order: Order, known: Verdicts | None = None) -> Acce
             ``quota_exceeded``.
         StoreUnavailableError: then nothing is recorded.
     """
-    order.parameters.require_content(order.logo is not None)
-    check_code(order.parameters)
+    if isinstance(order.parameters, Parameters):
+        order.parameters.require_content(order.logo is not None)
+        check_code(order.parameters)
     with ExitStack() as stack:
         parts = {ArtifactKind.INPUT: order.asset, ArtifactKind.FONT: order.font, ArtifactKind.LOGO: order.logo}
         staged = {kind: stack.enter_context(part) for kind, part in parts.items() if part is not None}
         asset, font, logo = map(staged.get, (ArtifactKind.INPUT, ArtifactKind.FONT, ArtifactKind.LOGO))
-        state.intake.check(order.tenant, order.parameters, asset, font, known, logo)
+        if isinstance(order.parameters, Parameters):
+            state.intake.check(order.tenant, order.parameters, asset, font, known, logo)
+        elif asset:
+            state.intake.check_suspect(order.tenant, asset)
         wanted = order.parameters.model_dump(mode="json")
         reservation: idempotency.Reservation | None = None
         if order.key is not None:
@@ -107,16 +120,19 @@ def submit(state: AppState, order: Order, known: Verdicts | None = None) -> Acce
             stack.enter_context(idempotency.holding(sessions, reservation))
 
         def condition(session: Session, job_id: str) -> None:
-            if state.settings.max_active_jobs:
-                check_active(session, order.tenant, state.settings.max_active_jobs)
+            if most := PUBLIC_JOBS if order.tenant == PUBLIC_TENANT else state.settings.max_active_jobs:
+                check_active(session, order.tenant, most)
             check_stored(session, order.tenant, state.settings.max_stored_bytes)
             order.record(session, job_id)
             if reservation is not None:
                 idempotency.settle(session, reservation, job_id)
 
+        if order.kind is JobKind.VERIFICATION and wanted["texts"] is None:  # as they are now, for every attempt
+            wanted["texts"] = known_texts(state.ledger.sessions, order.tenant)
         cache = order.cache and state.settings.cache
         submission = Submission(
             tenant=order.tenant,
+            kind=order.kind,
             metadata=order.metadata,
             webhook=order.webhook,
             cache=cache,
@@ -126,6 +142,11 @@ def submit(state: AppState, order: Order, known: Verdicts | None = None) -> Acce
             signed=state.settings.c2pa_chain is not None,
         )
         return Accepted(contents.create_job(state.ledger, state.artifacts, order.filename, wanted, staged, submission))
+
+
+def kind_of(parameters: Parameters | VerificationParameters) -> JobKind:
+    """Kind of the jobs with such parameters."""
+    return JobKind.WATERMARK if isinstance(parameters, Parameters) else JobKind.VERIFICATION
 
 
 def plain_name(filename: str | None) -> str:

@@ -46,7 +46,8 @@ BELOW = {
     ),
     "credentials": "report",
     "verify": (
-        "credentials evaluate report reporting metrics rendering artwork labels formats gltf geometry budgets device"
+        "credentials evaluate report reporting metrics rendering artwork labels formats gltf geometry budgets device "
+        "validation"
     ),
     "cli_files": "",
     "cli_verify": "cli_files verify",
@@ -57,7 +58,9 @@ BELOW = {
 EVERYWHERE = {"arrays", "errors", "notices", "__version__"}
 
 # Of core, the service and the worker use these; the worker alone the reading of uploads.
-OF_SERVICE = {"errors", "validation", "parameters", "budgets", "artwork", "report", "credentials", "__version__"}
+OF_SERVICE = {
+    *{"errors", "validation", "parameters", "budgets", "artwork", "report", "credentials", "verify", "__version__"}
+}
 OF_WORKER = OF_SERVICE | {"formats", "pipeline", "preload", "processors"}
 
 FILE_LINES = 400

@@ -16,6 +16,8 @@ import sys
 import tempfile
 import traceback
 from collections.abc import Callable
+from datetime import datetime
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn, TextIO
 
@@ -27,9 +29,10 @@ PR_SET_PDEATHSIG = 1  # linux/prctl.h
 LARGEST_FILE = 2**31  # bytes; results are far smaller
 CPU_MARGIN = 60  # seconds beyond all cores' time within the job's limit: in case the worker no longer enforces it
 CHANNEL = 3  # the descriptor of its answers, after stdin, stdout and stderr
-SUFFIXES = {"model": ".glb", "report": ".json", "preview": ".png"}
+SUFFIXES = {"model": ".glb", "report": ".json", "preview": ".png", "evidence": ".html"}
 
 Engine = Callable[..., Any]  # core.pipeline.watermark, or one like it
+Say = Callable[..., None]  # sends one message
 
 
 def die_with_parent(parent: int) -> None:
@@ -40,7 +43,24 @@ def die_with_parent(parent: int) -> None:
         os._exit(1)
 
 
-def run(engine: Engine, request: dict[str, Any], say: Callable[..., None]) -> None:
+class Outputs:
+    """Artifacts of a run, in its working folder."""
+
+    def __init__(self, folder: Path, say: Say) -> None:
+        self._folder, self._say = folder, say
+        self.published: set[str] = set()
+
+    def publish(self, kind: str, content: bytes) -> None:
+        """Write an artifact and send its path."""
+        path = self._folder / (kind + SUFFIXES[kind])
+        partial = path.with_suffix(".partial")
+        partial.write_bytes(content)
+        partial.replace(path)  # the report is written twice: whenever this process ends, one of them is whole
+        self.published.add(kind)
+        self._say(artifact=kind, path=os.fspath(path))
+
+
+def run(engine: Engine, request: dict[str, Any], say: Say) -> None:
     """Call the engine and send the paths of its artifacts as it publishes them.
 
     Args:
@@ -54,16 +74,7 @@ def run(engine: Engine, request: dict[str, Any], say: Callable[..., None]) -> No
     from core.budgets import Budgets
     from core.parameters import parse_parameters
 
-    folder = Path(request["folder"])
-    published = set()
-
-    def publish(kind: str, content: bytes) -> None:
-        path = folder / (kind + SUFFIXES[kind])
-        partial = path.with_suffix(".partial")
-        partial.write_bytes(content)
-        partial.replace(path)  # the report is written twice: whenever this process ends, one of them is whole
-        published.add(kind)
-        say(artifact=kind, path=os.fspath(path))
+    outputs = Outputs(Path(request["folder"]), say)
 
     result = engine(
         Path(request["input"]).read_bytes(),
@@ -72,12 +83,38 @@ def run(engine: Engine, request: dict[str, Any], say: Callable[..., None]) -> No
         font=Path(request["font"]).read_bytes() if request["font"] else None,
         logo=Path(request["logo"]).read_bytes() if request["logo"] else None,
         progress=lambda stage, fraction: say(stage=stage, progress=float(fraction)),
-        publish=publish,
+        publish=outputs.publish,
     )
     for kind, content in (("model", result.model), ("preview", result.preview)):
-        if content is not None and kind not in published:
-            publish(kind, content)
-    publish("report", json.dumps(result.report, allow_nan=False).encode())
+        if content is not None and kind not in outputs.published:
+            outputs.publish(kind, content)
+    outputs.publish("report", json.dumps(result.report, allow_nan=False).encode())
+
+
+def run_verification(request: dict[str, Any], say: Say) -> None:
+    """Verify a suspect file, and send the paths of the page of evidence and the report.
+
+    Args:
+        request: ``input`` as a path, ``parameters`` with the known ``texts``, ``budgets``, ``folder``, and
+            ``verification``: :class:`worker.runner.Verification`.
+        say: sends one message.
+
+    Raises:
+        MeshmarkError: as :func:`core.verify.verify.verify` does.
+    """
+    from core.budgets import Budgets
+    from core.verify.evidence import evidence_page
+
+    asked = request["verification"]
+    module, _, function = asked["verifier"].partition(":")
+    verify = getattr(import_module(module), function)
+    say(stage="reading", progress=0.0)
+    texts, budgets = request["parameters"]["texts"], Budgets(**request["budgets"])
+    result = verify(Path(request["input"]).read_bytes(), texts, budgets)
+    moment = datetime.fromisoformat(asked["moment"])
+    outputs = Outputs(Path(request["folder"]), say)
+    outputs.publish("evidence", evidence_page(result.report, result.pictures, asked["filename"], moment))
+    outputs.publish("report", json.dumps(result.report, allow_nan=False).encode())
 
 
 def limit(seconds: float) -> None:
@@ -130,7 +167,10 @@ def main(engine: Engine, parent: int, *files: int) -> NoReturn:
     try:
         if request["sandbox"] == "required" and not all(in_force.values()):
             raise RuntimeError(f"the sandbox is not whole: {in_force}")
-        run(engine, request, say)
+        if request["verification"]:
+            run_verification(request, say)
+        else:
+            run(engine, request, say)
         say(done=True)
     except MeshmarkError as error:
         say(error={"code": error.code, "message": error.message, "remedy": error.remedy})

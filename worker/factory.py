@@ -22,7 +22,7 @@ from worker.hook_outputs import start_writer
 from worker.pulse import Pulse
 from worker.receiving import receive, required, take
 from worker.sweeper import start_sweeper
-from worker.tasks import Worker, private_folders
+from worker.tasks import VERIFIER, Worker, private_folders
 
 log = structlog.get_logger(__name__)
 ENGINE = "core.pipeline:watermark"
@@ -46,8 +46,8 @@ def require_sandbox(worker: Worker) -> None:
         sys.exit(2)
 
 
-def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
-    """Create the Celery app that runs jobs with the engine at an import path "module:function"."""
+def create_worker(settings: Settings, engine: str = ENGINE, verifier: str = VERIFIER) -> Celery:
+    """Create the Celery app that runs jobs with the engine and the verifier at import paths "module:function"."""
     app = create_queue(settings)
     receive(app, settings.worker_concurrency)
 
@@ -57,9 +57,9 @@ def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
 
     @cache  # made when the worker runs: an import of the app alone shall not create folders and tables
     def worker() -> Worker:
-        return Worker(settings, app, engine)
+        return Worker(settings, app, engine, verifier)
 
-    def watermark(job_id: str) -> None:
+    def attempt(job_id: str) -> None:
         worker().run(job_id)
 
     figures = ExitStack()  # never closed: they are served until the process ends
@@ -81,7 +81,7 @@ def create_worker(settings: Settings, engine: str = ENGINE) -> Celery:
     def end(**_: Any) -> None:
         worker().close()
 
-    take(app, TASK, watermark)
+    take(app, TASK, attempt)
     setup_logging.connect(lambda **_: configure_logs(settings.log_level), weak=False)
     worker_init.connect(required(prepare), weak=False)
     task_prerun.connect(lambda **_: pulse().began(), weak=False)

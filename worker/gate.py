@@ -25,6 +25,7 @@ from core.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit
 from core.parameters import parse_parameters
+from core.verify.header import declared_size, picture_format
 from service.template import serve
 from worker import sandbox
 from worker.child import CHANNEL, die_with_parent, keep_only
@@ -38,8 +39,11 @@ CPU_MARGIN = 5  # seconds beyond the limit, in case the API no longer enforces i
 def look(request: dict[str, Any], asset: bytes | None, font: bytes | None, logo: bytes | None) -> None:
     """Check the headers of an asset, a font, a logo, and the outlines of parameters that the request has for it.
 
+    Where the request has ``pictures``, the asset may be one.
+
     Raises:
-        MeshmarkError: as :func:`core.formats.admission.admit` does; ``invalid_font``; ``invalid_logo``; and as
+        MeshmarkError: as :func:`core.formats.admission.admit` or :func:`core.verify.header.declared_size` does;
+            ``invalid_font``; ``invalid_logo``; and as
             :func:`core.artwork.lettering.layouts_of`.
     """
     if font is not None:
@@ -48,7 +52,9 @@ def look(request: dict[str, Any], asset: bytes | None, font: bytes | None, logo:
         layouts_of(parse_parameters(request["lettering"]).resolved(), font, logo)
     elif logo is not None:
         logo_artwork(logo)
-    if asset is not None:
+    if asset is not None and request["pictures"] and picture_format(asset):
+        declared_size(asset)
+    elif asset is not None:
         admit(asset, Budgets(**request["budgets"]))
 
 

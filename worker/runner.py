@@ -42,6 +42,17 @@ class Work:
     private: tuple[Path, ...] = ()
     sandbox: str = "required"
     logo: Path | None = None
+    verification: "Verification | None" = None
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What a verification is called with beside its file and parameters: the function that does it, as
+    "module:function", and what its page of evidence says: the file's name, and the moment, as in ISO 8601."""
+
+    verifier: str
+    filename: str
+    moment: str
 
 
 @dataclass(frozen=True)
@@ -107,6 +118,7 @@ def _request(work: Work, limits: Limits) -> str:
             "private": [os.fspath(path) for path in work.private],
             "sandbox": work.sandbox,
             "seconds": limits.seconds,
+            "verification": work.verification and asdict(work.verification),
         }
     )
 

@@ -7,7 +7,7 @@ import shutil
 import threading
 import time
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TypeVar
@@ -26,14 +26,14 @@ from service.hooks.config import secret_files
 from service.jobs import contents, queue, turns
 from service.jobs.artifacts import StoreUnavailableError, writing
 from service.jobs.ledger import Ledger
-from service.jobs.models import Artifact, ArtifactKind, Job, Lease
+from service.jobs.models import Artifact, ArtifactKind, Job, JobKind, Lease
 from service.jobs.stores import open_store
 from service.metrics import ARTIFACT_BYTES, JOB_SECONDS, JOB_WAIT_SECONDS
 from service.tracing import tracer
 from worker.child import SUFFIXES
 from worker.heartbeat import Heartbeat
 from worker.results import open_result, replace_result
-from worker.runner import Limits, Progress, Published, Work, run_engine
+from worker.runner import Limits, Progress, Published, Verification, Work, run_engine
 from worker.sources import Sources
 from worker.stage_clock import StageClock, known
 from worker.template import Template
@@ -42,6 +42,7 @@ from worker.template import Template
 RETRY_SECONDS = 60.0
 FIRST_PAUSE, LONGEST_PAUSE = 0.2, 5.0
 LARGEST_REPORT = 2**26  # bytes
+VERIFIER = "core.verify.verify:verify"
 
 log = structlog.get_logger(__name__)
 T = TypeVar("T")
@@ -62,6 +63,7 @@ class Worker:
     settings: Settings
     celery: Celery
     engine: str  # "module:function"
+    verifier: str = VERIFIER
     stopping: threading.Event = field(default_factory=threading.Event)
     stop_by: float = 0.0  # monotonic seconds
 
@@ -114,17 +116,22 @@ class Worker:
     def _attempt(self, job: Job) -> None:
         lease, began = job.lease, time.monotonic()
         folder = self.scratch / scratch_name(lease)
+        signed = self.settings.c2pa_chain is not None and job.kind is JobKind.WATERMARK
+        source = job.artifact(ArtifactKind.INPUT)
         log.info("job started")
         try:
             with writing():
                 folder.mkdir()
             with Heartbeat(self.ledger, lease, self.settings.lease_seconds) as heartbeat:
                 contents.discard(self.ledger, self.artifacts, self.ledger.drop_outputs(lease))
-                self._work(job, folder, heartbeat)
-                finish = self.ledger.hand_over if self.settings.c2pa_chain else self.ledger.succeed
+                source = source or self._bring(job, folder, heartbeat)
+                if source is None:  # canceled between the claim and here
+                    raise LeaseLostError
+                self._work(job, source, folder, heartbeat)
+                finish = self.ledger.hand_over if signed else self.ledger.succeed
                 if not self._retried(heartbeat, lambda: finish(lease)):
                     raise LeaseLostError
-            done = "job waits for its credentials" if self.settings.c2pa_chain else "job succeeded"
+            done = "job waits for its credentials" if signed else "job succeeded"
             log.info(done, seconds=round(time.monotonic() - began, 2))
         except (StoreUnavailableError, OperationalError) as error:
             self.ledger.release(lease)  # without a message: a sweeper announces it again after a while
@@ -145,12 +152,16 @@ class Worker:
             self.ledger.fail(lease, INTERNAL)
         finally:
             shutil.rmtree(folder, ignore_errors=True)
+            if source and not job.keeps_input:  # forgotten with the job's end, if it has ended
+                with suppress(OperationalError):  # then a sweeper removes it
+                    contents.discard(self.ledger, self.artifacts, {source.sha256})
 
-    def _work(self, job: Job, folder: Path, heartbeat: Heartbeat) -> None:
-        source, font, logo = map(job.artifact, (ArtifactKind.INPUT, ArtifactKind.FONT, ArtifactKind.LOGO))
-        source = source or self._bring(job, folder, heartbeat)
-        if source is None:  # canceled between the claim and here
-            raise LeaseLostError
+    def _work(self, job: Job, source: Artifact, folder: Path, heartbeat: Heartbeat) -> None:
+        font, logo = map(job.artifact, (ArtifactKind.FONT, ArtifactKind.LOGO))
+        verification = None
+        if job.kind is JobKind.VERIFICATION:
+            assert job.started_at is not None
+            verification = Verification(self.verifier, job.filename, job.started_at.isoformat())
         work = Work(
             input=self._fetch(job.lease, source, folder, heartbeat),
             font=self._fetch(job.lease, font, folder, heartbeat) if font else None,
@@ -160,6 +171,7 @@ class Worker:
             folder=folder,
             private=private_folders(self.settings),
             sandbox=self.settings.sandbox,
+            verification=verification,
         )
         limits = Limits(self.settings.job_time_limit, self.settings.job_memory_limit)
         report = folder / ("report" + SUFFIXES["report"])

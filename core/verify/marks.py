@@ -14,7 +14,8 @@ from core.metrics.recognition import Reader
 from core.rendering.renderer import Frame, Renderer
 from core.verify.look import Look, Picture, look
 from core.verify.places import Place, places
-from core.verify.readings import Kind, Reading, Spot, readings
+from core.verify.readings import Reading, Spot, readings
+from core.verify.report import Kind
 from core.verify.texts import best, enough, likeness
 
 PICTURE, SHOWN = 1024, 512  # pixels a side of pictures that are read, and of those that are kept

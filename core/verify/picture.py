@@ -10,15 +10,12 @@ import numpy as np
 from PIL import Image
 
 from core.arrays import Float
-from core.errors import ErrorCode, MeshmarkError
-from core.gltf.images import image_size, mime_type
 from core.metrics.recognition import Reader
+from core.verify.header import FORMATS, declared_size, malformed_picture
 from core.verify.look import Picture
 from core.verify.readings import TURNS
 from core.verify.texts import best, enough
 
-FORMATS = {"image/png": "png", "image/jpeg": "jpeg", "image/webp": "webp"}
-MOST_PIXELS = 50_000_000
 SIDE = (
     2048  # pixels of the longer side, to which larger pictures are reduced, and to half of which smaller are enlarged
 )
@@ -47,26 +44,13 @@ class FoundText:
     picture: Picture
 
 
-def picture_format(data: bytes) -> str | None:
-    """The format of a picture; None for anything else."""
-    return FORMATS.get(mime_type(data) or "")
-
-
 def decode(data: bytes) -> Picture:
     """(H, W, 3) sRGB pixels of a picture, on white where it is clear.
 
     Raises:
         MeshmarkError: ``budget_exceeded`` above 50 megapixels, by its header; ``malformed_file``.
     """
-    size = image_size(memoryview(data))
-    if size is None or min(size) < 1:
-        raise _malformed("its header is broken")
-    if size[0] * size[1] > MOST_PIXELS:
-        raise MeshmarkError(
-            ErrorCode.BUDGET_EXCEEDED,
-            f"The picture has {size[0]:,} x {size[1]:,} pixels; at most {MOST_PIXELS:,} are read.",
-            "Send a smaller picture.",
-        )
+    size = declared_size(data)
     try:
         with (
             warnings.catch_warnings(),
@@ -74,11 +58,11 @@ def decode(data: bytes) -> Picture:
         ):
             warnings.simplefilter("error", Image.DecompressionBombWarning)
             if image.size != size:
-                raise _malformed("its headers contradict each other")
+                raise malformed_picture("its headers contradict each other")
             clear = Image.new("RGBA", image.size, "white")
             clear.alpha_composite(image.convert("RGBA"))
     except (OSError, ValueError, SyntaxError, Warning, Image.DecompressionBombError) as error:
-        raise _malformed(f"{type(error).__name__}") from None
+        raise malformed_picture(f"{type(error).__name__}") from None
     return np.asarray(clear.convert("RGB"))
 
 
@@ -101,9 +85,3 @@ def read_picture(picture: Picture, texts: Sequence[str], reader: Reader) -> list
                 pixel = np.array(line.center) / scale
                 found.append(FoundText(text, known, likeness, confidence, pixel, np.ascontiguousarray(part)))
     return sorted(found, key=lambda one: (-one.likeness, -one.confidence))
-
-
-def _malformed(what: str) -> MeshmarkError:
-    return MeshmarkError(
-        ErrorCode.MALFORMED_FILE, f"The picture cannot be decoded: {what}.", "Save it again as PNG or JPEG."
-    )

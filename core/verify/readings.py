@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -11,8 +10,7 @@ from core.geometry.directions import EYE_DISTANCE
 from core.geometry.triangles import unit
 from core.metrics.recognition import Line, Reader
 from core.verify.look import Look, Picture
-
-Kind = Literal["ordinary", "relief"]
+from core.verify.report import Kind
 
 MARGIN = 32  # pixels of background left around the asset
 MOST_LINES = 24  # lines a picture, at most: an asset covered with writing of its own must not take minutes

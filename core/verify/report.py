@@ -7,7 +7,8 @@ from pydantic import Field
 from core.credentials.facts import Credentials
 from core.notices import Notice
 from core.report import Engine, FileFacts, Section, Vector
-from core.verify.readings import Kind
+
+Kind = Literal["ordinary", "relief"]  # of a picture: as a viewer shows the file, or of its shape alone
 
 
 class ReadMark(Section):

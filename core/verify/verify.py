@@ -19,11 +19,12 @@ from core.notices import Notice, NoticeCode
 from core.rendering.renderer import Renderer
 from core.report import Engine
 from core.reporting import file_facts
+from core.verify.header import picture_format
 from core.verify.look import Picture
 from core.verify.marks import PICTURE, FoundMark, find_marks
 from core.verify.metadata import read_label
 from core.verify.original import Against, Reference, align, compare, read_reference
-from core.verify.picture import FoundText, decode, picture_format, read_picture
+from core.verify.picture import FoundText, decode, read_picture
 from core.verify.report import Comparison, FileLabel, ReadMark, VerificationReport
 from core.verify.seal import NO_SEAL, Seal, judge
 

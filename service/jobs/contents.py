@@ -33,7 +33,7 @@ from service.jobs.artifacts import GRACE, ArtifactStore, Staged, StoreUnavailabl
 from service.jobs.cache import find_results, result_key
 from service.jobs.clock import now
 from service.jobs.ledger import BY_DEFAULT, Content, Ledger, MissingContentError, Submission
-from service.jobs.models import ArtifactKind, Job, Lease
+from service.jobs.models import ArtifactKind, Job, JobKind, Lease
 from service.jobs.ownership import PAGE, claim
 
 TRIES = 5  # to put and record; each that fails means that a removal came between two requests to the store
@@ -57,7 +57,9 @@ def create_job(
         MeshmarkError: raised by the submission's condition; then nothing is recorded and nothing kept.
     """
     contents = {kind: Content(item.sha256, item.size) for kind, item in staged.items()}
-    key = result_key(parameters, contents, submission.signed)
+    # A verification's page of evidence says when this very file was looked at: it is made anew each time.
+    is_watermark = submission.kind is JobKind.WATERMARK
+    key = result_key(parameters, contents, submission.signed) if is_watermark else None
     may_reuse = submission.cache
 
     def record() -> Job:

@@ -36,6 +36,7 @@ def retry(ledger: Ledger, store: ArtifactStore, job_id: str) -> Job:
     contents = {kind: Content(artifact.sha256, artifact.size) for kind, artifact in inputs.items() if artifact}
     submission = Submission(
         tenant=dead.tenant_id,
+        kind=dead.kind,
         metadata={entry.key: entry.value for entry in dead.metadata_entries},
         webhook=dead.webhook,
         queue=dead.queue,

@@ -13,21 +13,28 @@ from typing import Any
 from sqlalchemy import delete, select, update
 from sqlalchemy.orm import Session, sessionmaker
 
-from service.jobs.models import EventType, Job, JobEvent, JobState, WebhookDelivery, WebhookEndpoint
+from service.jobs.models import Change, EventType, Job, JobEvent, JobKind, JobState, WebhookDelivery, WebhookEndpoint
 
 KEPT = timedelta(days=30)  # retention of events
-ENDINGS = (EventType.SUCCEEDED, EventType.FAILED, EventType.CANCELED, EventType.EXPIRED)  # types sent by webhooks
+ENDED = (JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELED, JobState.EXPIRED)
+ENDINGS = tuple(EventType.of(kind, state) for kind in JobKind for state in ENDED)  # types sent by webhooks
 
 
-def record(session: Session, job_id: str, event: EventType, moment: datetime) -> None:
-    """Record the event of a transaction's change to a job. Call it once the job's row is changed, and so locked."""
+def record(session: Session, job_id: str, change: Change, moment: datetime) -> Job:
+    """Record the event of a transaction's change to a job. Call it once the job's row is changed, and so locked.
+
+    Returns:
+        The job as it is now.
+    """
     counted = update(Job).where(Job.id == job_id).values(event_count=Job.event_count + 1)
     session.execute(counted.execution_options(synchronize_session=False))
     job = session.get_one(Job, job_id, populate_existing=True)
+    event = EventType.of(job.kind, change)
     session.add(JobEvent(job_id=job_id, number=job.event_count, type=event, data=snapshot(job), created_at=moment))
     session.flush()
     if event in ENDINGS:
         _address(session, job, event, moment)
+    return job
 
 
 def _address(session: Session, job: Job, event: EventType, moment: datetime) -> None:

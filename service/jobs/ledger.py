@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from typing import Any, NamedTuple
 
-from sqlalchemy import ColumnElement, Connection, delete, select, text, update
+from sqlalchemy import ColumnElement, Connection, case, delete, literal, select, text, update
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import DatabaseError, OperationalError
 from sqlalchemy.orm import Session, sessionmaker
@@ -36,16 +36,18 @@ from service.jobs.events import record
 from service.jobs.migrations import NewerSchemaError, migrate
 from service.jobs.models import (
     DEFAULT_TENANT,
+    PUBLIC_TENANT,
     Artifact,
     ArtifactKind,
-    EventType,
     Identity,
     Job,
+    JobKind,
     JobState,
     Lease,
     MetadataEntry,
     Priority,
     Queue,
+    UtcDateTime,
 )
 from service.jobs.quota import add_stored
 from service.metrics import JOBS_ACCEPTED, ended
@@ -56,8 +58,12 @@ BATCH = 50  # old jobs forgotten in one transaction, with some ten rows each
 # First statement of a transaction that excludes all others with the same key. SQLite has one lock for all.
 EXCLUSIVE = {"sqlite": text("BEGIN IMMEDIATE"), "postgresql": text("SELECT pg_advisory_xact_lock(:key)")}
 MIGRATION = 7239017  # key of that lock for migrations: an arbitrary constant
-OUTPUTS = (ArtifactKind.MODEL, ArtifactKind.REPORT, ArtifactKind.PREVIEW, ArtifactKind.CREDENTIALS)
+OUTPUTS = (
+    *(ArtifactKind.MODEL, ArtifactKind.REPORT, ArtifactKind.PREVIEW),
+    *(ArtifactKind.CREDENTIALS, ArtifactKind.EVIDENCE),
+)
 SIGNING = "signing"  # stage of a job that waits for its credentials
+PUBLIC_RETENTION = timedelta(hours=1)  # the most that the files of jobs without a key are kept
 
 
 class Content(NamedTuple):
@@ -85,6 +91,7 @@ class Submission:
     queue: Queue = Queue.SMALL
     priority: Priority = Priority.NORMAL
     signed: bool = False
+    kind: JobKind = JobKind.WATERMARK
 
 
 BY_DEFAULT = Submission()
@@ -166,10 +173,13 @@ class Ledger:
         with self._session.begin() as session:
             _lock_content(session, contents.values(), stored)
             moment = clock(session)
-            done = {"state": JobState.SUCCEEDED, "progress": 1.0, "cached": True, **self._finished(moment)}
+            expiry = self._expiry(moment)
+            ended_at = {"finished_at": moment, "expires_at": expiry, "purge_at": expiry}
+            done = {"state": JobState.SUCCEEDED, "progress": 1.0, "cached": True, **ended_at}
             job = Job(
                 id=str(uuid.uuid4()),
                 tenant_id=submission.tenant,
+                kind=submission.kind,
                 result_key=result_key,
                 queue=submission.queue,
                 priority=submission.priority,
@@ -186,7 +196,7 @@ class Ledger:
             session.add(job)
             session.flush()
             add_stored(session, submission.tenant, sum(item.size for item in contents.values()))
-            record(session, job.id, EventType.into(job.state), moment)
+            record(session, job.id, job.state, moment)
             submission.condition(session, job.id)
         JOBS_ACCEPTED.inc()
         ended(bool(results), JobState.SUCCEEDED)
@@ -226,7 +236,7 @@ class Ledger:
                 return True
             if not self._set(session, _held(lease), **values):
                 return False
-            record(session, lease.job_id, EventType.STAGE, moment)
+            record(session, lease.job_id, "stage", moment)
             return True
 
     def publish(self, lease: Lease, kind: ArtifactKind, content: Content, stored: Callable[[str], bool]) -> bool:
@@ -254,7 +264,7 @@ class Ledger:
             values = {"stage": SIGNING, "lease_token": Job.lease_token + 1, "lease_expires_at": None, "sign_at": moment}
             if not self._set(session, _held(lease), **values):
                 return False
-            record(session, lease.job_id, EventType.STAGE, moment)
+            record(session, lease.job_id, "stage", moment)
             return True
 
     def succeed(self, lease: Lease) -> bool:
@@ -291,13 +301,13 @@ class Ledger:
     def drop_artifacts(self, job_id: str, erase: bool = False) -> set[str]:
         """Forget an ended job's files (succeeded -> expired); returns their hashes: other jobs may have the same.
 
-        With `erase`, its client's data too: see :mod:`service.jobs.erasure`.
+        With `erase`, and of those without a key, its client's data too: see :mod:`service.jobs.erasure`.
         """
         with self._session.begin() as session:
             self._move(session, job_id, (Job.state == JobState.SUCCEEDED,), JobState.EXPIRED, clock(session))
             if not self._set(session, (Job.id == job_id, Job.state.not_in(ACTIVE)), purge_at=None):
                 return set()
-            if erase:
+            if erase or _tenant_of(session, job_id) == PUBLIC_TENANT:
                 erase_job(session, job_id)
             return self._drop(session, job_id)
 
@@ -399,8 +409,14 @@ class Ledger:
         """Lock a job until the commit; False where the condition does not hold."""
         return self._set(session, condition, lease_token=Job.lease_token)
 
+    def _expiry(self, moment: datetime) -> datetime | None:
+        """Expiry of a job that ends at a moment."""
+        return moment + timedelta(seconds=self._retention) if self._retention else None
+
     def _finished(self, moment: datetime, error: MeshmarkError | None = None) -> dict[str, Any]:
-        expiry = moment + timedelta(seconds=self._retention) if self._retention else None
+        usual, public = self._expiry(moment), moment + PUBLIC_RETENTION
+        sooner = literal(min(usual or public, public), UtcDateTime)
+        expiry = case((Job.tenant_id == PUBLIC_TENANT, sooner), else_=literal(usual, UtcDateTime))
         values: dict[str, Any] = {
             "stage": None,
             "finished_at": moment,
@@ -423,10 +439,15 @@ class Ledger:
         moment: datetime,
         **values: Any,
     ) -> bool:
-        """Bring a job into a state and record the event; False where the condition does not hold."""
+        """Bring a job into a state and record the event; False where the condition does not hold.
+
+        An input that is kept only while the job runs is forgotten with its end.
+        """
         moved = cls._set(session, (Job.id == job_id, *condition), state=state, **values)
         if moved:
-            record(session, job_id, EventType.into(state), moment)
+            job = record(session, job_id, state, moment)
+            if state not in ACTIVE and not job.keeps_input:
+                cls._drop(session, job_id, Artifact.kind == ArtifactKind.INPUT)
         return moved
 
     @staticmethod

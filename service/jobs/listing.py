@@ -9,7 +9,7 @@ from sqlalchemy import literal, select, tuple_
 from sqlalchemy.orm import Session, sessionmaker
 
 from core.errors import ErrorCode, MeshmarkError
-from service.jobs.models import Job, JobState, MetadataEntry, UtcDateTime
+from service.jobs.models import Job, JobKind, JobState, MetadataEntry, UtcDateTime
 
 POSITION = re.compile(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{6}) ([\x21-\x7e]{1,36})")
 
@@ -22,12 +22,13 @@ class Position(NamedTuple):
 
 
 class Filters(NamedTuple):
-    """Filters of a list of jobs; None: no filter."""
+    """Filters of a list of jobs of one kind; None: no filter."""
 
     state: JobState | None = None
     created_after: datetime | None = None
     created_before: datetime | None = None
     metadata: tuple[str, str] | None = None
+    kind: JobKind = JobKind.WATERMARK
 
 
 class Page(NamedTuple):
@@ -47,7 +48,8 @@ def list_jobs(
     Raises:
         MeshmarkError: ``invalid_request``, the cursor is not one.
     """
-    jobs = select(Job).where(Job.tenant_id == tenant).order_by(Job.created_at.desc(), Job.id.desc()).limit(limit + 1)
+    mine = (Job.tenant_id == tenant, Job.kind == filters.kind)
+    jobs = select(Job).where(*mine).order_by(Job.created_at.desc(), Job.id.desc()).limit(limit + 1)
     if filters.state:
         jobs = jobs.where(Job.state == filters.state)
     if filters.created_after:

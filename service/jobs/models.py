@@ -2,7 +2,7 @@
 
 from datetime import UTC, datetime
 from enum import IntEnum, StrEnum
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from sqlalchemy import (
     JSON,
@@ -23,6 +23,14 @@ from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 
 BIG = BigInteger().with_variant(Integer, "sqlite")  # bytes
 DEFAULT_TENANT = "default"  # the owner of all jobs of a service without keys
+PUBLIC_TENANT = "@public"  # the owner of verifications without a key; no name that a tenant may have
+
+
+class JobKind(StrEnum):
+    """What a job does."""
+
+    WATERMARK = "watermark"
+    VERIFICATION = "verification"
 
 
 class JobState(StrEnum):
@@ -46,11 +54,21 @@ class EventType(StrEnum):
     FAILED = "watermark.failed"
     CANCELED = "watermark.canceled"
     EXPIRED = "watermark.expired"
+    VERIFICATION_QUEUED = "verification.queued"
+    VERIFICATION_RUNNING = "verification.running"
+    VERIFICATION_STAGE = "verification.stage"
+    VERIFICATION_SUCCEEDED = "verification.succeeded"
+    VERIFICATION_FAILED = "verification.failed"
+    VERIFICATION_CANCELED = "verification.canceled"
+    VERIFICATION_EXPIRED = "verification.expired"
 
     @classmethod
-    def into(cls, state: JobState) -> "EventType":
-        """Event type of a job that enters a state."""
-        return cls(f"watermark.{state}")
+    def of(cls, kind: JobKind, change: "Change") -> "EventType":
+        """Event type of a change to a job of some kind."""
+        return cls(f"{kind}.{change}")
+
+
+Change = JobState | Literal["stage"]  # of a job: into a state, or into another stage of its work
 
 
 class DeliveryState(StrEnum):
@@ -94,6 +112,7 @@ class ArtifactKind(StrEnum):
     REPORT = "report"
     PREVIEW = "preview"
     CREDENTIALS = "credentials"
+    EVIDENCE = "evidence"
 
 
 class Lease(NamedTuple):
@@ -135,6 +154,7 @@ class Base(DeclarativeBase):
         datetime: UtcDateTime,
         dict[str, Any]: JSON,
         list[str]: JSON,
+        JobKind: _words(JobKind),
         JobState: _words(JobState),
         Queue: _words(Queue),
         ArtifactKind: _words(ArtifactKind),
@@ -180,13 +200,13 @@ class ApiKey(Base):
 
 
 class Job(Base):
-    """Watermarking job: its request, its state and its results."""
+    """Job: its request, its state and its results."""
 
     __tablename__ = "jobs"
     __table_args__ = (
         Index("ix_jobs_state_enqueued_at", "state", "enqueued_at"),
         Index("ix_jobs_tenant_id_state", "tenant_id", "state"),
-        Index("ix_jobs_tenant_id_created_at_id", "tenant_id", "created_at", "id"),
+        Index("ix_jobs_tenant_id_kind_created_at_id", "tenant_id", "kind", "created_at", "id"),
         Index("ix_jobs_tenant_id_result_key", "tenant_id", "result_key"),
         Index(
             "ix_jobs_state_queue_tenant_id_priority_created_at", "state", "queue", "tenant_id", "priority", "created_at"
@@ -198,6 +218,7 @@ class Job(Base):
 
     id: Mapped[str] = mapped_column(String(36), primary_key=True)
     tenant_id: Mapped[str] = mapped_column(String(63), server_default=DEFAULT_TENANT)  # never changes
+    kind: Mapped[JobKind] = mapped_column(default=JobKind.WATERMARK, server_default=JobKind.WATERMARK)
     queue: Mapped[Queue] = mapped_column(default=Queue.SMALL, server_default=Queue.SMALL)
     priority: Mapped[int] = mapped_column(default=Priority.NORMAL, server_default=str(int(Priority.NORMAL)))
     state: Mapped[JobState] = mapped_column(default=JobState.QUEUED)
@@ -226,6 +247,11 @@ class Job(Base):
     erased: Mapped[bool] = mapped_column(default=False, server_default=false())  # its client's data is erased
     artifacts: Mapped[list["Artifact"]] = relationship(lazy="selectin", order_by="Artifact.kind")
     metadata_entries: Mapped[list["MetadataEntry"]] = relationship(lazy="selectin", order_by="MetadataEntry.key")
+
+    @property
+    def keeps_input(self) -> bool:
+        """Whether its input outlives its end: that of a verification does only where that was asked for."""
+        return self.kind is not JobKind.VERIFICATION or bool(self.parameters.get("keep"))
 
     @property
     def lease(self) -> Lease:

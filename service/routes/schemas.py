@@ -2,7 +2,7 @@
 
 import re
 from datetime import UTC, datetime
-from typing import Annotated, Literal, Self, get_args
+from typing import Annotated, Any, Literal, Self, get_args
 
 from fastapi import Request
 from pydantic import AfterValidator, AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field
@@ -96,10 +96,8 @@ class LinksView(BaseModel):
     credentials: str | None
 
 
-class JobView(BaseModel):
-    """A watermarking job."""
-
-    model_config = ConfigDict(json_schema_extra={"examples": [EXAMPLE]})
+class AnyJobView(BaseModel):
+    """What a job of every kind has."""
 
     id: str
     state: JobState
@@ -112,43 +110,56 @@ class JobView(BaseModel):
         datetime | None, Field(description="When the job's files are deleted; null: never, or not yet known.")
     ]
     attempts: Annotated[int, Field(description="How often the job was started.")]
-    cached: Annotated[bool, Field(description="Whether the results are those of an earlier job of yours.")]
     input: Annotated[InputView | None, Field(description="The uploaded asset; null once it is deleted.")]
-    parameters: Annotated[Parameters | None, Field(description="As you sent them; null once the job is deleted.")]
     metadata: Annotated[dict[str, str], Field(description="What the client noted when it sent the asset.")]
     webhook: Annotated[str | None, Field(description="Where a webhook is sent when the job ends.")]
     priority: Annotated[PriorityName, Field(description="Which of your waiting jobs goes first.")]
     error: ErrorView | None
+
+
+def common(job: Job) -> dict[str, Any]:
+    """The fields of :class:`AnyJobView`."""
+    source = job.artifact(ArtifactKind.INPUT)
+    error = None
+    if job.error_code is not None:
+        code = error_code(job.error_code)
+        error = ErrorView(code=code, title=title(code), detail=job.error_message or "", remedy=job.error_remedy or "")
+    return {
+        "id": job.id,
+        "state": job.state,
+        "stage": job.stage,
+        "progress": round(job.progress, 3),
+        "created_at": job.created_at,
+        "started_at": job.started_at,
+        "finished_at": job.finished_at,
+        "expires_at": job.expires_at,
+        "attempts": job.attempts,
+        "input": InputView(filename=job.filename, size=source.size, sha256=source.sha256) if source else None,
+        "metadata": {entry.key: entry.value for entry in job.metadata_entries},
+        "webhook": job.webhook,
+        "priority": get_args(PriorityName)[Priority(job.priority)],
+        "error": error,
+    }
+
+
+class JobView(AnyJobView):
+    """A watermarking job."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [EXAMPLE]})
+
+    cached: Annotated[bool, Field(description="Whether the results are those of an earlier job of yours.")]
+    parameters: Annotated[Parameters | None, Field(description="As you sent them; null once the job is deleted.")]
     links: LinksView
 
     @classmethod
     def of(cls, job: Job, url: str) -> Self:
         """Response model of a job; `url` is the job's own."""
-        source = job.artifact(ArtifactKind.INPUT)
-        error = None
-        if job.error_code is not None:
-            code = error_code(job.error_code)
-            error = ErrorView(
-                code=code, title=title(code), detail=job.error_message or "", remedy=job.error_remedy or ""
-            )
-        parts = {kind.value: f"{url}/{kind}" if job.artifact(kind) else None for kind in OUTPUTS}
+        kinds = [kind for kind in OUTPUTS if kind in LinksView.model_fields]
+        parts = {kind.value: f"{url}/{kind}" if job.artifact(kind) else None for kind in kinds}
         return cls(
-            id=job.id,
-            state=job.state,
-            stage=job.stage,
-            progress=round(job.progress, 3),
-            created_at=job.created_at,
-            started_at=job.started_at,
-            finished_at=job.finished_at,
-            expires_at=job.expires_at,
-            attempts=job.attempts,
+            **common(job),
             cached=job.cached,
-            input=InputView(filename=job.filename, size=source.size, sha256=source.sha256) if source else None,
             parameters=None if job.erased else Parameters.model_validate(job.parameters),
-            metadata={entry.key: entry.value for entry in job.metadata_entries},
-            webhook=job.webhook,
-            priority=get_args(PriorityName)[Priority(job.priority)],
-            error=error,
             links=LinksView(self=url, events=f"{url}/events", **parts),
         )
 

@@ -11,9 +11,18 @@ from service.jobs.models import DeliveryState, DisabledReason, EventType, Webhoo
 from service.jobs.models import WebhookEndpoint as Row
 from service.webhooks.payload import Message
 
-Event = Literal["watermark.succeeded", "watermark.failed", "watermark.canceled", "watermark.expired"]
+Event = Literal[
+    "watermark.succeeded",
+    "watermark.failed",
+    "watermark.canceled",
+    "watermark.expired",
+    "verification.succeeded",
+    "verification.failed",
+    "verification.canceled",
+    "verification.expired",
+]
 Url = Annotated[str, Field(max_length=2048, examples=["https://shop.example/hooks/meshmark"])]
-Events = Annotated[list[Event], Field(min_length=1, max_length=4, description="Of what to send webhooks.")]
+Events = Annotated[list[Event], Field(min_length=1, max_length=8, description="Of what to send webhooks.")]
 Secret = Annotated[
     str,
     Field(
@@ -22,7 +31,7 @@ Secret = Annotated[
         examples=["whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSwMfKQ9r8GKYo="],
     ),
 ]
-ALL: list[Event] = ["watermark.succeeded", "watermark.failed", "watermark.canceled", "watermark.expired"]
+BY_DEFAULT: list[Event] = ["watermark.succeeded", "watermark.failed", "watermark.canceled", "watermark.expired"]
 
 ENDPOINT: JsonDict = {
     "id": "0d2b1a7c-53a5-4f6e-9f39-6f1c2f0e9d11",
@@ -62,7 +71,7 @@ class NewEndpoint(StrictModel):
         Url | None,
         Field(description="Null: it is for the webhooks that jobs name themselves; you can have one of these."),
     ]
-    events: Events = ALL
+    events: Events = BY_DEFAULT
     secret: Secret | None = None
 
 

@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session, sessionmaker
 from core.errors import ErrorCode, MeshmarkError
 from service.errors import ServiceErrorCode
 from service.jobs.clock import now
-from service.jobs.models import DeliveryState, DisabledReason, Tenant, WebhookDelivery, WebhookEndpoint
+from service.jobs.models import DeliveryState, DisabledReason, JobKind, Tenant, WebhookDelivery, WebhookEndpoint
 from service.outbound.policy import Policy
 from service.outbound.resolve import check_address
 from service.webhooks.signing import new_secret, parse_secret
@@ -27,8 +27,10 @@ IN_CLEAR = Vault([])
 Sessions = sessionmaker[Session]
 
 
-def check_job_webhook(sessions: Sessions, tenant: str, url: str, policy: Policy) -> None:
-    """Refuse the webhook of a job that cannot be sent, or not be signed.
+def check_job_webhook(
+    sessions: Sessions, tenant: str, url: str, policy: Policy, kind: JobKind = JobKind.WATERMARK
+) -> None:
+    """Refuse the webhook of a job of some kind that cannot be sent, or not be signed.
 
     Raises:
         MeshmarkError: ``address_refused`` or ``no_webhook_secret``.
@@ -36,12 +38,19 @@ def check_job_webhook(sessions: Sessions, tenant: str, url: str, policy: Policy)
     check_address(url, policy)
     signing = (_of(tenant), WebhookEndpoint.url.is_(None), WebhookEndpoint.disabled_reason.is_(None))
     with sessions() as session:
-        if session.scalar(select(WebhookEndpoint.id).where(*signing)) is None:
-            raise MeshmarkError(
-                ServiceErrorCode.NO_WEBHOOK_SECRET,
-                "There is no secret to sign this job's webhook with.",
-                'Make one first: POST {"url": null} to /v1/webhook-endpoints. It is for all jobs that name a webhook.',
-            )
+        endpoint = session.scalar(select(WebhookEndpoint).where(*signing))
+    if endpoint is None:
+        raise MeshmarkError(
+            ServiceErrorCode.NO_WEBHOOK_SECRET,
+            "There is no secret to sign this job's webhook with.",
+            'Make one first: POST {"url": null} to /v1/webhook-endpoints. It is for all jobs that name a webhook.',
+        )
+    if not any(event.startswith(f"{kind}.") for event in endpoint.events):
+        raise MeshmarkError(
+            ServiceErrorCode.NO_WEBHOOK_SECRET,
+            f"The webhook endpoint without a url, which signs this job's webhook, is not for events of a {kind}.",
+            f"Add some to its `events`, such as {kind}.succeeded and {kind}.failed.",
+        )
 
 
 def create_endpoint(

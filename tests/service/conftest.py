@@ -23,7 +23,8 @@ class Client:
 
     def __init__(self, http: TestClient, settings: Settings) -> None:
         self.http = http
-        self.worker = Worker(settings, queue.create_queue(settings), "tests.worker.engines:directed")
+        engines = ("tests.worker.engines:directed", "tests.worker.engines:looked_at")
+        self.worker = Worker(settings, queue.create_queue(settings), *engines)
         self.artifacts = self.worker.artifacts
 
     def submit(self, content: bytes | None = None, params: str = '{"text": "HI"}', name: str = "asset.obj") -> str:

@@ -9,7 +9,8 @@ import pytest
 from PIL import Image
 
 from core.errors import ErrorCode, MeshmarkError
-from core.verify.picture import decode, picture_format
+from core.verify.header import picture_format
+from core.verify.picture import decode
 from core.verify.verify import verify
 from tests.core.metrics.drawn import drawn
 

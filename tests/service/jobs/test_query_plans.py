@@ -10,6 +10,7 @@ from sqlalchemy import Engine, event, text
 
 from service.jobs import cache, dropped, events, idempotency, sources, turns, uploads
 from service.jobs.clock import now
+from service.jobs.known_texts import known_texts
 from service.jobs.ledger import WORKER_LOST, Content, Ledger, Submission
 from service.jobs.ledger_metrics import LedgerCollector
 from service.jobs.limits import check_active
@@ -31,8 +32,8 @@ SELECT 'job' || n, 't' || n % 5 + 1, 'small',
        md5('' || n), 1, 1, moment, 5
 FROM generate_series(1, {jobs} + 110) AS n,
      LATERAL (SELECT (now() AT TIME ZONE 'UTC') - ({jobs} + 110 - n) * interval '26 minutes' AS moment) AS past;
-INSERT INTO artifacts SELECT id, kind, md5(id || kind) || md5(kind || id), 1
-FROM jobs, unnest(ARRAY['input', 'model', 'report', 'preview']) AS kind;
+INSERT INTO artifacts SELECT id, file, md5(id || file) || md5(file || id), 1
+FROM jobs, unnest(ARRAY['input', 'model', 'report', 'preview']) AS file;
 INSERT INTO job_metadata SELECT id, 'order', id FROM jobs;
 INSERT INTO job_events (job_id, number, type, data, created_at)
 SELECT id, number, 'watermark.succeeded', '{{}}', created_at FROM jobs, generate_series(1, 5) AS number
@@ -83,6 +84,7 @@ def accept(ledger: Ledger) -> None:
     with ledger.sessions() as session:
         check_active(session, "t1", 1000)
     cache.find_results(ledger.sessions, "t1", "key")
+    known_texts(ledger.sessions, "t1")
     reservation = idempotency.reserve(ledger.sessions, "t1", "a key", "print")
     assert isinstance(reservation, idempotency.Reservation)
     submission = Submission("t1", condition=lambda session, job_id: idempotency.settle(session, reservation, job_id))

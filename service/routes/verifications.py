@@ -1,0 +1,262 @@
+"""Routes of verifications: send a suspect file, follow its job, fetch the report and the page of evidence."""
+
+from collections.abc import Mapping
+from functools import partial
+from pathlib import PurePath
+from typing import Annotated, Any
+
+from fastapi import APIRouter, BackgroundTasks, File, Form, Request, Response, UploadFile, status
+
+from core.errors import ErrorCode, MeshmarkError
+from core.verify.parameters import VerificationParameters, parse_verification
+from service import access
+from service.access import Admitted, Client, GuardedRoute, PublicRoute
+from service.asset_route import PublicAssetRoute
+from service.delivery import disposition
+from service.errors import ServiceErrorCode
+from service.idempotency_key import parse_idempotency_key
+from service.jobs.listing import Filters
+from service.jobs.models import ArtifactKind, JobKind, Priority
+from service.metadata import parse_metadata, parse_pair
+from service.orders import order_from
+from service.problems import problem_responses
+from service.routes import events
+from service.routes.lists import (
+    LISTING,
+    CreatedAfterQuery,
+    CreatedBeforeQuery,
+    CursorQuery,
+    LimitQuery,
+    MetadataQuery,
+    StateQuery,
+    page_of,
+)
+from service.routes.stored import UNKNOWN, delete_job, download, find_job, send_file
+from service.routes.taking import (
+    ACCEPTED,
+    IdempotencyKeyHeader,
+    MetadataField,
+    PriorityField,
+    SourceUrlField,
+    UploadIdField,
+    WebhookField,
+    answer_accepted,
+)
+from service.routes.verification_schemas import VerificationPage, VerificationView, view
+from service.state import AppState, State
+from service.submission import Accepted, submit
+
+KIND = JobKind.VERIFICATION
+PLACE: dict[str, Any] = {"prefix": "/v1/verifications", "tags": ["verifications"]}
+
+router = APIRouter(**PLACE, route_class=GuardedRoute)
+open_router = APIRouter(**PLACE, route_class=PublicRoute)
+sending = APIRouter(**PLACE, route_class=PublicAssetRoute)
+
+REPORT = {
+    "$ref": "#/components/schemas/VerificationReport",
+    "description": "`meshmark.verification/1`, as the manual's page on verification describes it.",
+}
+# A page with words and pictures of a hostile file: it runs nothing, fetches nothing, and has no origin.
+SHOWN_SAFELY = {
+    "Content-Security-Policy": "default-src 'none'; img-src data:; style-src 'unsafe-inline'; sandbox",
+    "X-Content-Type-Options": "nosniff",
+}
+
+REFUSALS = problem_responses(
+    *access.REFUSALS,
+    ErrorCode.INVALID_REQUEST,
+    ServiceErrorCode.UPLOAD_TOO_LARGE,
+    ServiceErrorCode.UNSUPPORTED_MEDIA_TYPE,
+    ErrorCode.UNKNOWN_FORMAT,
+    ErrorCode.UNSUPPORTED_FORMAT,
+    ErrorCode.MISSING_FILE,
+    ServiceErrorCode.NOT_FOUND,
+    ServiceErrorCode.UPLOAD_NOT_SENT,
+    ServiceErrorCode.UPLOAD_MISMATCH,
+    ServiceErrorCode.UPLOAD_EXPIRED,
+    ServiceErrorCode.SOURCE_URL_DISABLED,
+    ServiceErrorCode.ADDRESS_REFUSED,
+    ErrorCode.EMPTY_FILE,
+    ErrorCode.INVALID_PARAMETERS,
+    ServiceErrorCode.INVALID_METADATA,
+    ServiceErrorCode.NO_WEBHOOK_SECRET,
+    ServiceErrorCode.IDEMPOTENCY_KEY_IN_USE,
+    ServiceErrorCode.IDEMPOTENCY_KEY_REUSED,
+    ServiceErrorCode.TOO_MANY_JOBS,
+    ServiceErrorCode.TOO_MANY_UPLOADS,
+    ServiceErrorCode.REQUEST_TIMEOUT,
+    ServiceErrorCode.QUOTA_EXCEEDED,
+    ErrorCode.MALFORMED_FILE,
+    ErrorCode.TRUNCATED_FILE,
+    ErrorCode.NO_FACES,
+    ErrorCode.NON_FINITE_POSITIONS,
+    ErrorCode.INDEX_OUT_OF_RANGE,
+    ErrorCode.BUDGET_EXCEEDED,
+    ErrorCode.UNSUPPORTED_FEATURE,
+    ErrorCode.EXTERNAL_REFERENCE,
+    ErrorCode.ENGINE_CRASHED,
+    ErrorCode.INTERNAL_ERROR,
+    ServiceErrorCode.SERVICE_UNAVAILABLE,
+)
+
+SuspectPart = Annotated[
+    UploadFile | None,
+    File(
+        description="The suspect file: GLB, glTF, OBJ, STL, PLY, OFF, 3MF or DAE; with its other files as a ZIP; or a "
+        "picture of it as PNG, JPEG or WebP."
+    ),
+]
+ParamsField = Annotated[
+    str,
+    Form(
+        description="What to look for: a `VerificationParameters` object as JSON.",
+        examples=['{"texts": ["SAMPLE"]}'],
+        json_schema_extra={
+            "contentMediaType": "application/json",
+            "contentSchema": {"$ref": "#/components/schemas/VerificationParameters"},
+        },
+    ),
+]
+
+
+@sending.post("", status_code=status.HTTP_202_ACCEPTED, responses=ACCEPTED | REFUSALS)
+async def create_verification(
+    request: Request,
+    response: Response,
+    background: BackgroundTasks,
+    state: State,
+    client: Admitted,
+    params: ParamsField = "{}",
+    file: SuspectPart = None,
+    source_url: SourceUrlField = None,
+    upload_id: UploadIdField = None,
+    metadata: MetadataField = "{}",
+    webhook: WebhookField = None,
+    priority: PriorityField = "normal",
+    idempotency_key: IdempotencyKeyHeader = None,
+) -> VerificationView:
+    """Accept a suspect file for verification: which marks can be read on it, and what its metadata say."""
+
+    def accept() -> Accepted:
+        parameters, noted = parse_verification(params), parse_metadata(metadata)
+        if client.is_public:
+            needs_key = {
+                "keep": parameters.keep,
+                "source_url": source_url,
+                "upload_id": upload_id,
+                "metadata": noted,
+                "webhook": webhook,
+                "priority": priority != "normal",
+                "Idempotency-Key": idempotency_key is not None,
+            }
+            parameters = _public(parameters, needs_key)
+        order = order_from(
+            state,
+            client.tenant,
+            parameters,
+            noted,
+            file=file,
+            source_url=source_url,
+            upload_id=upload_id,
+            webhook=webhook,
+            priority=Priority[priority.upper()],
+            key=None if idempotency_key is None else parse_idempotency_key(idempotency_key),
+        )
+        return submit(state, order)
+
+    accepted = await state.intake.run(client.tenant, accept)
+    created = view(request, accepted.job)
+    answer_accepted(state, accepted, created.links.self, response, background)
+    return created
+
+
+def _public(parameters: VerificationParameters, needs_key: Mapping[str, object]) -> VerificationParameters:
+    """Parameters of a request without a key, who has no texts of its own.
+
+    Raises:
+        MeshmarkError: ``invalid_api_key``, it asks for something that only a client with a key is given.
+    """
+    asked = [f"`{name}`" for name, value in needs_key.items() if value]
+    if asked:
+        raise MeshmarkError(
+            ServiceErrorCode.INVALID_API_KEY,
+            f"The request carries no API key, and asks for what needs one: {', '.join(asked)}.",
+            "Leave it out, or send the header `Authorization: Bearer mm_...` with a key of yours.",
+        )
+    return parameters.model_copy(update={"texts": parameters.texts or ()})
+
+
+@router.get("", responses=LISTING)
+def list_verifications(
+    request: Request,
+    state: State,
+    client: Admitted,
+    job_state: StateQuery = None,
+    created_after: CreatedAfterQuery = None,
+    created_before: CreatedBeforeQuery = None,
+    metadata: MetadataQuery = None,
+    limit: LimitQuery = 20,
+    cursor: CursorQuery = None,
+) -> VerificationPage:
+    """Your verifications, newest first."""
+    pair = None if metadata is None else parse_pair(metadata)
+    filters = Filters(job_state, created_after, created_before, pair, KIND)
+    jobs, following = page_of(request, state, client, filters, limit, cursor)
+    return VerificationPage(items=[view(request, job) for job in jobs], next=following)
+
+
+@open_router.get("/{job_id}", responses=UNKNOWN)
+def read_verification(request: Request, state: State, client: Admitted, job_id: str) -> VerificationView:
+    """Where the verification stands."""
+    return view(request, find_job(state, client, job_id, KIND))
+
+
+@router.delete("/{job_id}", status_code=status.HTTP_204_NO_CONTENT, responses=UNKNOWN)
+async def delete_verification(state: State, client: Admitted, job_id: str) -> None:
+    """Cancel the verification if it has not ended, and delete the file, the results, and what was said about it."""
+    await state.deletions.run(partial(_delete, state, client, job_id))
+
+
+def _delete(state: AppState, client: Client, job_id: str) -> None:
+    delete_job(state, client, find_job(state, client, job_id, KIND))
+
+
+@router.get("/{job_id}/events", **events.options(KIND))
+async def stream_verification_events(
+    state: State, client: Admitted, job_id: str, last_event_id: events.LastEventId = None
+) -> Response:
+    """What happens to the verification, from its beginning on, as server-sent events."""
+    return await events.stream(state, client, job_id, last_event_id, KIND)
+
+
+REPORT_FILE = download(ArtifactKind.REPORT, "application/json", REPORT)
+EVIDENCE_FILE = download(ArtifactKind.EVIDENCE, "text/html", {"type": "string"})
+
+
+@open_router.head("/{job_id}/report", name="head_verification_report", **REPORT_FILE)
+@open_router.get("/{job_id}/report", **REPORT_FILE)
+async def read_verification_report(request: Request, state: State, client: Admitted, job_id: str) -> Response:
+    """Which marks were read and where, and what the metadata say."""
+    return await state.content.run(partial(_report, request, state, client, job_id))
+
+
+def _report(request: Request, state: AppState, client: Client, job_id: str) -> Response:
+    job = find_job(state, client, job_id, KIND)
+    name = disposition(PurePath(job.filename).stem + ".verification.json")
+    headers = {"Content-Type": "application/json", "Content-Disposition": name}
+    return send_file(request, state, job, ArtifactKind.REPORT, headers)
+
+
+@open_router.head("/{job_id}/evidence", name="head_verification_evidence", **EVIDENCE_FILE)
+@open_router.get("/{job_id}/evidence", **EVIDENCE_FILE)
+async def read_verification_evidence(request: Request, state: State, client: Admitted, job_id: str) -> Response:
+    """A page for people with the marks, a picture of each, hashes and times, in one file."""
+    return await state.content.run(partial(_evidence, request, state, client, job_id))
+
+
+def _evidence(request: Request, state: AppState, client: Client, job_id: str) -> Response:
+    job = find_job(state, client, job_id, KIND)
+    name = disposition(PurePath(job.filename).stem + ".evidence.html", "inline")
+    headers = {"Content-Type": "text/html; charset=utf-8", "Content-Disposition": name, **SHOWN_SAFELY}
+    return send_file(request, state, job, ArtifactKind.EVIDENCE, headers)
