@@ -11,6 +11,7 @@ from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from core.credentials.facts import LONGEST_SIDECAR
 from core.report import Report
 from core.verify.report import VerificationReport
 from service.access import SCHEME
@@ -40,7 +41,8 @@ from service.webhooks.vault import Vault, read_keys
 MAX_FIELD_BYTES = 2**16  # of one form field
 JSON_BYTES = 2**16  # of a request body that is neither an asset nor a list
 LIST_BYTES = 2**20  # of a batch, or of a notification about objects
-WITH_ASSET = re.compile("/v1/watermarks|/v1/verifications|/v1/uploads/[^/]+")
+WITH_TWO = re.compile("/v1/verifications")
+WITH_ASSET = re.compile("/v1/watermarks|/v1/uploads/[^/]+")
 WITH_LIST = re.compile("/v1/watermarks/batch|/v1/hooks/[^/]+")
 FORM_FIELDS = 6  # text fields of POST /v1/watermarks
 # Bytes of a form beside its asset, font and logo: fields, part headers, boundaries.
@@ -54,14 +56,14 @@ class DeclaredSizeLimit:
     declared excess it would answer in plain text.
     """
 
-    def __init__(self, app: ASGIApp, limit: int) -> None:
+    def __init__(self, app: ASGIApp, limit: int, of_verifications: int) -> None:
         self.app = app
-        self.limit = limit
+        self.limits = ((WITH_TWO, of_verifications), (WITH_ASSET, limit), (WITH_LIST, LIST_BYTES))
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Refuse the request, or pass it on."""
         path = scope.get("path", "")
-        limit = self.limit if WITH_ASSET.fullmatch(path) else LIST_BYTES if WITH_LIST.fullmatch(path) else JSON_BYTES
+        limit = next((most for pattern, most in self.limits if pattern.fullmatch(path)), JSON_BYTES)
         declared = dict(scope.get("headers", ())).get(b"content-length", b"0")
         if declared.isdigit() and int(declared) > limit:
             return await problem_response(upload_too_large(limit))(scope, receive, send)
@@ -112,6 +114,8 @@ def create_app(settings: Settings, gate: Template | None = None) -> FastAPI:
         gate: template that the processes of the gate are forked from, if it is shared with others; else the
             application has one of its own.
     """
+    # A verification may have an original beside the suspect file, and credentials.
+    both_limit = 2 * settings.max_upload_bytes + LONGEST_SIDECAR + FORM_OVERHEAD
     body_limit = settings.max_upload_bytes + settings.max_font_bytes + settings.max_logo_bytes + FORM_OVERHEAD
 
     @asynccontextmanager
@@ -154,7 +158,7 @@ def create_app(settings: Settings, gate: Template | None = None) -> FastAPI:
     )
     app.include_router(watermarks.sending, max_body_size=body_limit)
     app.include_router(watermarks.router, max_body_size=JSON_BYTES)
-    app.include_router(verifications.sending, max_body_size=body_limit)
+    app.include_router(verifications.sending, max_body_size=both_limit)
     app.include_router(verifications.open_router, max_body_size=JSON_BYTES)
     app.include_router(verifications.router, max_body_size=JSON_BYTES)
     app.include_router(batch.router, max_body_size=LIST_BYTES)
@@ -165,6 +169,6 @@ def create_app(settings: Settings, gate: Template | None = None) -> FastAPI:
     app.include_router(webhook_endpoints.router, max_body_size=JSON_BYTES)
     app.include_router(health.router)
     install_problem_handlers(app, body_limit)
-    app.add_middleware(DeclaredSizeLimit, limit=body_limit)
+    app.add_middleware(DeclaredSizeLimit, limit=body_limit, of_verifications=both_limit)
     app.add_middleware(Bodies, silence=settings.client_timeout, rate=settings.client_rate)
     return app

@@ -263,6 +263,10 @@ class Settings(BaseSettings):
             "workers and signers; empty: results have no Content Credentials."
         ),
     ] = None
+    c2pa_trust: Annotated[
+        Path | None,
+        Field(description="PEM file of the root certificates that verifications trust, for workers; empty: none."),
+    ] = None
     c2pa_key: Annotated[
         Path | None,
         Field(description="PEM file of the private key (EC, P-256) of the first certificate, for signers alone."),

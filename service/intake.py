@@ -113,17 +113,22 @@ class Intake:
         if asset:  # by itself, since a batch may name it often
             self._look(tenant, known, {}, asset=asset)
 
-    def check_suspect(self, tenant: str, suspect: Staged) -> None:
-        """Refuse a file that cannot be verified, an asset or a picture, as far as its headers tell.
+    def check_suspect(self, tenant: str, suspect: Staged | None, original: Staged | None = None) -> None:
+        """Refuse a file that cannot be verified, an asset or a picture, as far as its headers tell, and an original
+        that is no asset.
 
         Args:
             tenant: whose upload it is.
-            suspect: the file.
+            suspect: the file, if it is here.
+            original: the original, if there is one.
 
         Raises:
             MeshmarkError: as :meth:`check` does.
         """
-        self._look(tenant, {}, {"pictures": True}, asset=suspect)
+        if suspect:
+            self._look(tenant, {}, {"pictures": True}, asset=suspect)
+        if original:
+            self._look(tenant, {}, {}, asset=original)
 
     def _look(self, tenant: str, known: Verdicts, more: Mapping[str, object], **files: Staged | None) -> None:
         """Refuse files, or what is to be done with them, by the verdict of the gate, which is asked once."""

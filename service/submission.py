@@ -3,13 +3,14 @@
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import PurePath
 from typing import Any, NamedTuple
 
 from sqlalchemy.orm import Session
 
 from core.artwork.qr_code import check_code
-from core.errors import MeshmarkError
+from core.errors import ErrorCode, MeshmarkError
 from core.parameters import Parameters
 from core.verify.parameters import VerificationParameters
 from service.errors import ServiceErrorCode
@@ -17,9 +18,9 @@ from service.intake import Verdicts
 from service.jobs import contents, idempotency, queue
 from service.jobs.artifacts import Staged
 from service.jobs.known_texts import known_texts
-from service.jobs.ledger import Submission
+from service.jobs.ledger import Content, Submission
 from service.jobs.limits import check_active
-from service.jobs.models import PUBLIC_TENANT, ArtifactKind, Job, JobKind, Priority
+from service.jobs.models import PUBLIC_TENANT, ArtifactKind, Job, JobKind, JobState, Priority
 from service.jobs.quota import check_stored
 from service.state import AppState
 
@@ -46,6 +47,8 @@ class Order:
         webhook: URL to notify of the job's end, if the client names one.
         font: stages the font, if there is one.
         logo: stages the logo, if there is one.
+        original: stages the original that a suspect file is compared with, if there is one.
+        sidecar: stages the Content Credentials that came beside a suspect file, if there are any.
         key: the client's idempotency key.
         cache: accept results that exist already.
     """
@@ -61,6 +64,8 @@ class Order:
     webhook: str | None = None
     font: AbstractContextManager[Staged] | None = None
     logo: AbstractContextManager[Staged] | None = None
+    original: AbstractContextManager[Staged] | None = None
+    sidecar: AbstractContextManager[Staged] | None = None
     key: str | None = None
     cache: bool = True
 
@@ -86,21 +91,28 @@ def submit(state: AppState, order: Order, known: Verdicts | None = None) -> Acce
         known: verdicts on uploads, shared by the orders of one request.
 
     Raises:
-        MeshmarkError: an error of the asset, the font, the logo, the text or the idempotency key; ``too_many_jobs``;
-            ``quota_exceeded``.
+        MeshmarkError: an error of the asset, the font, the logo, the text, the original or the idempotency key;
+            ``not_found``, ``not_ready``, for the job whose marks are looked for; ``too_many_jobs``; ``quota_exceeded``.
         StoreUnavailableError: then nothing is recorded.
     """
     if isinstance(order.parameters, Parameters):
         order.parameters.require_content(order.logo is not None)
         check_code(order.parameters)
     with ExitStack() as stack:
-        parts = {ArtifactKind.INPUT: order.asset, ArtifactKind.FONT: order.font, ArtifactKind.LOGO: order.logo}
+        parts = {
+            ArtifactKind.INPUT: order.asset,
+            ArtifactKind.FONT: order.font,
+            ArtifactKind.LOGO: order.logo,
+            ArtifactKind.ORIGINAL: order.original,
+            ArtifactKind.SIDECAR: order.sidecar,
+        }
         staged = {kind: stack.enter_context(part) for kind, part in parts.items() if part is not None}
         asset, font, logo = map(staged.get, (ArtifactKind.INPUT, ArtifactKind.FONT, ArtifactKind.LOGO))
         if isinstance(order.parameters, Parameters):
             state.intake.check(order.tenant, order.parameters, asset, font, known, logo)
-        elif asset:
-            state.intake.check_suspect(order.tenant, asset)
+        else:
+            state.intake.check_suspect(order.tenant, asset, staged.get(ArtifactKind.ORIGINAL))
+        shared = _marked(state, order)
         wanted = order.parameters.model_dump(mode="json")
         reservation: idempotency.Reservation | None = None
         if order.key is not None:
@@ -128,7 +140,7 @@ def submit(state: AppState, order: Order, known: Verdicts | None = None) -> Acce
                 idempotency.settle(session, reservation, job_id)
 
         if order.kind is JobKind.VERIFICATION and wanted["texts"] is None:  # as they are now, for every attempt
-            wanted["texts"] = known_texts(state.ledger.sessions, order.tenant)
+            wanted["texts"] = [] if shared else known_texts(state.ledger.sessions, order.tenant)
         cache = order.cache and state.settings.cache
         submission = Submission(
             tenant=order.tenant,
@@ -141,7 +153,39 @@ def submit(state: AppState, order: Order, known: Verdicts | None = None) -> Acce
             priority=order.priority,
             signed=state.settings.c2pa_chain is not None,
         )
-        return Accepted(contents.create_job(state.ledger, state.artifacts, order.filename, wanted, staged, submission))
+        create = partial(contents.create_job, state.ledger, state.artifacts, order.filename, wanted)
+        return Accepted(create(staged, submission, shared))
+
+
+def _marked(state: AppState, order: Order) -> dict[ArtifactKind, Content]:
+    """The asset and the report of the job whose marks a verification is to look for; none where it names none.
+
+    Raises:
+        MeshmarkError: ``not_found``, ``not_ready``; ``invalid_request``, there is an original too.
+    """
+    job_id = None if isinstance(order.parameters, Parameters) else order.parameters.watermark
+    if job_id is None:
+        return {}
+    if order.original is not None:
+        raise MeshmarkError(
+            ErrorCode.INVALID_REQUEST,
+            "The request has an original and names a `watermark`, whose asset is the original.",
+            "Send one of them only.",
+        )
+    job = state.ledger.get(job_id, order.tenant)
+    if job is None or job.kind is not JobKind.WATERMARK:
+        raise MeshmarkError(
+            ServiceErrorCode.NOT_FOUND, f"There is no watermark {job_id!r}.", "Name a watermark job of yours."
+        )
+    roles = {ArtifactKind.ORIGINAL: ArtifactKind.INPUT, ArtifactKind.MARKED: ArtifactKind.REPORT}
+    found = {role: Content(part.sha256, part.size) for role, kind in roles.items() if (part := job.artifact(kind))}
+    if job.state is not JobState.SUCCEEDED or len(found) < len(roles):
+        raise MeshmarkError(
+            ServiceErrorCode.NOT_READY,
+            f"The watermark {job_id} is {job.state}: it has no results to compare with.",
+            "Name one that has succeeded and whose files are not deleted, or send the original.",
+        )
+    return found
 
 
 def kind_of(parameters: Parameters | VerificationParameters) -> JobKind:

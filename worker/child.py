@@ -104,16 +104,24 @@ def run_verification(request: dict[str, Any], say: Say) -> None:
     """
     from core.budgets import Budgets
     from core.verify.evidence import evidence_page
+    from core.verify.original import Against
+    from core.verify.seal import Seal
 
     asked = request["verification"]
     module, _, function = asked["verifier"].partition(":")
     verify = getattr(import_module(module), function)
     say(stage="reading", progress=0.0)
     texts, budgets = request["parameters"]["texts"], Budgets(**request["budgets"])
-    result = verify(Path(request["input"]).read_bytes(), texts, budgets)
+    original, marked, sidecar = (
+        Path(path).read_bytes() if path else None for path in map(asked["files"].get, ("original", "marked", "sidecar"))
+    )
+    against = None if original is None else Against(original, marked)
+    result = verify(Path(request["input"]).read_bytes(), texts, budgets, against, Seal(sidecar, asked["anchors"]))
     moment = datetime.fromisoformat(asked["moment"])
     outputs = Outputs(Path(request["folder"]), say)
-    outputs.publish("evidence", evidence_page(result.report, result.pictures, asked["filename"], moment))
+    outputs.publish(
+        "evidence", evidence_page(result.report, result.pictures, asked["filename"], moment, result.heights)
+    )
     outputs.publish("report", json.dumps(result.report, allow_nan=False).encode())
 
 

@@ -5,7 +5,7 @@ import os
 import select
 import signal
 import time
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -47,12 +47,21 @@ class Work:
 
 @dataclass(frozen=True)
 class Verification:
-    """What a verification is called with beside its file and parameters: the function that does it, as
-    "module:function", and what its page of evidence says: the file's name, and the moment, as in ISO 8601."""
+    """Call of a verification, beside its file and parameters.
+
+    Attributes:
+        verifier: the function that does it, as "module:function".
+        filename: the file's name, for the page of evidence.
+        moment: its moment, for that page, as in ISO 8601.
+        files: paths of an ``original``, of the report of the job that ``marked`` it, and of a ``sidecar``.
+        anchors: PEM of the root certificates that are trusted.
+    """
 
     verifier: str
     filename: str
     moment: str
+    files: Mapping[str, str]
+    anchors: str | None
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from service.hooks.config import secret_files
 from service.jobs import contents, queue, turns
 from service.jobs.artifacts import StoreUnavailableError, writing
 from service.jobs.ledger import Ledger
-from service.jobs.models import Artifact, ArtifactKind, Job, JobKind, Lease
+from service.jobs.models import COMPARED, Artifact, ArtifactKind, Job, JobKind, Lease
 from service.jobs.stores import open_store
 from service.metrics import ARTIFACT_BYTES, JOB_SECONDS, JOB_WAIT_SECONDS
 from service.tracing import tracer
@@ -154,14 +154,28 @@ class Worker:
             shutil.rmtree(folder, ignore_errors=True)
             if source and not job.keeps_input:  # forgotten with the job's end, if it has ended
                 with suppress(OperationalError):  # then a sweeper removes it
-                    contents.discard(self.ledger, self.artifacts, {source.sha256})
+                    compared = (job.artifact(kind) for kind in COMPARED[1:])
+                    contents.discard(
+                        self.ledger, self.artifacts, {source.sha256, *(file.sha256 for file in compared if file)}
+                    )
 
     def _work(self, job: Job, source: Artifact, folder: Path, heartbeat: Heartbeat) -> None:
         font, logo = map(job.artifact, (ArtifactKind.FONT, ArtifactKind.LOGO))
         verification = None
         if job.kind is JobKind.VERIFICATION:
             assert job.started_at is not None
-            verification = Verification(self.verifier, job.filename, job.started_at.isoformat())
+            files = {kind: job.artifact(kind) for kind in COMPARED[1:]}
+            verification = Verification(
+                verifier=self.verifier,
+                filename=job.filename,
+                moment=job.started_at.isoformat(),
+                files={
+                    kind.value: os.fspath(self._fetch(job.lease, file, folder, heartbeat))
+                    for kind, file in files.items()
+                    if file
+                },
+                anchors=self._anchors(),
+            )
         work = Work(
             input=self._fetch(job.lease, source, folder, heartbeat),
             font=self._fetch(job.lease, font, folder, heartbeat) if font else None,
@@ -189,6 +203,14 @@ class Worker:
             with writing():
                 replace_result(report, _explained(written, error))
         self._publish(job.lease, Published(ArtifactKind.REPORT, report), heartbeat)
+
+    def _anchors(self) -> str | None:
+        """The root certificates that are trusted.
+
+        Raises:
+            OSError: their file cannot be read.
+        """
+        return self.settings.c2pa_trust.read_text() if self.settings.c2pa_trust else None
 
     def _follow(self, job: Job, work: Work, limits: Limits, heartbeat: Heartbeat) -> None:
         """Run the engine, publish its artifacts except the report, and pass on its progress."""

@@ -7,6 +7,8 @@ from pydantic import Field
 
 from core.report import Section
 
+LONGEST_SIDECAR = 2**24  # bytes of a manifest store that is read
+
 
 class CredentialState(StrEnum):
     """Outcome of judging a file by its credentials."""

@@ -7,11 +7,10 @@ from typing import Any
 import c2pa
 from cryptography.x509 import load_pem_x509_certificates
 
-from core.credentials.facts import ABSENT, Credentials, CredentialState
+from core.credentials.facts import ABSENT, LONGEST_SIDECAR, Credentials, CredentialState
 from core.credentials.manifest import MARKS
 from core.errors import ErrorCode, MeshmarkError
 
-LONGEST_SIDECAR = 16 * 2**20  # bytes
 OUT_OF_DATE = {"signingCredential.expired", "claimSignature.outsideValidity"}
 UNTRUSTED = "signingCredential.untrusted"
 

@@ -27,9 +27,21 @@ class VerificationParameters(StrictModel):
             examples=[["SAMPLE"]],
         ),
     ] = None
+    watermark: Annotated[
+        str | None,
+        StringConstraints(pattern=r"^[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}$"),
+        Field(
+            description="Id of a watermark job of yours: the file is compared with that job's asset and report, whose "
+            "texts are the known ones.",
+            examples=["6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11"],
+        ),
+    ] = None
     keep: Annotated[
         bool,
-        Field(strict=True, description="Keep the suspect file with the results; else it is deleted when the job ends."),
+        Field(
+            strict=True,
+            description="Keep the files that were sent with the results; else they are deleted when the job ends.",
+        ),
     ] = False
 
 

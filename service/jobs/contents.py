@@ -49,14 +49,15 @@ def create_job(
     parameters: dict[str, Any],
     staged: Mapping[ArtifactKind, Staged],
     submission: Submission = BY_DEFAULT,
+    shared: Mapping[ArtifactKind, Content] | None = None,
 ) -> Job:
-    """Store a job's inputs and record the job.
+    """Store a job's inputs and record the job; those it shares with another one are stored already.
 
     Raises:
         StoreUnavailableError: then nothing is recorded.
         MeshmarkError: raised by the submission's condition; then nothing is recorded and nothing kept.
     """
-    contents = {kind: Content(item.sha256, item.size) for kind, item in staged.items()}
+    contents = {kind: Content(item.sha256, item.size) for kind, item in staged.items()} | dict(shared or {})
     # A verification's page of evidence says when this very file was looked at: it is made anew each time.
     is_watermark = submission.kind is JobKind.WATERMARK
     key = result_key(parameters, contents, submission.signed) if is_watermark else None

@@ -6,7 +6,7 @@ from sqlalchemy.orm import Session, sessionmaker
 from service.errors import ServiceErrorCode
 from service.jobs import dropped
 from service.jobs.artifacts import ArtifactStore
-from service.jobs.ledger import Content, Ledger, MissingContentError, Submission
+from service.jobs.ledger import OUTPUTS, Content, Ledger, MissingContentError, Submission
 from service.jobs.models import ArtifactKind, Job, JobState, Priority
 
 DEAD = (Job.state == JobState.FAILED, Job.error_code == ServiceErrorCode.WORKER_LOST)
@@ -32,8 +32,7 @@ def retry(ledger: Ledger, store: ArtifactStore, job_id: str) -> Job:
         dead = session.scalar(select(Job).where(Job.id == job_id, *DEAD))
     if dead is None:
         raise LookupError(f"There is no job {job_id} that ended with worker_lost.")
-    inputs = {kind: dead.artifact(kind) for kind in (ArtifactKind.INPUT, ArtifactKind.FONT)}
-    contents = {kind: Content(artifact.sha256, artifact.size) for kind, artifact in inputs.items() if artifact}
+    contents = {item.kind: Content(item.sha256, item.size) for item in dead.artifacts if item.kind not in OUTPUTS}
     submission = Submission(
         tenant=dead.tenant_id,
         kind=dead.kind,

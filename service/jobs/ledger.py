@@ -35,6 +35,7 @@ from service.jobs.erasure import erase_job
 from service.jobs.events import record
 from service.jobs.migrations import NewerSchemaError, migrate
 from service.jobs.models import (
+    COMPARED,
     DEFAULT_TENANT,
     PUBLIC_TENANT,
     Artifact,
@@ -441,13 +442,13 @@ class Ledger:
     ) -> bool:
         """Bring a job into a state and record the event; False where the condition does not hold.
 
-        An input that is kept only while the job runs is forgotten with its end.
+        Inputs that are kept only while the job runs are forgotten with its end.
         """
         moved = cls._set(session, (Job.id == job_id, *condition), state=state, **values)
         if moved:
             job = record(session, job_id, state, moment)
             if state not in ACTIVE and not job.keeps_input:
-                cls._drop(session, job_id, Artifact.kind == ArtifactKind.INPUT)
+                cls._drop(session, job_id, Artifact.kind.in_(COMPARED))
         return moved
 
     @staticmethod

@@ -113,6 +113,13 @@ class ArtifactKind(StrEnum):
     PREVIEW = "preview"
     CREDENTIALS = "credentials"
     EVIDENCE = "evidence"
+    ORIGINAL = "original"
+    MARKED = "marked"
+    SIDECAR = "sidecar"
+
+
+# Files that a verification compares: the suspect, an original, the report of the job that marked this, credentials.
+COMPARED = (ArtifactKind.INPUT, ArtifactKind.ORIGINAL, ArtifactKind.MARKED, ArtifactKind.SIDECAR)
 
 
 class Lease(NamedTuple):
@@ -250,7 +257,7 @@ class Job(Base):
 
     @property
     def keeps_input(self) -> bool:
-        """Whether its input outlives its end: that of a verification does only where that was asked for."""
+        """Whether its inputs outlive its end: those of a verification do only where that was asked for."""
         return self.kind is not JobKind.VERIFICATION or bool(self.parameters.get("keep"))
 
     @property

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, BackgroundTasks, File, Form, Request, Response, UploadFile, status
 
+from core.credentials.facts import LONGEST_SIDECAR
 from core.errors import ErrorCode, MeshmarkError
 from core.verify.parameters import VerificationParameters, parse_verification
 from service import access
@@ -72,6 +73,7 @@ REFUSALS = problem_responses(
     ErrorCode.UNSUPPORTED_FORMAT,
     ErrorCode.MISSING_FILE,
     ServiceErrorCode.NOT_FOUND,
+    ServiceErrorCode.NOT_READY,
     ServiceErrorCode.UPLOAD_NOT_SENT,
     ServiceErrorCode.UPLOAD_MISMATCH,
     ServiceErrorCode.UPLOAD_EXPIRED,
@@ -107,6 +109,14 @@ SuspectPart = Annotated[
         "picture of it as PNG, JPEG or WebP."
     ),
 ]
+OriginalPart = Annotated[
+    UploadFile | None,
+    File(description="The asset without marks: the shape of the suspect file is compared with it."),
+]
+CredentialsPart = Annotated[
+    UploadFile | None,
+    File(description="The Content Credentials that came beside the suspect file: a C2PA manifest store."),
+]
 ParamsField = Annotated[
     str,
     Form(
@@ -129,6 +139,8 @@ async def create_verification(
     client: Admitted,
     params: ParamsField = "{}",
     file: SuspectPart = None,
+    original: OriginalPart = None,
+    credentials: CredentialsPart = None,
     source_url: SourceUrlField = None,
     upload_id: UploadIdField = None,
     metadata: MetadataField = "{}",
@@ -136,13 +148,15 @@ async def create_verification(
     priority: PriorityField = "normal",
     idempotency_key: IdempotencyKeyHeader = None,
 ) -> VerificationView:
-    """Accept a suspect file for verification: which marks can be read on it, and what its metadata say."""
+    """Accept a suspect file for verification: its marks, metadata and credentials, alone or against an original."""
 
     def accept() -> Accepted:
         parameters, noted = parse_verification(params), parse_metadata(metadata)
         if client.is_public:
             needs_key = {
                 "keep": parameters.keep,
+                "watermark": parameters.watermark,
+                "original": original,
                 "source_url": source_url,
                 "upload_id": upload_id,
                 "metadata": noted,
@@ -151,6 +165,7 @@ async def create_verification(
                 "Idempotency-Key": idempotency_key is not None,
             }
             parameters = _public(parameters, needs_key)
+        stage = state.artifacts.stage
         order = order_from(
             state,
             client.tenant,
@@ -161,6 +176,8 @@ async def create_verification(
             upload_id=upload_id,
             webhook=webhook,
             priority=Priority[priority.upper()],
+            original=original and stage(original.file, limit=state.settings.max_upload_bytes, name="original"),
+            sidecar=credentials and stage(credentials.file, limit=LONGEST_SIDECAR, name="credentials"),
             key=None if idempotency_key is None else parse_idempotency_key(idempotency_key),
         )
         return submit(state, order)

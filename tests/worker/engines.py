@@ -18,9 +18,12 @@ from typing import Any
 
 from core.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
+from core.notices import Notice, NoticeCode
 from core.parameters import Parameters
 from core.report import Engine, FileFacts
+from core.verify.original import Against
 from core.verify.report import ReadMark, VerificationReport
+from core.verify.seal import Seal
 from tests.worker.waiting import PATIENCE
 
 WORKER = os.getppid()  # in the template that imports this, and in its children
@@ -85,9 +88,10 @@ def directed(
 class Seen:
     report: dict[str, Any]
     pictures: tuple[bytes, ...]
+    heights: tuple[bytes, ...] = ()
 
 
-def looked_at(data: bytes, texts: Sequence[str], budgets: Budgets) -> Seen:
+def looked_at(data: bytes, texts: Sequence[str], budgets: Budgets, against: Against | None, seal: Seal) -> Seen:
     """A verification that does what the asset tells it to, and reads all texts; of a picture, it just reads."""
     assert budgets.faces > 0
     if data.startswith(b"# "):
@@ -103,10 +107,21 @@ def looked_at(data: bytes, texts: Sequence[str], budgets: Budgets) -> Seen:
         marks=marks,
         label=None,
         credentials=None,
-        warnings=[],
+        warnings=[Notice(NoticeCode.HARD_TO_READ, compared(against, seal), "")],
         timings={"all": 0.0},
     )
     return Seen(report.model_dump(mode="json"), (b"\x89PNG",) * len(marks))
+
+
+def compared(against: Against | None, seal: Seal) -> str:
+    """The first bytes of what came beside a suspect file, in words."""
+    there = {
+        "original": against and against.original,
+        "marked": against and against.report,
+        "sidecar": seal.sidecar,
+        "anchors": seal.anchors and seal.anchors.encode(),
+    }
+    return ", ".join(f"{name} {content[:12]!r}" for name, content in there.items() if content)
 
 
 def wait_for(path: str | None) -> None:
