@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from enum import StrEnum
 from types import ModuleType
+from typing import get_args
 
 from prometheus_client import REGISTRY
 from pydantic import BaseModel
@@ -28,6 +29,7 @@ from core.notices import NoticeCode
 from core.parameters import PRESETS, Parameters, parse_parameters
 from core.pipeline import STAGES
 from core.report import AssetFacts, CopyFacts, Embossing, Engine, Frame, LabelFacts, Report, Watermark
+from core.verify.parameters import MOST_TEXTS, VerificationParameters, parse_verification
 from core.verify.report import FileLabel, ReadMark, VerificationReport
 from service.__main__ import parser as service_parser
 from service.app import create_app
@@ -38,7 +40,7 @@ from service.jobs.ledger_metrics import LedgerCollector
 from service.jobs.models import JobState
 from service.problems import STATUS
 from service.routes import events, watermarks
-from service.routes.webhook_schemas import ALL
+from service.routes.webhook_schemas import Event
 from service.show_settings import as_variable
 from tests.manual import MANUAL, README, ROOT, command_lines, names, page, rows
 from tests.service.conftest import Client
@@ -165,6 +167,15 @@ def test_the_table_of_a_verification_has_the_fields_of_its_model() -> None:
     assert set(FileLabel.model_fields) <= set(re.findall(r"`(?:asset\.)?(\w+)`", page("verification")))
 
 
+def test_the_table_of_what_a_verification_is_asked_names_each_parameter_with_its_default_and_its_bound() -> None:
+    table = rows("verification", "Over HTTP")
+    assert [(name.strip("`"), default) for name, default, _ in table] == [
+        (name, SAID.get(field.default, str(field.default)).lower())
+        for name, field in VerificationParameters.model_fields.items()
+    ]
+    assert f"up to {MOST_TEXTS} " in table[0][2]
+
+
 def test_the_tables_of_warnings_have_every_code_that_a_report_may_warn_of() -> None:
     assert names("report", "Warnings") == [*NoticeCode]
     source = "".join(path.read_text() for path in (ROOT / "core").rglob("*.py"))
@@ -205,7 +216,9 @@ def test_every_state_and_every_stage_of_a_job_is_named() -> None:
 
 
 def test_every_event_that_an_endpoint_may_name_is_on_the_page_of_webhooks() -> None:
-    assert set(re.findall(r"watermark\.[a-z]+", page("webhooks"))) == set(ALL)
+    assert set(re.findall(r"(?:watermark|verification)\.[a-z]+", page("webhooks"))) - {"verification.md"} == {
+        *get_args(Event)
+    }
 
 
 def routes(*modules: ModuleType) -> set[str]:
@@ -233,7 +246,8 @@ def test_the_parameters_in_the_examples_are_valid() -> None:
     examples += re.findall(r"```json\n(.*?)```", page("parameters"), re.DOTALL)
     assert len(examples) >= 4
     for example in examples:
-        parse_parameters(example)
+        parse = parse_verification if "texts" in example else parse_parameters
+        parse(example)
 
 
 def test_the_hook_in_the_readme_can_be_configured() -> None:
