@@ -1,6 +1,7 @@
 """Imports at once all modules that :mod:`core.pipeline` imports on demand, for processes that run it often."""
 
 from importlib import import_module
+from importlib.util import find_spec
 
 from core.rendering import renderer
 
@@ -21,10 +22,13 @@ LATER = (
     *("PIL.BmpImagePlugin", "PIL.GifImagePlugin", "PIL.JpegImagePlugin", "PIL.PngImagePlugin", "PIL.PpmImagePlugin"),
     "PIL.WebPImagePlugin",
 )
+OF_CREDENTIALS = "core.credentials.read"  # where the extra c2pa is installed
 
 
 def preload() -> None:
     """Import the modules and nothing else: the process still has one thread and no device open, and can be forked."""
     for name in LATER:
         import_module(name)
+    if find_spec("c2pa"):
+        import_module(OF_CREDENTIALS)
     renderer.preload()
