@@ -97,7 +97,7 @@ class LinksView(BaseModel):
 
 
 class AnyJobView(BaseModel):
-    """What a job of every kind has."""
+    """A job of any kind."""
 
     id: str
     state: JobState
