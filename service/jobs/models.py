@@ -27,7 +27,7 @@ PUBLIC_TENANT = "@public"  # the owner of verifications without a key; no name t
 
 
 class JobKind(StrEnum):
-    """What a job does."""
+    """Kind of work that a job is."""
 
     WATERMARK = "watermark"
     VERIFICATION = "verification"
@@ -257,7 +257,7 @@ class Job(Base):
 
     @property
     def keeps_input(self) -> bool:
-        """Whether its inputs outlive its end: those of a verification do only where that was asked for."""
+        """True where its inputs outlive its end: those of a verification do only where that was asked for."""
         return self.kind is not JobKind.VERIFICATION or bool(self.parameters.get("keep"))
 
     @property

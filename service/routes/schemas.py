@@ -97,7 +97,7 @@ class LinksView(BaseModel):
 
 
 class AnyJobView(BaseModel):
-    """What a job of every kind has."""
+    """Fields of a job of every kind."""
 
     id: str
     state: JobState

@@ -1,4 +1,4 @@
-"""What every form that brings an asset has, and the answer that takes it, for the routes of every kind of job."""
+"""Form fields common to all requests that bring an asset, and the answer to them, for every kind of job."""
 
 from typing import Annotated, Any
 
