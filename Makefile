@@ -57,6 +57,10 @@ verified: $(VENV)/.tests ## Mark every file of MESHES=DIR, attack it (ATTACKS="c
 	@test -n "$(MESHES)" || { echo "usage: make verified MESHES=DIR [ATTACKS=...]"; exit 2; }
 	@$(BIN)/python -m tests.verified $(MESHES) $(if $(ATTACKS),--attacks "$(ATTACKS)")
 
+compared: $(VENV)/.tests ## Mark every file of MESHES=DIR, attack it (ATTACKS="crop,noise") and compare it with its original
+	@test -n "$(MESHES)" || { echo "usage: make compared MESHES=DIR [ATTACKS=...]"; exit 2; }
+	@$(BIN)/python -m tests.compared $(MESHES) $(if $(ATTACKS),--attacks "$(ATTACKS)")
+
 benchmark: $(VENV)/.tests ## Compare all methods on the files of MESHES=DIR; the report goes to OUT=DIR
 	@sh docker/system-packages.sh service
 	$(BIN)/meshmark benchmark $(MESHES) --out $(OUT)
@@ -104,4 +108,4 @@ $(VENV)/.tests: $(VENV)/.service
 	$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable '.[test,benchmark]'
 	touch $@
 
-.PHONY: help install demo run test check survey delivered features design labels verified benchmark ablation fuzz faults load attacks audit docker-test openapi clean
+.PHONY: help install demo run test check survey delivered features design labels verified compared benchmark ablation fuzz faults load attacks audit docker-test openapi clean

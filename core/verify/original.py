@@ -178,7 +178,7 @@ def align(suspect: Surface, reference: Reference) -> Aligned:
 
 
 def _shown(aligned: Aligned, reference: Reference) -> float:
-    """How much of the reported marks an alignment shows."""
+    """Likeness of all reported marks together, or what stands out of them where their artwork is not known."""
     likeness = _likeness(aligned, reference)
     if likeness is not None:
         return float(sum(likeness))

@@ -31,7 +31,7 @@ class RegistrationOptions:
         cap: of the original's radius, from which on a distance counts no more when alignments are compared.
         near: of the original's radius, within which a point of the original counts as covered.
         alike: of the original's radius, mean distance by which another alignment may be worse than the best and still
-            be given: surfaces that are the same turned.
+            be given: surfaces that are the same turned. World coordinates as they are may be twice as much worse.
         cells: of a side of the grid of distances, which reaches so many size-30 units from the middle.
         reach: that.
     """
@@ -125,7 +125,7 @@ def registrations(
     last = [_refined(start, one.points, other, options.last_steps, options) for start in last]
     cost = np.array([_cost(found, one, other, options.points, options) for found in last])
     # A corner that was cropped off a box fits it at many scales: what lies where it did before comes first.
-    rank = np.argsort(np.where(np.arange(len(last)) == 0, cost - options.alike, cost), kind="stable")
+    rank = np.argsort(np.where(np.arange(len(last)) == 0, cost - 2 * options.alike, cost), kind="stable")
     alike = [last[number] for number in rank if cost[number] <= cost[rank[0]] + options.alike]
     return [_measured(found, one, other, options) for found in _distinct(alike, options)]
 

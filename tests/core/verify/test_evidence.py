@@ -140,6 +140,42 @@ def test_it_says_of_credentials_that_they_are_not_the_files() -> None:
     assert "Content Credentials" not in page(credentials=None).text
 
 
+def test_the_comparison_with_an_original_is_shown_with_its_reliefs() -> None:
+    mark = {"index": 7, "text": EVIL, "height": 0.0123, "surface": 1.0}
+    reported = {"present": True, "correlation": 0.98, "standing_out": 0.4}
+    original: dict[str, Any] = {
+        "file": {"sha256": "cd" * 32, "bytes": 1, "format": "glb"},
+        "is_asset": True,
+        "is_result": False,
+        "scale": 2.5,
+        "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+        "translation": [0, 0, 0],
+        "residual": 0.0012,
+        "covered": 0.5,
+        "marks": [mark | reported, mark | {"present": False, "correlation": None, "standing_out": 0.0}],
+    }
+    reliefs = (b"red", b"blue")
+    shown = Page(evidence_page(report(original=original), [PICTURE], "cow.glb", MOMENT, reliefs))
+    said = (
+        "cd" * 32,
+        "0.12 %",
+        "50 % of the original",
+        "1 of 2 are there",
+        "this very file",
+        EVIL,
+        "0.98 of 1",
+        "0.0123",
+    )
+    assert [one for one in (*said, "--original ORIGINAL --report-of REPORT") if one not in shown.text] == []
+    assert [str(found["src"]).split(",")[1] for found in shown.attributes("img")[1:]] == [
+        base64.b64encode(relief).decode() for relief in reliefs
+    ]
+    original |= {"is_asset": None, "is_result": None, "marks": [mark]}
+    unasked = Page(evidence_page(report(original=original), [PICTURE], "cow.glb", MOMENT, reliefs[:1]))
+    assert "are there" not in unasked.text
+    assert "--report-of" not in unasked.text
+
+
 def test_nothing_found_and_nothing_asked_is_told_too() -> None:
     nothing = page("cow.glb", (), texts=[], found=None, marks=[], label=None, warnings=[])
     assert "No text was asked for; 0 marks read." in nothing.text

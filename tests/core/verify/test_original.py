@@ -3,6 +3,7 @@
 import io
 import json
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from core.budgets import DEFAULT_BUDGETS
+from core.cli import main
 from core.errors import ErrorCode, MeshmarkError
 from core.gltf.scene import scene_of
 from core.lab.plain import Mesh, plain_glb
@@ -150,6 +152,13 @@ def test_a_picture_has_no_shape_to_compare() -> None:
     with pytest.raises(MeshmarkError, match="picture") as error:
         verify(file.getvalue(), against=Against(SPOT))
     assert error.value.code is ErrorCode.INVALID_PARAMETERS
+
+
+def test_a_report_needs_the_file_that_its_job_marked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "spot.glb"
+    file.write_bytes(SPOT)
+    assert main(["verify", str(file), "--report-of", str(file)]) == 1
+    assert "`--original`" in capsys.readouterr().err
 
 
 def test_the_texts_of_a_report_are_those_that_are_looked_for() -> None:

@@ -34,7 +34,7 @@ def png(picture: Any) -> bytes:
 
 
 def post(client: Client, content: bytes | None = None, params: str = '{"texts": ["HI"]}', **more: Any) -> Response:
-    parts = {"file": ("suspect.obj", asset() if content is None else content)}
+    parts = {"file": ("suspect.obj", asset() if content is None else content), **more.pop("files", {})}
     data = {"params": params, **more.pop("data", {})}
     return client.http.post(PLACE, files=parts, data=data, **more)
 
@@ -55,7 +55,7 @@ def test_a_suspect_file_becomes_a_report_and_a_page_of_evidence_and_is_gone(clie
     place = response.headers["Location"]
     assert place == f"{PLACE}/{job['id']}" == job["links"]["self"]
     assert (job["state"], job["input"]["filename"]) == ("queued", "suspect.obj")
-    assert job["parameters"] == {"texts": ["HI"], "keep": False}
+    assert job["parameters"] == {"texts": ["HI"], "watermark": None, "keep": False}
     assert client.http.get(place).json() == job
     client.run(place)
     done = client.http.get(place).json()
@@ -246,6 +246,67 @@ def test_the_real_engine_reads_a_picture_and_shows_what_it_read(client: Client) 
     assert "data:image/png;base64," in client.http.get(f"{place}/evidence").text
 
 
+def seen(client: Client, place: str) -> str:
+    """What came beside the file, as the tests' engine saw it."""
+    client.run(place)
+    job = client.http.get(place).json()
+    assert job["state"] == "succeeded", job
+    [warning] = client.http.get(f"{place}/report").json()["warnings"]
+    return str(warning["message"])
+
+
+def test_an_original_and_credentials_come_with_the_file_and_go_with_it(tmp_path: Path) -> None:
+    roots = tmp_path / "roots.pem"
+    roots.write_text("-----BEGIN ROOTS")
+    with client_with(Settings(data_dir=tmp_path / "data", c2pa_trust=roots)) as client:
+        files = {"original": ("original.obj", asset(name="original")), "credentials": ("s.c2pa", b"a manifest")}
+        place = sent(client, files=files)
+        assert stored(client) == 3
+        assert seen(client, place) == ("original b'# {\"do\": \"wo', sidecar b'a manifest', anchors b'-----BEGIN R'")
+        assert stored(client) == 2, "the report and the page"
+
+
+def test_a_file_is_compared_with_what_a_job_of_ones_own_was_sent_and_told(client: Client) -> None:
+    marked = client.submit(asset(name="original"), '{"text": "ORDER-4711"}')
+    before = f'{{"watermark": "{marked.rsplit("/", 1)[1]}"}}'
+    assert post(client, params=before).json()["code"] == "not_ready"
+    client.run(marked)
+    place = sent(client, params=before)
+    assert client.http.get(place).json()["parameters"]["texts"] == [], "the report has them"
+    assert seen(client, place) == 'original b\'# {"do": "wo\', marked b\'{"text": "OR\''
+    assert client.http.get(f"{marked}/model").status_code == 200, "the job has its files still"
+    assert client.http.delete(marked).status_code == 204
+    assert post(client, params=before).json()["code"] == "not_ready"
+    verification = f'{{"watermark": "{place.rsplit("/", 1)[1]}"}}'
+    assert post(client, params=verification).json()["code"] == "not_found"
+    both = {"original": ("original.obj", asset())}
+    assert post(client, params=before, files=both).json()["code"] == "invalid_request"
+
+
+def test_a_job_of_another_tenant_is_not_there_to_be_compared_with(public: Client) -> None:
+    parts, headers = {"file": ("asset.obj", asset())}, bearer(public)
+    sent_ = public.http.post("/v1/watermarks", files=parts, data={"params": '{"text": "HI"}'}, headers=headers)
+    public.run(sent_.headers["Location"])
+    params = f'{{"watermark": "{sent_.json()["id"]}"}}'
+    assert post(public, params=params, headers=headers).status_code == 202
+    assert post(public, params=params, headers=bearer(public, "other")).json()["code"] == "not_found"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "status", "code"),
+    [
+        ("original", b"", 422, "empty_file"),
+        ("original", HUGE, 415, "unknown_format"),
+        ("original", b"x" * 100_001, 413, "upload_too_large"),
+        ("credentials", b"x" * (2**24 + 1), 413, "upload_too_large"),
+    ],
+)
+def test_what_comes_beside_a_file_is_looked_at_too(
+    client: Client, name: str, content: bytes, status: int, code: str
+) -> None:
+    refused(client, post(client, files={name: (name, content)}), status, code)
+
+
 def open_to_all(folder: Path, **more: Any) -> Settings:
     """Of a service with keys that anybody may verify files with, twice a minute."""
     return Settings(data_dir=folder, auth="keys", public_verification=True, public_verifications_per_minute=2, **more)
@@ -295,6 +356,8 @@ def test_without_a_key_only_little_is_possible(public: Client) -> None:
     ("name", "request_"),
     [
         ("keep", {"params": '{"keep": true}'}),
+        ("original", {"files": {"original": ("original.obj", asset())}}),
+        ("watermark", {"params": '{"watermark": "6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11"}'}),
         ("webhook", {"data": {"webhook": "https://shop.example/hook"}}),
         ("metadata", {"data": {"metadata": '{"a": "b"}'}}),
         ("priority", {"data": {"priority": "high"}}),
