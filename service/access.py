@@ -36,7 +36,7 @@ class Client:
 
     @property
     def is_public(self) -> bool:
-        """True for anybody, who has no key where others need one."""
+        """True for anybody who has no key where others need one."""
         return self.tenant == PUBLIC_TENANT
 
 

@@ -27,7 +27,7 @@ PUBLIC_TENANT = "@public"  # the owner of verifications without a key; no name t
 
 
 class JobKind(StrEnum):
-    """Kind of work of a job."""
+    """Kind of work that a job is."""
 
     WATERMARK = "watermark"
     VERIFICATION = "verification"

@@ -97,7 +97,7 @@ class LinksView(BaseModel):
 
 
 class AnyJobView(BaseModel):
-    """A job of any kind."""
+    """Fields of a job of every kind."""
 
     id: str
     state: JobState
