@@ -34,6 +34,7 @@ from service.readiness import Readiness
 from service.request_id import RequestId
 from service.routes import batch, events, health, hooks, uploads, verifications, watermarks, webhook_endpoints
 from service.routes.report_example import REPORT
+from service.routes.verification_example import VERIFICATION
 from service.state import AppState
 from service.template import Template
 from service.webhooks.vault import Vault, read_keys
@@ -92,6 +93,7 @@ class Application(FastAPI):
             for name, schema in (_components(Report) | _components(VerificationReport)).items():
                 schemas.setdefault(name, schema)  # what other answers have too is described already
             schemas["Report"]["examples"] = [REPORT]
+            schemas["VerificationReport"]["examples"] = [VERIFICATION]
             for name in ("HTTPValidationError", "ValidationError"):  # FastAPI's own shape, which is never sent
                 schemas.pop(name, None)
             document["components"]["securitySchemes"] = {

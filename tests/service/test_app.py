@@ -7,8 +7,10 @@ import yaml
 
 from core.notices import NoticeCode
 from core.report import Report
+from core.verify.report import VerificationReport
 from service.__main__ import openapi
 from service.routes.report_example import REPORT
+from service.routes.verification_example import VERIFICATION
 
 COMMITTED = Path(__file__).parents[2] / "openapi.yaml"
 
@@ -45,11 +47,13 @@ def test_the_openapi_document_describes_the_report_field_by_field() -> None:
     assert [Report.model_validate(example).model_dump(mode="json") for example in schemas["Report"]["examples"]] == [
         REPORT
     ]
+    [seen] = schemas["VerificationReport"]["examples"]
+    assert VerificationReport.model_validate(seen).model_dump(mode="json") == VERIFICATION
     assert schemas["NoticeCode"]["enum"] == [*NoticeCode]
     assert schemas["Watermark"]["properties"]["relief"]["description"] == "Height of its letters, world units."
 
 
-@pytest.mark.parametrize("module", ["service.__main__", "worker.app", "worker.webhooks"])
+@pytest.mark.parametrize("module", ["service.__main__", "worker.app", "worker.webhooks", "worker.signer"])
 def test_neither_api_nor_worker_loads_the_engines_heavy_libraries(module: str) -> None:
     heavy = [
         "torch",
