@@ -1,6 +1,7 @@
 """A job of a dropped file whose worker died too often, and that is tried again."""
 
 import time
+from contextlib import ExitStack
 from io import BytesIO
 
 import pytest
@@ -28,6 +29,18 @@ def claimed(ledger: Ledger, job_id: str) -> Job:
     job = ledger.claim(job_id, 60)
     assert job is not None
     return job
+
+
+def test_a_dead_job_that_is_tried_again_has_all_that_it_was_sent(client: Client) -> None:
+    ledger, store = client.worker.ledger, client.artifacts
+    parts = (ArtifactKind.INPUT, ArtifactKind.FONT, ArtifactKind.LOGO)
+    with ExitStack() as stack:
+        staged = {kind: stack.enter_context(store.stage(BytesIO(kind.encode()), limit=9, name=kind)) for kind in parts}
+        job_id = contents.create_job(ledger, store, "a.obj", {"text": "HI"}, staged).id
+    dead(client, job_id)
+    again = ledger.get(retry(ledger, store, job_id).id)
+    assert again is not None
+    assert {item.kind: item.sha256 for item in again.artifacts} == {kind: staged[kind].sha256 for kind in parts}
 
 
 @pytest.mark.parametrize("brought", [False, True])
