@@ -6,13 +6,17 @@ from itertools import pairwise
 
 from cryptography import x509
 from cryptography.exceptions import InvalidSignature
-from cryptography.hazmat.primitives.asymmetric.ec import SECP256R1, EllipticCurvePrivateKey, generate_private_key
+from cryptography.hazmat.primitives.asymmetric.ec import (
+    SECP256R1,
+    EllipticCurvePrivateKey,
+    EllipticCurvePublicKey,
+    generate_private_key,
+)
 from cryptography.hazmat.primitives.hashes import SHA256
 from cryptography.hazmat.primitives.serialization import (
     Encoding,
     NoEncryption,
     PrivateFormat,
-    PublicFormat,
     load_pem_private_key,
 )
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID, ObjectIdentifier
@@ -50,8 +54,9 @@ def read_chain(certificates: bytes, key: bytes, moment: datetime) -> Chain:
         UnusableChainError: they cannot, and why.
     """
     private, chain = _private_key(key), _certificates(certificates)
-    leaf = chain[0]
-    if _public(leaf.public_key()) != _public(private.public_key()):
+    leaf, public = chain[0], private.public_key().public_numbers()
+    certified = leaf.public_key()
+    if not isinstance(certified, EllipticCurvePublicKey) or certified.public_numbers() != public:
         raise UnusableChainError("The key is not that of the chain's first certificate.")
     if len(chain) < 2:
         raise UnusableChainError("The chain has one certificate only: the issuer's must follow the signer's own.")
@@ -114,11 +119,6 @@ def _may_sign(leaf: x509.Certificate) -> bool:
     except x509.ExtensionNotFound:
         return False
     return usage.digital_signature and not PURPOSES.isdisjoint(purposes)
-
-
-def _public(key: object) -> bytes:
-    encoded = getattr(key, "public_bytes")(Encoding.DER, PublicFormat.SubjectPublicKeyInfo)  # noqa: B009
-    return bytes(encoded)
 
 
 def _name(certificate: x509.Certificate) -> str:
