@@ -49,11 +49,9 @@ def read_credentials(
             return _judged(json.loads(reader.json()))
     except c2pa.C2paError.ManifestNotFound:
         return ABSENT
-    except c2pa.C2paError.NotSupported:
-        if sidecar is None:
-            return ABSENT  # the format holds none
-        raise
     except c2pa.C2paError as error:
+        if sidecar is None and isinstance(error, c2pa.C2paError.NotSupported):
+            return ABSENT  # the format holds none
         raise _unreadable(" ".join(str(error).split())) from None
 
 
@@ -74,9 +72,9 @@ def _judged(store: dict[str, Any]) -> Credentials:
     codes = sorted({failure["code"] for failure in results["failure"]})
     signature = manifest.get("signature_info") or {}
     generators = manifest.get("claim_generator_info") or [{}]
-    said = {one["label"]: one.get("data") or {} for one in manifest.get("assertions", [])}
-    actions = [*said.get("c2pa.actions.v2", {}).get("actions", []), *said.get("c2pa.actions", {}).get("actions", [])]
-    sources = [action["digitalSourceType"] for action in actions if action.get("digitalSourceType")]
+    said = {one["label"]: one.get("data") for one in manifest.get("assertions", [])}
+    actions = [*_items(said.get("c2pa.actions.v2"), "actions"), *_items(said.get("c2pa.actions"), "actions")]
+    sources = filter(None, (action.get("digitalSourceType") for action in actions))
     return Credentials(
         state=_state(store["validation_state"], codes),
         codes=codes,
@@ -85,10 +83,16 @@ def _judged(store: dict[str, Any]) -> Credentials:
         time=signature.get("time"),
         generator=" ".join(filter(None, [generators[0].get("name"), generators[0].get("version")])) or None,
         title=manifest.get("title"),
-        source_type=sources[0] if sources else None,
-        actions=tuple(str(action["action"]) for action in actions),
-        marks=tuple(str(mark["text"]) for mark in said.get(MARKS, {}).get("watermarks", [])),
+        source_type=next(map(str, sources), None),
+        actions=tuple(str(action.get("action")) for action in actions),
+        marks=tuple(str(mark.get("text")) for mark in _items(said.get(MARKS), "watermarks")),
     )
+
+
+def _items(data: Any, name: str) -> list[dict[str, Any]]:
+    """The objects of a list in an assertion, which whoever signs it may shape as they like."""
+    items = data.get(name) if isinstance(data, dict) else None
+    return [item for item in items if isinstance(item, dict)] if isinstance(items, list) else []
 
 
 def _state(said: str, codes: list[str]) -> CredentialState:

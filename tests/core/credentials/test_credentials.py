@@ -97,6 +97,17 @@ def test_a_manifest_that_is_not_whole_is_refused_in_words(sidecar: bytes, cut: i
     assert caught.value.code == ErrorCode.MALFORMED_FILE
 
 
+@pytest.mark.parametrize(
+    "shaped", [[], "text", 7, None, {}, {"watermarks": {}}, {"watermarks": [1, None, [], {}, {"text": 5}]}]
+)
+def test_a_statement_of_another_shape_than_ours_is_no_fault_of_the_file(signer: Signer, shaped: Any) -> None:
+    made = definition(REPORT, "fox.glb", GLB)
+    made["assertions"][1]["data"] = shaped
+    found = read_credentials(MODEL, GLB, signer.sign(io.BytesIO(MODEL), made, io.BytesIO()))
+    assert found.state == CredentialState.VALID
+    assert found.marks in ((), ("None", "5"))
+
+
 def test_a_file_without_credentials_has_none() -> None:
     picture = io.BytesIO()
     Image.new("RGB", (4, 4)).save(picture, "PNG")
