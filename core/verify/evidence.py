@@ -4,6 +4,7 @@ import base64
 import html
 import shlex
 import unicodedata
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
@@ -264,6 +265,11 @@ def _label(label: Mapping[str, Any] | None) -> str:
     return _section("Metadata", f'{said}\n<p class="soft">Anybody can write and delete these.</p>')
 
 
+def _counted(texts: Iterable[str]) -> Iterable[str]:
+    """Each of some texts once, with their number where there are several."""
+    return (text if number == 1 else f"{text} ({number:,} times)" for text, number in Counter(texts).items())
+
+
 def _credentials(credentials: Mapping[str, Any] | None) -> str:
     if credentials is None:
         return ""
@@ -272,7 +278,10 @@ def _credentials(credentials: Mapping[str, Any] | None) -> str:
     rows = [("state", judged), ("failures", _said(", ".join(credentials["codes"])))]
     for name in ("issuer", "name", "time", "generator", "title", "source_type"):
         rows.append((CREDENTIAL_NAMES.get(name, name), _said(credentials[name] or "")))
-    rows += [("actions", _said(", ".join(credentials["actions"]))), ("marks", _said(", ".join(credentials["marks"])))]
+    rows += [
+        ("actions", _said(", ".join(credentials["actions"]))),
+        ("marks", _said(", ".join(_counted(credentials["marks"])))),
+    ]
     return _section("Content Credentials", _table((name, value) for name, value in rows if value != _said("")))
 
 

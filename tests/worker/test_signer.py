@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 from PIL import Image
-from sqlalchemy import update
+from sqlalchemy import select, update
 
 from core.credentials.facts import CredentialState
 from core.credentials.read import read_credentials
@@ -136,7 +136,8 @@ def test_the_sidecar_fits_the_model_and_the_picture_has_its_own(signed: Signed, 
 
 def test_no_worker_does_the_work_again_because_no_signer_runs(signed: Signed) -> None:
     url = signed.finish()
-    signed.client.worker.settings = signed.client.worker.settings.model_copy(update={"lease_seconds": 0.1})
+    with signed.client.worker.ledger.sessions() as session:
+        assert session.scalars(select(Job.lease_expires_at)).all() == [None], "whenever it is looked for"
     sweep(signed.client.worker)
     assert (signed.job(url)["state"], signed.job(url)["attempts"]) == ("running", 1)
 

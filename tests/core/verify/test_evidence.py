@@ -138,6 +138,8 @@ def test_it_says_of_credentials_that_they_are_not_the_files() -> None:
     assert "tampered: they are not those of this file, or were changed" in shown.text
     assert "assertion.dataHash.mismatch" in shown.text
     assert "Content Credentials" not in page(credentials=None).text
+    marked = {"state": "valid", "codes": [], "marks": ["SAMPLE", "AI", "SAMPLE"]}
+    assert "SAMPLE (2 times), AI" in page(credentials=marked).text
 
 
 def test_the_comparison_with_an_original_is_shown_with_its_reliefs() -> None:
