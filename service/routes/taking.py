@@ -4,10 +4,48 @@ from typing import Annotated, Any
 
 from fastapi import BackgroundTasks, Form, Header, Response
 
+from core.errors import Code, ErrorCode
+from service.errors import ServiceErrorCode
 from service.routes.schemas import PriorityName
 from service.state import AppState
 from service.submission import Accepted
 
+# Refusals of a request that brings a file, whatever is to be done with it.
+OF_FILES: tuple[Code, ...] = (
+    ErrorCode.INVALID_REQUEST,
+    ServiceErrorCode.UPLOAD_TOO_LARGE,
+    ServiceErrorCode.UNSUPPORTED_MEDIA_TYPE,
+    ErrorCode.UNKNOWN_FORMAT,
+    ErrorCode.UNSUPPORTED_FORMAT,
+    ErrorCode.MISSING_FILE,
+    ServiceErrorCode.NOT_FOUND,
+    ServiceErrorCode.UPLOAD_NOT_SENT,
+    ServiceErrorCode.UPLOAD_MISMATCH,
+    ServiceErrorCode.UPLOAD_EXPIRED,
+    ServiceErrorCode.SOURCE_URL_DISABLED,
+    ServiceErrorCode.ADDRESS_REFUSED,
+    ErrorCode.EMPTY_FILE,
+    ErrorCode.INVALID_PARAMETERS,
+    ServiceErrorCode.INVALID_METADATA,
+    ServiceErrorCode.NO_WEBHOOK_SECRET,
+    ServiceErrorCode.IDEMPOTENCY_KEY_IN_USE,
+    ServiceErrorCode.IDEMPOTENCY_KEY_REUSED,
+    ServiceErrorCode.TOO_MANY_JOBS,
+    ServiceErrorCode.TOO_MANY_UPLOADS,
+    ServiceErrorCode.REQUEST_TIMEOUT,
+    ServiceErrorCode.QUOTA_EXCEEDED,
+    ErrorCode.MALFORMED_FILE,
+    ErrorCode.TRUNCATED_FILE,
+    ErrorCode.NO_FACES,
+    ErrorCode.NON_FINITE_POSITIONS,
+    ErrorCode.INDEX_OUT_OF_RANGE,
+    ErrorCode.BUDGET_EXCEEDED,
+    ErrorCode.UNSUPPORTED_FEATURE,
+    ErrorCode.EXTERNAL_REFERENCE,
+    ErrorCode.ENGINE_CRASHED,
+    ErrorCode.INTERNAL_ERROR,
+    ServiceErrorCode.SERVICE_UNAVAILABLE,
+)
 ACCEPTED: dict[int | str, dict[str, Any]] = {
     202: {
         "description": "The new job, or that of an earlier request with the same `Idempotency-Key`.",

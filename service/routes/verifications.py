@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, BackgroundTasks, File, Form, Request, Response, UploadFile, status
 
 from core.credentials.facts import LONGEST_SIDECAR
-from core.errors import ErrorCode, MeshmarkError
+from core.errors import MeshmarkError
 from core.verify.parameters import VerificationParameters, parse_verification
 from service import access
 from service.access import Admitted, Client, GuardedRoute, PublicRoute
@@ -35,6 +35,7 @@ from service.routes.lists import (
 from service.routes.stored import UNKNOWN, delete_job, download, find_job, send_file
 from service.routes.taking import (
     ACCEPTED,
+    OF_FILES,
     IdempotencyKeyHeader,
     MetadataField,
     PriorityField,
@@ -66,40 +67,8 @@ SHOWN_SAFELY = {
 
 REFUSALS = problem_responses(
     *access.REFUSALS,
-    ErrorCode.INVALID_REQUEST,
-    ServiceErrorCode.UPLOAD_TOO_LARGE,
-    ServiceErrorCode.UNSUPPORTED_MEDIA_TYPE,
-    ErrorCode.UNKNOWN_FORMAT,
-    ErrorCode.UNSUPPORTED_FORMAT,
-    ErrorCode.MISSING_FILE,
-    ServiceErrorCode.NOT_FOUND,
+    *OF_FILES,
     ServiceErrorCode.NOT_READY,
-    ServiceErrorCode.UPLOAD_NOT_SENT,
-    ServiceErrorCode.UPLOAD_MISMATCH,
-    ServiceErrorCode.UPLOAD_EXPIRED,
-    ServiceErrorCode.SOURCE_URL_DISABLED,
-    ServiceErrorCode.ADDRESS_REFUSED,
-    ErrorCode.EMPTY_FILE,
-    ErrorCode.INVALID_PARAMETERS,
-    ServiceErrorCode.INVALID_METADATA,
-    ServiceErrorCode.NO_WEBHOOK_SECRET,
-    ServiceErrorCode.IDEMPOTENCY_KEY_IN_USE,
-    ServiceErrorCode.IDEMPOTENCY_KEY_REUSED,
-    ServiceErrorCode.TOO_MANY_JOBS,
-    ServiceErrorCode.TOO_MANY_UPLOADS,
-    ServiceErrorCode.REQUEST_TIMEOUT,
-    ServiceErrorCode.QUOTA_EXCEEDED,
-    ErrorCode.MALFORMED_FILE,
-    ErrorCode.TRUNCATED_FILE,
-    ErrorCode.NO_FACES,
-    ErrorCode.NON_FINITE_POSITIONS,
-    ErrorCode.INDEX_OUT_OF_RANGE,
-    ErrorCode.BUDGET_EXCEEDED,
-    ErrorCode.UNSUPPORTED_FEATURE,
-    ErrorCode.EXTERNAL_REFERENCE,
-    ErrorCode.ENGINE_CRASHED,
-    ErrorCode.INTERNAL_ERROR,
-    ServiceErrorCode.SERVICE_UNAVAILABLE,
 )
 
 SuspectPart = Annotated[

@@ -12,7 +12,6 @@ from service import access
 from service.access import Admitted, Client, GuardedRoute
 from service.asset_route import AssetRoute
 from service.delivery import disposition
-from service.errors import ServiceErrorCode
 from service.idempotency_key import parse_idempotency_key
 from service.jobs.listing import Filters
 from service.jobs.models import ArtifactKind, Priority
@@ -33,6 +32,7 @@ from service.routes.schemas import JobPage, JobView, view
 from service.routes.stored import UNKNOWN, delete_job, download, find_job, send_file
 from service.routes.taking import (
     ACCEPTED,
+    OF_FILES,
     IdempotencyKeyHeader,
     MetadataField,
     PriorityField,
@@ -71,43 +71,11 @@ SUFFIXES = {
 
 REFUSALS = problem_responses(
     *access.REFUSALS,
-    ErrorCode.INVALID_REQUEST,
-    ServiceErrorCode.UPLOAD_TOO_LARGE,
-    ServiceErrorCode.UNSUPPORTED_MEDIA_TYPE,
-    ErrorCode.UNKNOWN_FORMAT,
-    ErrorCode.UNSUPPORTED_FORMAT,
-    ErrorCode.MISSING_FILE,
-    ServiceErrorCode.NOT_FOUND,
-    ServiceErrorCode.UPLOAD_NOT_SENT,
-    ServiceErrorCode.UPLOAD_MISMATCH,
-    ServiceErrorCode.UPLOAD_EXPIRED,
-    ServiceErrorCode.SOURCE_URL_DISABLED,
-    ServiceErrorCode.ADDRESS_REFUSED,
-    ErrorCode.EMPTY_FILE,
-    ErrorCode.INVALID_PARAMETERS,
+    *OF_FILES,
     ErrorCode.EMPTY_TEXT,
     ErrorCode.MISSING_GLYPHS,
     ErrorCode.INVALID_FONT,
     ErrorCode.INVALID_LOGO,
-    ServiceErrorCode.INVALID_METADATA,
-    ServiceErrorCode.NO_WEBHOOK_SECRET,
-    ServiceErrorCode.IDEMPOTENCY_KEY_IN_USE,
-    ServiceErrorCode.IDEMPOTENCY_KEY_REUSED,
-    ServiceErrorCode.TOO_MANY_JOBS,
-    ServiceErrorCode.TOO_MANY_UPLOADS,
-    ServiceErrorCode.REQUEST_TIMEOUT,
-    ServiceErrorCode.QUOTA_EXCEEDED,
-    ErrorCode.MALFORMED_FILE,
-    ErrorCode.TRUNCATED_FILE,
-    ErrorCode.NO_FACES,
-    ErrorCode.NON_FINITE_POSITIONS,
-    ErrorCode.INDEX_OUT_OF_RANGE,
-    ErrorCode.BUDGET_EXCEEDED,
-    ErrorCode.UNSUPPORTED_FEATURE,
-    ErrorCode.EXTERNAL_REFERENCE,
-    ErrorCode.ENGINE_CRASHED,
-    ErrorCode.INTERNAL_ERROR,
-    ServiceErrorCode.SERVICE_UNAVAILABLE,
 )
 
 AssetPart = Annotated[
