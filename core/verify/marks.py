@@ -14,7 +14,7 @@ from core.metrics.recognition import Reader
 from core.rendering.renderer import Frame, Renderer
 from core.verify.look import Look, Picture, look
 from core.verify.places import Place, places
-from core.verify.readings import Reading, Spot, readings
+from core.verify.readings import KINDS, Reading, Spot, readings
 from core.verify.report import Kind
 from core.verify.texts import best, enough, likeness
 
@@ -191,7 +191,7 @@ def _settled(place: Place, texts: Sequence[str]) -> bool:
 def _passages(lines: list[Reading]) -> list[Reading]:
     """The lines of each near picture joined from the top down: texts of several lines."""
     joined = []
-    for kind in ("ordinary", "relief"):
+    for kind in KINDS:
         mine = sorted(
             (one for one in lines if one.kind == kind and one.confidence >= SURE), key=lambda one: one.spot.row
         )

@@ -67,8 +67,8 @@ def verify(
             be drawn, and so nothing be read; ``different_model`` where the original is that of another;
             ``invalid_parameters`` for a job's report that is none, and for an original of a picture.
     """
-    start, reader = time.perf_counter(), Reader()
-    kind = picture_format(data)
+    start, kind = time.perf_counter(), picture_format(data)
+    reader = Reader() if kind else Reader(threads=1)  # of a model, many pictures are read at a time
     if kind and against:
         raise _no_shape()
     credentials = judge(data, kind, seal)
