@@ -1,7 +1,8 @@
 """`make verified MESHES=DIR`: how surely marks are read back from every file of a folder, by attack.
 
-Each asset is marked with default parameters and without a colour, attacked, and verified with the known text; the asset
-without marks is a negative. A row is printed as each is done, and the rates at the end.
+Each asset is marked with default parameters and without a colour, and verified with the known text. The one without is
+also attacked: attacks keep the shape alone. The asset without marks is a negative, as are screenshots of it. A row is
+printed as each is done, and the rates at the end.
 """
 
 import argparse
@@ -17,8 +18,10 @@ from pathlib import Path
 
 from PIL import Image
 
+from core.budgets import DEFAULT_BUDGETS
 from core.errors import MeshmarkError
-from core.gltf.scene import scene_of
+from core.formats.admission import admit, document_of
+from core.gltf.scene import Scene, flatten, scene_of
 from core.lab.attacks.attack import attack_file
 from core.parameters import Evaluate, Parameters
 from core.pipeline import watermark
@@ -80,6 +83,9 @@ def _verified(path: Path, attacks: list[str]) -> list[Row]:
 
 def _rows(path: Path, data: bytes, attacks: list[str]) -> Iterator[Row]:
     yield _row(path, UNMARKED, "-", data)
+    if SCREENSHOTS in attacks:
+        scene = flatten(document_of(admit(data, DEFAULT_BUDGETS), DEFAULT_BUDGETS))
+        yield from _screenshots(path, f"{UNMARKED}, {SCREENSHOTS}", "-", scene)
     for name, color in COLORS.items():
         parameters = Parameters(text=TEXT, color=color, evaluate=Evaluate.NONE)
         try:
@@ -88,27 +94,32 @@ def _rows(path: Path, data: bytes, attacks: list[str]) -> Iterator[Row]:
             yield path.name, UNTOUCHED, name, None, 0, 0.0
             continue
         yield _row(path, UNTOUCHED, name, marked)
+        if SCREENSHOTS in attacks:
+            yield from _screenshots(path, SCREENSHOTS, name, scene_of(marked))
+        if color is None:
+            continue
         for attack in attacks:
-            if attack == SCREENSHOTS:
-                yield from _screenshots(path, name, marked)
-                continue
-            kind, strength = ATTACKS[attack]
-            try:
-                attacked = attack_file(marked, kind, strength, 0, data)
-            except MeshmarkError:
-                yield path.name, attack, name, None, 0, 0.0
-                continue
-            yield _row(path, attack, name, attacked)
+            if attack != SCREENSHOTS:
+                yield _attacked(path, attack, name, marked, data)
 
 
-def _screenshots(path: Path, color: str, model: bytes) -> Iterator[Row]:
+def _attacked(path: Path, attack: str, color: str, marked: bytes, data: bytes) -> Row:
+    kind, strength = ATTACKS[attack]
+    try:
+        attacked = attack_file(marked, kind, strength, 0, data)
+    except MeshmarkError:
+        return path.name, attack, color, None, 0, 0.0
+    return _row(path, attack, color, attacked)
+
+
+def _screenshots(path: Path, attack: str, color: str, scene: Scene) -> Iterator[Row]:
     """A row for each of four screenshots from the sides, as a phone takes them."""
     with Renderer(512) as renderer:
-        shown = pictures(scene_of(model), renderer, DIRECTIONS[12::3], UPS[12::3])
+        shown = pictures(scene, renderer, DIRECTIONS[12::3], UPS[12::3])
     for picture in shown:
         file = io.BytesIO()
         Image.fromarray(picture).save(file, "JPEG", quality=70)
-        yield _row(path, SCREENSHOTS, color, file.getvalue())
+        yield _row(path, attack, color, file.getvalue())
 
 
 def _row(path: Path, attack: str, color: str, data: bytes) -> Row:

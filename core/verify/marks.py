@@ -1,6 +1,6 @@
 """Visible marks of a suspect file: looked for from all sides, then looked at head-on and from near by."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -14,11 +14,13 @@ from core.metrics.recognition import Reader
 from core.rendering.renderer import Frame, Renderer
 from core.verify.look import Look, Picture, look
 from core.verify.places import Place, places
-from core.verify.readings import KINDS, Reading, Spot, readings
+from core.verify.readings import Reading, Spot, readings
 from core.verify.report import Kind
 from core.verify.texts import best, enough, likeness
 
 PICTURE, SHOWN = 1024, 512  # pixels a side of pictures that are read, and of those that are kept
+KINDS: tuple[Kind, ...] = ("ordinary", "relief")  # of pictures of all of an asset
+NEAR_KINDS: tuple[Kind, ...] = (*KINDS, "height")  # from nearer
 SIDES = np.array([[0.0, 0, 1], [1, 0, 0], [0, 0, -1], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
 HEADS = np.array([[0.0, 1, 0], [0, 1, 0], [0, 1, 0], [0, 1, 0], [0, 0, -1], [0, 0, 1]])
 OFF, PART = 0.42, 0.55  # of a part of a side from its middle, and its radius, over the radius of the whole
@@ -26,6 +28,7 @@ HINT = 0.4  # likeness to a known text from which on a place is looked at again
 SURE = 0.6  # confidence of readings from which on a place without a known text is
 SHORTEST = 3  # letters of such a reading
 MOST_PLACES = 24  # that are looked at again
+GRAIN = 3.0  # pixels; letters of a second look are some hundred high
 NEARER, LEAST_RADIUS = 0.75, 0.5  # radius of a second look over the length of the writing; size-30 units, at least
 # Of two places: the cosine between their normals, and the shares of the larger one's length and height that lie between
 # them, from which on they are not the same writing.
@@ -79,8 +82,8 @@ def find_marks(scene: Scene, texts: Sequence[str], renderer: Renderer, reader: R
     """
     renderer.load(scene)
     whole = renderer.frame
-    return _marks(_from_all_sides(renderer), texts, renderer, reader) or _marks(
-        _in_parts(renderer, whole), texts, renderer, reader
+    return _marks(readings(_from_all_sides(renderer), KINDS, reader), texts, renderer, reader) or _marks(
+        readings(_in_parts(renderer, whole), NEAR_KINDS, reader), texts, renderer, reader
     )
 
 
@@ -101,9 +104,9 @@ def _in_parts(renderer: Renderer, whole: Frame) -> Iterator[Look]:
             yield look(renderer, direction, up)
 
 
-def _marks(looks: Iterable[Look], texts: Sequence[str], renderer: Renderer, reader: Reader) -> list[FoundMark]:
-    """The marks at the places where these looks show something, the surest first."""
-    found = places(readings(looks, reader))
+def _marks(every: list[Reading], texts: Sequence[str], renderer: Renderer, reader: Reader) -> list[FoundMark]:
+    """The marks at the places where something was read, the surest first."""
+    found = places(every)
     asked = sorted((place for place in found if _promise(place, texts)), key=lambda place: -_promise(place, texts))
     marks = [_again(place, -number, texts, renderer, reader) for number, place in enumerate(asked[:MOST_PLACES], 1)]
     chosen = [mark for mark in marks if mark is not None]
@@ -124,8 +127,8 @@ def _again(place: Place, number: int, texts: Sequence[str], renderer: Renderer, 
     spot = place.spot
     x, y, z = spot.center.tolist()
     renderer.aim(Frame((x, y, z), max(NEARER * spot.length, LEAST_RADIUS)))
-    near = look(renderer, spot.normal, spot.up)
-    lines = [] if _settled(place, texts) else readings([near], reader, number)
+    near = look(renderer, spot.normal, spot.up, GRAIN)
+    lines = [] if _settled(place, texts) else readings([near], NEAR_KINDS, reader, number)
     every = [*place.readings, *lines, *_passages(lines)]
     vote = _vote_for(texts, every) if texts else _vote(every)
     if vote is None:
@@ -139,7 +142,7 @@ def _again(place: Place, number: int, texts: Sequence[str], renderer: Renderer, 
         votes=len(pictures),
         kinds=tuple(sorted({kind for _, kind in pictures})),
         spot=reading.spot,
-        picture=_shown(near.relief if reading.kind == "relief" else near.ordinary),
+        picture=_shown(near.picture(reading.kind)),
     )
 
 
@@ -191,7 +194,7 @@ def _settled(place: Place, texts: Sequence[str]) -> bool:
 def _passages(lines: list[Reading]) -> list[Reading]:
     """The lines of each near picture joined from the top down: texts of several lines."""
     joined = []
-    for kind in KINDS:
+    for kind in NEAR_KINDS:
         mine = sorted(
             (one for one in lines if one.kind == kind and one.confidence >= SURE), key=lambda one: one.spot.row
         )

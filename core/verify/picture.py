@@ -16,9 +16,11 @@ from core.verify.look import Picture
 from core.verify.readings import TURNS
 from core.verify.texts import best, enough
 
-SIDE = (
-    2048  # pixels of the longer side, to which larger pictures are reduced, and to half of which smaller are enlarged
-)
+# Pixels of the longer side to which larger pictures are reduced, and to which smaller ones are enlarged: first as they
+# are, then with their light evened out.
+MOST, LEAST, LEAST_EVEN = 2048, 1024, 1536
+GRAIN, AROUND = 1.5, 12.0  # pixels
+GREY, CONTRAST = 128, 4  # 8-bit grey levels: of an even surface, and for each that a pixel is lighter
 MOST_LINES = 64
 SURE, SHORTEST = 0.6, 3  # confidence and letters, at least, of what is told without a known text
 
@@ -67,15 +69,44 @@ def decode(data: bytes) -> Picture:
 
 
 def read_picture(picture: Picture, texts: Sequence[str], reader: Reader) -> list[FoundText]:
-    """Writing in a picture, the surest first: known ``texts``, or without any, all that is read with confidence."""
-    longest = max(picture.shape[:2])
-    scale = min(SIDE / longest, max(SIDE / 2 / longest, 1.0))
-    scaled = picture
-    if scale != 1:
-        method = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
-        scaled = np.asarray(cv2.resize(picture, None, fx=scale, fy=scale, interpolation=method), dtype=np.uint8)
+    """Writing in a picture, the surest first: known ``texts``, or without any, all that is read with confidence.
+
+    Where there is none, the picture is looked at again without its large differences of light: letters in the colour of
+    the surface are a few grey levels lighter and darker than it, and more is then read of small ones.
+    """
+    scale = _scale(picture, LEAST)
+    found = _read(_scaled(picture, scale), scale, texts, reader)
+    if found:
+        return found
+    scale = _scale(picture, LEAST_EVEN)
+    return _read(_evened(_scaled(picture, scale)), scale, texts, reader)
+
+
+def _scale(picture: Picture, least: int) -> float:
+    """The factor by which a picture is enlarged, or reduced, to be between ``least`` and MOST pixels long."""
+    longest: int = max(picture.shape[:2])
+    return min(MOST / longest, max(least / longest, 1.0))
+
+
+def _scaled(picture: Picture, scale: float) -> Picture:
+    if scale == 1:
+        return picture
+    method = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+    return np.asarray(cv2.resize(picture, None, fx=scale, fy=scale, interpolation=method), dtype=np.uint8)
+
+
+def _evened(picture: Picture) -> Picture:
+    """What is lighter and darker than its surroundings (a difference of Gaussians), on an even grey."""
+    grey = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32)
+    fine, around = (np.asarray(cv2.GaussianBlur(grey, (0, 0), width)) for width in (GRAIN, AROUND))
+    level = np.clip(GREY + CONTRAST * (fine - around), 0, 255).astype(np.uint8)
+    return np.repeat(level[..., None], 3, axis=2)
+
+
+def _read(picture: Picture, scale: float, texts: Sequence[str], reader: Reader) -> list[FoundText]:
+    """Writing in a picture that was scaled."""
     found = []
-    lines = reader.detect(scaled)[:MOST_LINES]
+    lines = reader.detect(picture)[:MOST_LINES]
     for turn in TURNS:
         turned = [np.rot90(line.picture, turn) for line in lines]
         for line, part, (text, confidence) in zip(lines, turned, reader.read_with_confidence(turned), strict=True):

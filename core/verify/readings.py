@@ -1,7 +1,7 @@
 """Writing in looks at an asset, with its places on the surface."""
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -11,10 +11,9 @@ from core.arrays import Float
 from core.geometry.directions import EYE_DISTANCE
 from core.geometry.triangles import unit
 from core.metrics.recognition import Line, Reader, available_threads
-from core.verify.look import Look, Picture
+from core.verify.look import Look, Part
 from core.verify.report import Kind
 
-KINDS: tuple[Kind, ...] = ("ordinary", "relief")
 MARGIN = 32  # pixels of background left around the asset
 MOST_LINES = 24  # lines a picture, at most: an asset covered with writing of its own must not take minutes
 TURNS = (0, 2)  # quarter turns that a line is read in: as it is, and upside down
@@ -68,8 +67,8 @@ class Reading:
     spot: Spot
 
 
-def readings(looks: Iterable[Look], reader: Reader, first: int = 0) -> list[Reading]:
-    """All writing in ordinary and relief pictures; the looks are numbered from ``first`` on.
+def readings(looks: Iterable[Look], kinds: Sequence[Kind], reader: Reader, first: int = 0) -> list[Reading]:
+    """All writing in these kinds of pictures; the looks are numbered from ``first`` on.
 
     Every processor reads a picture of its own, while the caller's thread draws the next look: with a ``reader`` of one
     thread that takes three quarters of the time that all of them take for one picture after the other.
@@ -79,7 +78,7 @@ def readings(looks: Iterable[Look], reader: Reader, first: int = 0) -> list[Read
     processors = available_threads()
     with ThreadPoolExecutor(processors) as threads:
         for number, one in enumerate(looks, first):
-            waiting.extend(threads.submit(_read, one, kind, number, reader) for kind in KINDS)
+            waiting.extend(threads.submit(_read, one, kind, number, reader) for kind in kinds)
             while len(waiting) > 2 * processors:  # a look has 10 MB
                 found += waiting.popleft().result()
         for future in waiting:
@@ -90,8 +89,8 @@ def readings(looks: Iterable[Look], reader: Reader, first: int = 0) -> list[Read
 def _read(one: Look, kind: Kind, number: int, reader: Reader) -> list[Reading]:
     """All writing in one of the pictures of a look."""
     found: list[Reading] = []
-    part, corner = _cropped(one.ordinary if kind == "ordinary" else one.relief, one)
-    lines = reader.detect(part)[:MOST_LINES]
+    part, corner = _shown(one)
+    lines = reader.detect(one.picture(kind, part))[:MOST_LINES]
     for turn in TURNS:
         read = reader.read_with_confidence([np.rot90(line.picture, turn) for line in lines])
         for line, (text, confidence) in zip(lines, read, strict=True):
@@ -107,14 +106,14 @@ def _is_upright(text: str, confidence: float) -> bool:
     return confidence >= UPRIGHT and len(text.strip()) >= UPRIGHT_LETTERS
 
 
-def _cropped(picture: Picture, one: Look) -> tuple[Picture, Float]:
+def _shown(one: Look) -> tuple[Part, Float]:
     """The part of a picture that shows the asset, and its upper left corner, pixels."""
     shown = one.depth > 0
     rows, columns = (np.flatnonzero(shown.any(axis=axis)) for axis in (1, 0))
     if not len(rows):
-        return picture[:1, :1], np.zeros(2)
+        return (slice(1), slice(1)), np.zeros(2)
     top, left = max(rows[0] - MARGIN, 0), max(columns[0] - MARGIN, 0)
-    part = picture[top : rows[-1] + 1 + MARGIN, left : columns[-1] + 1 + MARGIN]
+    part = slice(top, rows[-1] + 1 + MARGIN), slice(left, columns[-1] + 1 + MARGIN)
     return part, np.array([left, top], dtype=np.float64)
 
 

@@ -8,7 +8,8 @@ from core.credentials.facts import Credentials
 from core.notices import Notice
 from core.report import Engine, FileFacts, Section, Vector
 
-Kind = Literal["ordinary", "relief"]  # of a picture: as a viewer shows the file, or of its shape alone
+# Of a picture: as a viewer shows the file, or of its shape alone, its folds and ridges or what stands out of it.
+Kind = Literal["ordinary", "relief", "height"]
 
 
 class ReadMark(Section):
@@ -20,7 +21,10 @@ class ReadMark(Section):
     confidence: Annotated[float, Field(description="Of the text recognition, mean over its letters, 0 to 1.")]
     votes: Annotated[int, Field(description="Pictures that read it.")]
     pictures: Annotated[
-        list[Kind], Field(description="Their kinds: as a viewer shows the file, and of its shape alone (relief).")
+        list[Kind],
+        Field(
+            description="Their kinds: as a viewer shows the file (ordinary), and of its shape alone (relief, height)."
+        ),
     ]
     center: Annotated[Vector | None, Field(description="The middle of the writing; null in a picture.")] = None
     right: Annotated[
