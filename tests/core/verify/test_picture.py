@@ -45,6 +45,17 @@ def test_a_preview_of_ours_shows_its_marks() -> None:
     assert verify(SHOWN.read_bytes(), ["watermark"]).report["found"] == ["watermark"]
 
 
+def test_letters_four_grey_levels_darker_than_a_shaded_surface_are_read() -> None:
+    ink = (235.0 - drawn("watermark", height=24)[..., 0]) / 195
+    rows, columns = np.mgrid[: len(ink), : len(ink)]
+    shade = 120 + 60 * np.sin(rows / 90) * np.cos(columns / 120)
+    grey = (shade - 4 * ink + np.random.default_rng(0).normal(size=ink.shape)).astype(np.uint8)
+    picture = np.repeat(grey[..., None], 3, axis=2)
+    [mark] = verify(encoded(picture, "JPEG", quality=70), ["watermark"]).report["marks"]
+    assert mark["known"] == "watermark"
+    assert mark["pixel"] == pytest.approx([256, 256], abs=8)
+
+
 def test_a_picture_without_writing_has_none() -> None:
     assert verify(encoded(np.full((64, 64, 3), 128, np.uint8))).report["marks"] == []
 

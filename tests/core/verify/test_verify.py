@@ -15,6 +15,7 @@ from core.cli import main
 from core.errors import ErrorCode, MeshmarkError
 from core.gltf.document import Document
 from core.gltf.scene import scene_of
+from core.lab.attacks.attack import attack_file
 from core.lab.plain import Mesh, plain, plain_glb
 from core.parameters import Parameters
 from core.pipeline import watermark
@@ -59,6 +60,12 @@ def test_every_mark_is_read_where_it_stands(color: str) -> None:
 
 def test_letters_that_only_the_shape_shows_are_read_in_relief_pictures() -> None:
     assert "relief" in {kind for mark in verified("none").report["marks"] for kind in mark["pictures"]}
+
+
+def test_letters_that_were_shaken_by_noise_are_read_by_what_stands_out() -> None:
+    shaken = attack_file(marked(color="none")[0], "noise", None, 0, None)
+    [mark, *_] = verify(shaken, ["watermark"]).report["marks"]
+    assert (mark["known"], "height" in mark["pictures"]) == ("watermark", True)
 
 
 def test_what_the_metadata_say_is_told_beside() -> None:
