@@ -18,7 +18,7 @@ from sqlalchemy.exc import OperationalError
 from service.app import create_app
 from service.background import in_background
 from service.config import Settings, load_settings
-from service.credentials import add_credentials_commands, require_chain, run_credentials_command
+from service.credentials import add_credentials_commands, require_chain, require_trust, run_credentials_command
 from service.data_folder import keep_private
 from service.dead_jobs import add_jobs_commands, run_jobs_command
 from service.hangup import hangup_handler
@@ -152,6 +152,7 @@ def run(arguments: argparse.Namespace) -> None:
             serve(load_settings())
         case _:
             settings = load_settings()
+            require_trust(settings)
             modules = ["worker", "worker.webhooks"]
             if settings.c2pa_chain or settings.c2pa_key:
                 require_chain(settings)  # here too: a signer that cannot start would be started again and again

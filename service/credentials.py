@@ -5,6 +5,8 @@ import os
 import sys
 from pathlib import Path
 
+from cryptography.x509 import load_pem_x509_certificates
+
 from core.credentials.chain import Chain, UnusableChainError, read_chain, self_signed
 from service.config import Settings
 from service.jobs.clock import now
@@ -31,6 +33,26 @@ def require_chain(settings: Settings) -> Chain:
     except UnusableChainError as error:
         reason = str(error)
     print(f"Content Credentials: {reason} Check MESHMARK_C2PA_CHAIN and MESHMARK_C2PA_KEY.", file=sys.stderr)
+    sys.exit(2)
+
+
+def require_trust(settings: Settings) -> None:
+    """Check that the certificates are there which verifications trust.
+
+    Raises:
+        SystemExit: with code 2 and a sentence on stderr, where they cannot be read.
+    """
+    if settings.c2pa_trust is None:
+        return
+    try:
+        load_pem_x509_certificates(settings.c2pa_trust.read_bytes())
+    except OSError as error:
+        reason = f"{error.filename} cannot be read ({error.strerror})."
+    except ValueError:
+        reason = f"{settings.c2pa_trust} holds no certificates in PEM."
+    else:
+        return
+    print(f"Content Credentials: {reason} Check MESHMARK_C2PA_TRUST.", file=sys.stderr)
     sys.exit(2)
 
 

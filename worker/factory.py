@@ -12,6 +12,7 @@ from celery.signals import setup_logging, task_postrun, task_prerun, worker_init
 
 from service.background import in_background
 from service.config import Settings
+from service.credentials import require_trust
 from service.jobs.queue import TASK, create_queue
 from service.logs import configure_logs
 from service.metrics import metrics_server
@@ -68,6 +69,7 @@ def create_worker(settings: Settings, engine: str = ENGINE, verifier: str = VERI
         configure_logs(settings.log_level)  # Celery asks for it later only
         configure_tracing("meshmark-worker")
         require_own_store(settings)
+        require_trust(settings)
         worker().template.start()  # it loads its libraries while all else gets ready
         require_sandbox(worker())
         in_background("pulse", pulse().beat_until, worker().stopping)

@@ -1,7 +1,7 @@
 """Registration of a suspect surface to an original's: scale, rotation and translation."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
@@ -11,6 +11,7 @@ from core.geometry.products import cross, product
 from core.geometry.sampling import sample
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
+from core.geometry.triangles import unit
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,8 @@ class RegistrationOptions:
     cells: int = 72
     reach: float = 24.0
 
+
+BESIDE = 1e-6  # of the other side's radius; nearer ones lie on the surface, and point nowhere
 
 REGISTRATION = RegistrationOptions()
 
@@ -122,21 +125,53 @@ def registrations(
     one, other = _Side(suspect, options), _Side(original, options)
     starts = [_identity(suspect, original), *_principal(suspect, original), *_turned(one, other, options)]
     last = [_identity(suspect, original), *_best(starts, one, other, options)]
-    last = [_refined(start, one.points, other, options.last_steps, options) for start in last]
-    cost = np.array([_cost(found, one, other, options.points, options) for found in last])
+    last, cost = _all_settled(last, one, other, options)
     # A corner that was cropped off a box fits it at many scales: what lies where it did before comes first.
     rank = np.argsort(np.where(np.arange(len(last)) == 0, cost - 2 * options.alike, cost), kind="stable")
-    alike = [last[number] for number in rank if cost[number] <= cost[rank[0]] + options.alike]
-    return [_measured(found, one, other, options) for found in _distinct(alike, options)]
+    most = cost[rank[0]] + options.alike
+    found = _distinct([last[number] for number in rank if cost[number] <= most], options)
+    more, cost = _all_settled(_turned_onto_itself(found, options), one, other, options)
+    found = _distinct([*found, *(each for each, worth in zip(more, cost, strict=True) if worth <= most)], options)
+    return [_measured(each, one, other, options) for each in found]
+
+
+def _all_settled(
+    starts: list[Similarity], one: "_Side", other: "_Side", options: RegistrationOptions
+) -> tuple[list[Similarity], Float]:
+    settled = [_settled(start, one, other, options) for start in starts]
+    return [found for found, _ in settled], np.array([cost for _, cost in settled])
+
+
+def _turned_onto_itself(found: list[Similarity], options: RegistrationOptions) -> list[Similarity]:
+    """Alignments that are missing among some of a shape that is the same turned: any two of them tell how it is
+    turned onto itself, and so to go on from each other one."""
+    turns = [each.after(found[0].inverse()) for each in found[1:]]
+    return _distinct([*found, *(turn.after(each) for turn in turns for each in found)], options)[len(found) :]
 
 
 def _best(starts: list[Similarity], one: "_Side", other: "_Side", options: RegistrationOptions) -> list[Similarity]:
     """Those of some alignments that few points fit best with, once refined."""
     few = options.few
     refined = [_refined(start, one.points[:few], other, options.steps, options) for start in starts]
-    cost = np.array([_cost(found, one, other, few, options) for found in refined])
+    cost = np.array([_cost(*_both(found, one, other, few), options) for found in refined])
     rank = np.argsort(cost, kind="stable")
     return _distinct([refined[number] for number in rank if cost[number] <= cost.min() + 4 * options.alike], options)
+
+
+def _settled(start: Similarity, one: "_Side", other: "_Side", options: RegistrationOptions) -> tuple[Similarity, float]:
+    """An alignment refined by the nearest share of the suspect's points, and its cost.
+
+    Where these lie on the original, all points of both refine it further, which counts where it fits better: only its
+    rims hold a plate where it is, most of them are among the farthest points, and the suspect's alone let it shrink.
+    """
+    near = _refined(start, one.points, other, options.last_steps, options)
+    there, back = _both(near, one, other, options.points)
+    cost = _cost(there, back, options)
+    if _nearest(there, options).mean() > options.alike:
+        return near, cost
+    both = _refined(near, one.points, other, options.steps, replace(options, trim=1.0), back=one)
+    better = _cost(*_both(both, one, other, options.points), options)
+    return (both, better) if better < cost else (near, cost)
 
 
 class _Side:
@@ -271,21 +306,32 @@ def _distinct(found: list[Similarity], options: RegistrationOptions) -> list[Sim
     return kept
 
 
-def _refined(start: Similarity, points: Float, other: _Side, steps: int, options: RegistrationOptions) -> Similarity:
-    """An alignment after steps towards the planes of the closest points of the nearest share of ``points`` (N, 3)."""
-    found, count = start, max(int(options.trim * len(points)), 7)
+def _refined(
+    start: Similarity,
+    points: Float,
+    other: _Side,
+    steps: int,
+    options: RegistrationOptions,
+    back: _Side | None = None,
+) -> Similarity:
+    """An alignment after steps towards the planes of the closest points of the nearest share of ``points`` (N, 3), and
+    of the other side's to the side where they come from, ``back``, if that is given."""
+    found = start
     for _ in range(steps):
-        moved = found(points)
-        distance, face, nearest = other.index.closest(moved)
-        near = np.argpartition(distance, count - 1)[:count]
-        normal, middle = other.index.normals(face[near]), moved[near].mean(axis=0)
-        arm = moved[near] - middle
+        moved, away, normal = _pairs(found(points), other, options, rims=back is not None)
+        if back is not None:
+            theirs, there, facing = _pairs(found.inverse()(other.points), back, options, rims=True)
+            here, turned = -found.scale * product(there, found.rotation.T), product(facing, found.rotation.T)
+            moved = np.concatenate([moved, found(theirs) - here])
+            away, normal = np.concatenate([away, here]), np.concatenate([normal, turned])
+        middle = moved.mean(axis=0)
+        arm = moved - middle
         # Linear in a small rotation, a translation and a relative change of scale about the middle.
         rows = np.concatenate([cross(arm, normal), normal, (arm * normal).sum(axis=1, keepdims=True)], axis=1)
         extent = float(np.sqrt((arm**2).sum(axis=1).mean())) or 1.0
         units = np.array([extent] * 3 + [1.0] * 3 + [extent])
         rows = rows / units
-        off = ((nearest[near] - moved[near]) * normal).sum(axis=1)
+        off = (away * normal).sum(axis=1)
         # Directions in which nothing holds the surface, as a sphere's rotations, stay as they are.
         change = np.linalg.pinv(rows.T @ rows, rcond=1e-6, hermitian=True) @ (rows.T @ off) / units
         limits = options.growth ** np.array([-1, 1]) * start.scale / found.scale
@@ -295,6 +341,19 @@ def _refined(start: Similarity, points: Float, other: _Side, steps: int, options
         if np.abs(change * units).max() < 1e-6 * other.radius:
             break
     return found
+
+
+def _pairs(points: Float, other: _Side, options: RegistrationOptions, rims: bool) -> tuple[Float, Float, Float]:
+    """The nearest share of ``points`` (N, 3), the way from each to the other surface, and the unit direction in which
+    that counts: its normal. With ``rims`` it is the way itself where the closest point lies beside and not under it,
+    on an edge; from far away that is slower."""
+    count = max(int(options.trim * len(points)), 7)
+    distance, face, nearest = other.index.closest(points)
+    near = np.argpartition(distance, count - 1)[:count]
+    away, normal = nearest[near] - points[near], other.index.normals(face[near])
+    if rims:
+        normal = np.where(distance[near, None] > BESIDE * other.radius, unit(away), normal)
+    return points[near], away, normal
 
 
 def _small(vector: Float) -> Float:
@@ -315,13 +374,17 @@ def _both(found: Similarity, one: _Side, other: _Side, count: int) -> tuple[Floa
     return there / other.radius, back * found.scale / other.radius
 
 
-def _cost(found: Similarity, one: _Side, other: _Side, count: int, options: RegistrationOptions) -> float:
-    there, back = (np.minimum(each, options.cap).mean() for each in _both(found, one, other, count))
-    return float(there + back)
+def _cost(there: Float, back: Float, options: RegistrationOptions) -> float:
+    return float(sum(np.minimum(each, options.cap).mean() for each in (there, back)))
+
+
+def _nearest(there: Float, options: RegistrationOptions) -> Float:
+    """The share of the distances that an alignment is measured by."""
+    return np.sort(there)[: int(options.trim * len(there))]
 
 
 def _measured(found: Similarity, one: _Side, other: _Side, options: RegistrationOptions) -> Registration:
     there, back = _both(found, one, other, options.points)
-    best = np.sort(there)[: int(options.trim * len(there))]
+    best = _nearest(there, options)
     size = found.scale * one.radius / other.radius
     return Registration(found, float(np.sqrt((best**2).mean())) / size, float((back < options.near).mean()))

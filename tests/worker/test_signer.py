@@ -35,6 +35,7 @@ from worker.sweeper import sweep
 from worker.tasks import private_folders
 
 GLB = "model/gltf-binary"
+WORKER = [sys.executable, "-m", "worker"]
 SIGNER = [sys.executable, "-m", "worker.signer"]
 EVERYTHING = [sys.executable, "-m", "service"]
 
@@ -238,6 +239,16 @@ def test_a_key_that_does_not_fit_its_chain_is_refused_at_start(
     assert ended.returncode == 2
     assert "The key is not that of the chain's first certificate" in ended.stderr
     assert "PRIVATE KEY" not in ended.stderr + ended.stdout
+
+
+@pytest.mark.parametrize("command", [WORKER, EVERYTHING])
+def test_trusted_certificates_that_are_none_are_refused_at_start(command: list[str], tmp_path: Path) -> None:
+    roots = tmp_path / "roots.pem"
+    roots.write_text("no certificate")
+    settings = {"C2PA_TRUST": roots, "DATA_DIR": tmp_path / "data"}
+    environment = {f"MESHMARK_{name}": os.fspath(value) for name, value in settings.items()}
+    ended = subprocess.run(command, env=os.environ | environment, capture_output=True, text=True)
+    assert (ended.returncode, f"{roots} holds no certificates in PEM" in ended.stderr) == (2, True)
 
 
 @pytest.mark.parametrize("missing", ["C2PA_KEY", "C2PA_CHAIN"])

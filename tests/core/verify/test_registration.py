@@ -4,9 +4,11 @@ from functools import cache
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from shapely import Polygon
 
 from core.geometry.surface import Surface
 from core.gltf.scene import scene_of
@@ -60,6 +62,17 @@ def test_a_half_lies_where_it_did() -> None:
 
 def test_another_model_leaves_a_residual() -> None:
     assert registrations(cuboid(30, 20, 4), spot())[0].residual > 0.02
+
+
+def test_a_nearly_round_plate_is_brought_back_by_its_corners() -> None:
+    corners = [(-15, 8), (-8, 15), (8, 15), (15, 8), (15, -8), (8, -15), (-8, -15), (-15, -8)]
+    plate = trimesh.creation.extrude_polygon(Polygon(corners), 0.3)
+    surface = Mesh(np.asarray(plate.vertices), np.asarray(plate.faces)).surface()
+    by = Similarity(0.4, Rotation.from_rotvec((0.7, -1.9, 0.4)).as_matrix(), np.array((1.0, -2, 0)))
+    found = registrations(moved(surface, by), surface)
+    # It looks the same in eight ways: all of them are given, and one is that in which it was turned.
+    assert len(found) == 8
+    assert min(error(one, by, surface) for one in found) < 0.05
 
 
 def test_a_box_fits_itself_in_each_of_its_turns_and_as_it_is_first() -> None:
