@@ -232,11 +232,15 @@ def _original(original: Mapping[str, Any] | None, heights: Sequence[bytes]) -> s
             ("made by the job", "this very suspect file" if original["is_result"] else "another file than the suspect"),
         ]
     note = '<p class="soft">Red stands out of the original\'s surface, blue lies in it; grey: nothing to compare.</p>'
-    shown = [_height(mark, picture) for mark, picture in zip(marks, heights, strict=True)]
+    name = "Relief of mark {}" if original["is_asset"] is None else "Relief of the job's mark {}"
+    first = 1 if original["is_asset"] is None else 0  # above, marks are counted from 1; the job's have an id
+    shown = [
+        _height(name.format(mark["index"] + first), mark, picture) for mark, picture in zip(marks, heights, strict=True)
+    ]
     return _section("Against the original", "\n".join([_table(rows), *([note] if shown else []), *shown]))
 
 
-def _height(mark: Mapping[str, Any], picture: bytes) -> str:
+def _height(title: str, mark: Mapping[str, Any], picture: bytes) -> str:
     words = {
         True: '<span class="good">there</span>',
         False: '<span class="bad">not there</span>',
@@ -250,7 +254,7 @@ def _height(mark: Mapping[str, Any], picture: bytes) -> str:
     if mark["standing_out"] is not None:
         rows.append(("stands out", f"{100 * mark['standing_out']:.0f} % of its box"))
     rows += [("height", f"{mark['height']:.3g}"), ("surface", f"{100 * mark['surface']:.0f} % of its box")]
-    return _article(f"Relief of mark {mark['index']}", "its height over the original", picture, rows)
+    return _article(title, "its height over the original", picture, rows)
 
 
 def _label(label: Mapping[str, Any] | None) -> str:

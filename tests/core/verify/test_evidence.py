@@ -167,6 +167,7 @@ def test_the_comparison_with_an_original_is_shown_with_its_reliefs() -> None:
         EVIL,
         "0.98 of 1",
         "0.0123",
+        "Relief of the job's mark 7",
     )
     assert [one for one in (*said, "--original ORIGINAL --report-of REPORT") if one not in shown.text] == []
     assert [str(found["src"]).split(",")[1] for found in shown.attributes("img")[1:]] == [
@@ -174,6 +175,7 @@ def test_the_comparison_with_an_original_is_shown_with_its_reliefs() -> None:
     ]
     original |= {"is_asset": None, "is_result": None, "marks": [mark]}
     unasked = Page(evidence_page(report(original=original), [PICTURE], "cow.glb", MOMENT, reliefs[:1]))
+    assert "Relief of mark 8" in unasked.text  # marks that were read are counted from 1 above
     assert "are there" not in unasked.text
     assert "--report-of" not in unasked.text
 
