@@ -142,12 +142,14 @@ def _again(place: Place, number: int, texts: Sequence[str], renderer: Renderer, 
         votes=len(pictures),
         kinds=tuple(sorted({kind for _, kind in pictures})),
         spot=reading.spot,
-        picture=_shown(near.picture(reading.kind)),
+        picture=_shown(near, reading),
     )
 
 
-def _shown(picture: Picture) -> Picture:
-    """The picture of a look as it is shown to people: (SHOWN, SHOWN, 3)."""
+def _shown(near: Look, reading: Reading) -> Picture:
+    """The picture of a look at a place as it is shown to people, what was read there upright: (SHOWN, SHOWN, 3)."""
+    is_upright = float(reading.spot.right @ near.axes[0]) >= 0
+    picture = np.rot90(near.picture(reading.kind), 0 if is_upright else 2)
     return np.asarray(cv2.resize(picture, (SHOWN, SHOWN), interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
