@@ -96,7 +96,7 @@ def _scaled(picture: Picture, scale: float) -> Picture:
 
 
 def _evened(picture: Picture) -> Picture:
-    """What is lighter and darker than its surroundings (a difference of Gaussians), on an even grey."""
+    """The lightness of a picture over that of its surroundings (a difference of Gaussians), on an even grey."""
     grey = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32)
     fine, around = (np.asarray(cv2.GaussianBlur(grey, (0, 0), width)) for width in (GRAIN, AROUND))
     level = np.clip(GREY + CONTRAST * (fine - around), 0, 255).astype(np.uint8)

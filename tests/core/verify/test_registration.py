@@ -8,7 +8,6 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from shapely import Polygon
 
 from core.geometry.surface import Surface
 from core.gltf.scene import scene_of
@@ -66,7 +65,7 @@ def test_another_model_leaves_a_residual() -> None:
 
 def test_a_nearly_round_plate_is_brought_back_by_its_corners() -> None:
     corners = [(-15, 8), (-8, 15), (8, 15), (15, 8), (15, -8), (8, -15), (-8, -15), (-15, -8)]
-    plate = trimesh.creation.extrude_polygon(Polygon(corners), 0.3)
+    plate = trimesh.convex.convex_hull(np.array([(x, y, z) for x, y in corners for z in (0.0, 0.3)]))
     surface = Mesh(np.asarray(plate.vertices), np.asarray(plate.faces)).surface()
     by = Similarity(0.4, Rotation.from_rotvec((0.7, -1.9, 0.4)).as_matrix(), np.array((1.0, -2, 0)))
     found = registrations(moved(surface, by), surface)
