@@ -60,6 +60,11 @@ def test_a_picture_without_writing_has_none() -> None:
     assert verify(encoded(np.full((64, 64, 3), 128, np.uint8))).report["marks"] == []
 
 
+def test_a_text_that_cannot_be_read_is_told_of() -> None:
+    [notice] = verify(encoded(np.full((64, 64, 3), 128, np.uint8)), ["שלום"]).report["warnings"]
+    assert notice["code"] == "unreadable_script"
+
+
 def test_clear_parts_are_white() -> None:
     clear = np.zeros((8, 8, 4), np.uint8)
     assert (decode(encoded(clear)) == 255).all()

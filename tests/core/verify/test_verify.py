@@ -16,11 +16,10 @@ from core.errors import ErrorCode, MeshmarkError
 from core.gltf.document import Document
 from core.gltf.scene import scene_of
 from core.lab.attacks.attack import attack_file
-from core.lab.plain import Mesh, plain, plain_glb
+from core.lab.plain import plain
 from core.parameters import Parameters
 from core.pipeline import watermark
 from core.verify.verify import Verification, verify
-from tests.core.placement.shapes import cuboid
 
 SPOT = (Path(__file__).parents[2] / "data" / "spot.glb").read_bytes()
 
@@ -94,12 +93,6 @@ def test_marks_of_several_lines_are_one_text_and_a_turned_export_of_another_tool
     assert marks
     assert found["found"] == ["AI GENERATED"]
     assert found["label"] is None
-
-
-def test_a_text_that_cannot_be_read_is_told_of() -> None:
-    box = cuboid(30, 20, 4)
-    [notice] = verify(plain_glb(Mesh(box.positions, box.faces)), ["שלום"]).report["warnings"]
-    assert notice["code"] == "unreadable_script"
 
 
 def test_broken_metadata_do_not_keep_marks_from_being_read() -> None:
