@@ -6,13 +6,14 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 TORCH := torch==2.13.0
+CONSOLE := service/console/node_modules/.package-lock.json
 
 .DEFAULT_GOAL := help
 
 help: ## Show this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-11s %s\n", $$1, $$2}'
 
-install: $(VENV)/.service ## Install what the service needs into .venv
+install: $(VENV)/.service $(CONSOLE) ## Install what the service needs into .venv
 	@sh docker/system-packages.sh service fonts
 
 demo: install $(VENV)/.tests ## Watermark a real asset through the service, end to end
@@ -21,7 +22,7 @@ demo: install $(VENV)/.tests ## Watermark a real asset through the service, end 
 run: install ## Start the API and its worker on http://127.0.0.1:8080
 	$(BIN)/python -m service
 
-test: $(VENV)/.tests ## Run the checks and the whole test suite
+test: $(VENV)/.tests $(CONSOLE) ## Run the checks and the whole test suite
 	@sh docker/system-packages.sh service fonts tests
 	@npm ci --prefix tests --silent --no-audit --no-fund
 	$(MAKE) check
@@ -95,13 +96,17 @@ openapi: $(VENV)/.service ## Write openapi.yaml from the application
 	$(BIN)/python -m service openapi > openapi.yaml
 
 clean: ## Remove everything that was installed or written here
-	rm -rf $(VENV) tests/node_modules demo-output data *.egg-info
+	rm -rf $(VENV) tests/node_modules service/console/node_modules demo-output data *.egg-info
 
 $(VENV)/.service: pyproject.toml docker/constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --quiet --upgrade pip
 	$(BIN)/pip install --quiet --quiet $(TORCH) $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX))
 	$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable .
+	touch $@
+
+$(CONSOLE): service/console/package-lock.json $(VENV)/.service
+	@sh docker/node-packages.sh service/console $(BIN)/python
 	touch $@
 
 $(VENV)/.tests: $(VENV)/.service

@@ -32,7 +32,7 @@ from service.present_or_absent import without_null
 from service.problems import Problem, install_problem_handlers, problem_response, upload_too_large
 from service.readiness import Readiness
 from service.request_id import RequestId
-from service.routes import batch, events, health, hooks, uploads, verifications, watermarks, webhook_endpoints
+from service.routes import batch, console, events, health, hooks, uploads, verifications, watermarks, webhook_endpoints
 from service.routes.report_example import REPORT
 from service.routes.verification_example import VERIFICATION
 from service.state import AppState
@@ -170,6 +170,8 @@ def create_app(settings: Settings, gate: Template | None = None) -> FastAPI:
     app.include_router(events.router)
     app.include_router(webhook_endpoints.router, max_body_size=JSON_BYTES)
     app.include_router(health.router)
+    if settings.console:
+        app.include_router(console.router)
     install_problem_handlers(app, body_limit)
     app.add_middleware(DeclaredSizeLimit, limit=body_limit, of_verifications=both_limit)
     app.add_middleware(Bodies, silence=settings.client_timeout, rate=settings.client_rate)
