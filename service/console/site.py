@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
+from urllib.parse import urlsplit
 
 from service.config import Settings
 
@@ -106,6 +107,14 @@ def site(libraries: Path = LIBRARIES) -> Site:
         "form-action 'none'; require-trusted-types-for 'script'"
     )
     return Site(_file(page.encode(), ".html", "no-cache"), policy, files)
+
+
+def allowing(policy: str, link: str | None) -> str:
+    """Policy of the page where results are fetched from the host of a ``link``: from a bucket, by presigned links."""
+    if link is None:
+        return policy
+    parts = urlsplit(link)
+    return re.sub("(connect-src|img-src) 'self'", rf"\g<0> {parts.scheme}://{parts.netloc}", policy)
 
 
 def require_console(settings: Settings) -> None:

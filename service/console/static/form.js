@@ -16,6 +16,13 @@ const words = (name) => name.replaceAll("_", " ").replace(/^./, (first) => first
 export const labelOf = (name) => t(`param.${name}`, {}, words(name));
 export const valueOf = (value) => t(`value.${value}`, {}, String(value));
 
+/** Enter in a line of text takes what it says, and sends nothing: a job is sent by its button. */
+export function sendsNothing(event) {
+  if (event.key !== "Enter" || !["text", "radio"].includes(event.target.type)) return;
+  event.preventDefault();
+  event.target.dispatchEvent(new Event("change", { bubbles: true }));
+}
+
 /** One field: label, control, hint, fault. */
 export function Field({ name, label, hint, fault, children }) {
   return html`

@@ -14,11 +14,10 @@ const PATHS = {
   single: "M4 5h16v14H4z",
   check: "m5 12.5 4.5 4.5L19 7.5",
   alert: "M12 8v5m0 3v.2M12 3.5 2.8 19.5h18.4L12 3.5Z",
-  box: "M12 3.5 4.5 7.5v9l7.5 4 7.5-4v-9L12 3.5Zm0 8.5 7.5-4.5M12 12 4.5 7.5M12 12v8.5",
   pick: "M5 4l6.5 15 2-6.5 6.5-2L5 4Z",
   external: "M13 5h6v6m0-6-8.5 8.5M9 6H6a1 1 0 0 0-1 1v11a1 1 0 0 0 1 1h11a1 1 0 0 0 1-1v-3",
   copy: "M9 9h10v11H9zM5 15V4h10",
-  cube: "M12 3 4 7.5v9L12 21l8-4.5v-9L12 3Z",
+  cube: "M12 3.5 4.5 7.5v9l7.5 4 7.5-4v-9L12 3.5Zm0 8.5 7.5-4.5M12 12 4.5 7.5M12 12v8.5",
 };
 
 export const Icon = ({ name }) => html`
@@ -65,9 +64,11 @@ export function Tabs({ tabs, current, onChange, children }) {
 
 /** An error in sentences: what is wrong, what to do, and the code. */
 export function ProblemCard({ problem, children }) {
+  const card = useRef();
+  useEffect(() => card.current.scrollIntoView({ block: "center" }), [problem]);
   const text = (part) => (problem.local ? t(`problem.${problem.code}.${part}`) : problem[part]);
   return html`
-    <section class="problem" role="alert">
+    <section class="problem" role="alert" ref=${card}>
       <h2><${Icon} name="alert" /> ${problem.local ? t(`problem.${problem.code}.title`) : t(`code.${problem.code}`, {}, problem.title)}</h2>
       <p lang=${problem.local ? null : "en"}>${text("detail")}</p>
       <p lang=${problem.local ? null : "en"}><strong>${t("problem.remedy")}</strong> ${text("remedy")}</p>
@@ -78,15 +79,14 @@ export function ProblemCard({ problem, children }) {
 }
 
 /** A place to drop a file on, or to choose one. */
-export function DropZone({ onFile, title, formats, accept, id }) {
-  const input = useRef();
+export function DropZone({ onFile, title, text, formats, accept, id }) {
   return html`
     <div class="drop">
       <div class="drop-mark"><${Icon} name="cube" /></div>
       <h1>${title}</h1>
-      <p>${t("drop.or")}</p>
+      <p>${text}</p>
       <label class="button primary" for=${id}>${t("drop.choose")}</label>
-      <input id=${id} ref=${input} class="hidden-input" type="file" accept=${accept}
+      <input id=${id} class="hidden-input" type="file" accept=${accept}
         onChange=${(event) => event.target.files[0] && onFile(event.target.files[0])} />
       <p class="quiet">${formats}</p>
       <p class="quiet">${t("drop.private")}</p>

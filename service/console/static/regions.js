@@ -38,7 +38,7 @@ export function Regions({ regions, selected, onChange, onSelect, onNew, picking,
         <select aria-label=${t("region.kind")} value=${kind} onChange=${(event) => choose(event.target.value)} disabled=${!possible}>
           ${KINDS.map((each) => html`<option value=${each}>${t(`region.${each}`)}</option>`)}
         </select>
-        <button type="button" class="small" disabled=${!possible} onClick=${() => onNew(kind)}><${Icon} name="box" /> ${t("region.draw")}</button>
+        <button type="button" class="small" disabled=${!possible} onClick=${() => onNew(kind)}><${Icon} name="cube" /> ${t("region.draw")}</button>
         <button type="button" class="small" disabled=${!possible} aria-pressed=${String(picking !== null)} onClick=${() => onPick(picking === null ? kind : null)}>
           <${Icon} name="pick" /> ${t("region.pick")}</button>
       </div>

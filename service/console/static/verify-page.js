@@ -1,6 +1,6 @@
 // A suspect file, or a picture of one: what can be read on it, and what it says of itself.
 import { Problem, key, request, save, upload } from "./api.js";
-import { Field, FileField } from "./form.js";
+import { Field, FileField, sendsNothing } from "./form.js";
 import { html, useEffect, useMemo, useRef, useState } from "./html.js";
 import { Progress, State, active, useContent, useJob } from "./job-page.js";
 import { DropZone, Facts, Icon, ProblemCard, Tabs, useDrop } from "./parts.js";
@@ -99,7 +99,7 @@ export function VerifyPage({ go }) {
   return html`
     <main class="work" id="main">
       <section class=${`stage ${over ? "over" : ""}`} aria-label=${t("view.label")}>
-        ${!file && html`<${DropZone} id="asset" title=${t("verify.drop")} formats="GLB · glTF · OBJ · STL · PLY · OFF · 3MF · DAE · ZIP · PNG · JPEG · WebP" accept=${`${ACCEPT},${PICTURES}`} onFile=${open} />`}
+        ${!file && html`<${DropZone} id="asset" title=${t("verify.drop")} text=${t("verify.drop.text")} formats="GLB · glTF · OBJ · STL · PLY · OFF · 3MF · DAE · ZIP · PNG · JPEG · WebP" accept=${`${ACCEPT},${PICTURES}`} onFile=${open} />`}
         ${file && html`
           <${Shown} file=${file} seen=${seen} />
           <div class="caption"><strong>${file.name}</strong>
@@ -111,7 +111,7 @@ export function VerifyPage({ go }) {
         <${Tabs} tabs=${[["form", t("tab.verify")], ["api", t("tab.api")]]} current=${tab} onChange=${setTab}>
           ${tab === "api" && html`<${ApiTab} call=${{ path: PATH, parts, params, result: { link: "report", name: "verification.json" } }} />`}
           ${tab === "form" && html`
-            <form onSubmit=${submit} novalidate>
+            <form onSubmit=${submit} onKeyDown=${sendsNothing} novalidate>
               <p>${t("verify.intro")}</p>
               ${file && html`<${Facts} rows=${fileFacts(file, seen.model?.facts)} />`}
               <${Field} name="texts" label=${t("verify.texts")} hint=${t("verify.texts.hint")} fault=${fault}>

@@ -217,14 +217,16 @@ export class Viewer {
     this.listeners.moved?.();
   }
 
-  /** Where a mark is on the screen: {x, y, seen}. */
+  /** Where a sign for a mark stands on the screen, just above it: {x, y, seen}. */
   project(mark) {
     const point = new Vector3(...mark.center);
+    const up = new Vector3(...mark.normal).cross(new Vector3(...mark.right));
+    const above = point.clone().addScaledVector(up, (mark.size[1] ?? 0) / 2).project(this.camera);
     const toward = this.camera.position.clone().sub(point).normalize();
-    const facing = !mark.normal || toward.dot(new Vector3(...mark.normal)) > 0.12;
+    const facing = toward.dot(new Vector3(...mark.normal)) > 0.12;
     const { width, height, left, top } = this.pane();
     const screen = point.clone().project(this.camera);
-    const [x, y] = [left + ((screen.x + 1) / 2) * width, top + ((1 - screen.y) / 2) * height];
+    const [x, y] = [left + ((above.x + 1) / 2) * width, top + ((1 - above.y) / 2) * height - 17];
     const inside = Math.abs(screen.x) < 1 && Math.abs(screen.y) < 1 && screen.z < 1;
     const uncut = this.layout !== "split" || x > this.element.clientWidth * this.split;
     return { x, y, seen: facing && inside && uncut };
@@ -278,7 +280,7 @@ export class Viewer {
   sizeHandles() {
     for (const handle of this.handles ?? []) {
       const away = this.camera.position.distanceTo(handle.position);
-      handle.scale.setScalar(away * (handle.userData.axis < 0 ? 0.009 : 0.0065));
+      handle.scale.setScalar(away * (handle.userData.axis < 0 ? 0.0062 : 0.0048));
     }
   }
 

@@ -1,6 +1,6 @@
 // Choose a file, look at it, say what to emboss, send it.
 import { Problem, upload } from "./api.js";
-import { Advanced, ColorField, Field, FileField, labelOf, valueOf } from "./form.js";
+import { Advanced, ColorField, Field, FileField, labelOf, sendsNothing, valueOf } from "./form.js";
 import { html, useEffect, useMemo, useRef, useState } from "./html.js";
 import { Choice, DropZone, Facts, Icon, ProblemCard, Tabs, useDrop } from "./parts.js";
 import { Regions, regionParams } from "./regions.js";
@@ -23,6 +23,8 @@ export async function look(file) {
     throw error;
   }
 }
+
+const later = ({ key }) => key === "notshown.format" || key === "notshown.compressed";
 
 export function fileFacts(file, facts) {
   return [
@@ -120,7 +122,7 @@ export function WatermarkPage({ go }) {
   return html`
     <main class="work" id="main">
       <section class=${`stage ${over ? "over" : ""}`} aria-label=${t("view.label")}>
-        ${!file && html`<${DropZone} id="asset" title=${t("drop.title")} formats="GLB · glTF · OBJ · STL · PLY · OFF · 3MF · DAE · ZIP" accept=${ACCEPT} onFile=${open} />`}
+        ${!file && html`<${DropZone} id="asset" title=${t("drop.title")} text=${t("drop.or")} formats="GLB · glTF · OBJ · STL · PLY · OFF · 3MF · DAE · ZIP" accept=${ACCEPT} onFile=${open} />`}
         ${file && html`
           <${Stage} before=${model?.object} boxes=${regions.map((region) => (region.min ? region : null)).filter(Boolean)}
             selected=${selected < 0 ? -1 : regions.filter((each) => each.min).indexOf(regions[selected])} viewerRef=${viewer}
@@ -129,7 +131,7 @@ export function WatermarkPage({ go }) {
               const target = regions.filter((each) => each.min)[at];
               change({ regions: regions.map((each) => (each === target ? { ...each, min: box.min, max: box.max } : each)) });
             }}>
-            ${notShown && html`<div class="card"><${Icon} name="cube" /><p>${t(notShown.key, notShown.values)}</p><p class="quiet">${t("notshown.later")}</p></div>`}
+            ${notShown && html`<div class="card"><${Icon} name="cube" /><p>${t(notShown.key, notShown.values)}</p>${later(notShown) && html`<p class="quiet">${t("notshown.later")}</p>`}</div>`}
           <//>
           <div class="caption">
             <strong>${file.name}</strong>
@@ -142,7 +144,7 @@ export function WatermarkPage({ go }) {
         <${Tabs} tabs=${[["form", t("tab.form")], ["api", t("tab.api")]]} current=${tab} onChange=${setTab}>
           ${tab === "api" && html`<${ApiTab} call=${call} />`}
           ${tab === "form" && html`
-            <form onSubmit=${submit} novalidate>
+            <form onSubmit=${submit} onKeyDown=${sendsNothing} novalidate>
               ${file && html`<${Facts} rows=${fileFacts(file, model?.facts ?? notShown?.facts)} />`}
               <${Field} name="text" label=${labelOf("text")} hint=${t("hint.text")} fault=${textFault}>
                 <textarea id="text" rows=${Math.max(2, Math.min(lines, 6))} value=${params.text} aria-invalid=${String(Boolean(textFault))}
