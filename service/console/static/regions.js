@@ -17,7 +17,7 @@ export function regionParams(regions) {
 export const regionsOf = (params) =>
   KINDS.flatMap((kind) => (params?.[kind] ?? []).map(({ node, material, box }) => ({ kind, node, material, ...box })));
 
-export function Regions({ regions, selected, onChange, onSelect, onNew, picking, onPick, possible }) {
+export function Regions({ regions, selected, onChange, onSelect, onNew, picking, onPick, found, onTake, possible }) {
   const [kind, choose] = useState("keep_out");
   const replace = (index, region) => onChange(regions.map((each, at) => (at === index ? region : each)));
   const remove = (index) => {
@@ -42,7 +42,9 @@ export function Regions({ regions, selected, onChange, onSelect, onNew, picking,
         <button type="button" class="small" disabled=${!possible} aria-pressed=${String(picking !== null)} onClick=${() => onPick(picking === null ? kind : null)}>
           <${Icon} name="pick" /> ${t("region.pick")}</button>
       </div>
-      ${picking !== null && html`<p class="hint" role="status">${t("region.click")}</p>`}
+      ${picking !== null && html`<p class="hint" role="status">${t(found.length ? "region.which" : "region.click")}</p>`}
+      ${found.length > 0 && html`<div class="row wrap which">${found.map((region) => html`
+        <button type="button" class="small" onClick=${() => onTake(region)}>${name(region)}</button>`)}</div>`}
       <ul class="regions">
         ${regions.map((region, index) => html`
           <li key=${index} class=${`${region.kind} ${index === selected ? "on" : ""}`}>

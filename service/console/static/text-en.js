@@ -180,6 +180,7 @@ export default {
   "region.draw": "Draw a box",
   "region.pick": "Pick a part",
   "region.click": "Click on a part of the model.",
+  "region.which": "Which of them?",
   "region.hint": "Keep a face or a logo free, or say where marks should rather stand.",
   "region.impossible": "Regions can be drawn on models that are shown here.",
   "region.box": "box",

@@ -180,6 +180,7 @@ export default {
   "region.draw": "绘制方框",
   "region.pick": "选取部件",
   "region.click": "请点击模型的某个部件。",
+  "region.which": "选择哪一个？",
   "region.hint": "可保留面部或徽标区域，或指定优先放置的位置。",
   "region.impossible": "只有在此处显示的模型才能绘制区域。",
   "region.box": "方框",

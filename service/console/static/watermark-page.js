@@ -54,6 +54,7 @@ export function WatermarkPage({ go }) {
   const [tried, setTried] = useState(false);
   const [selected, select] = useState(-1);
   const [picking, pick] = useState(null);
+  const [found, setFound] = useState([]); // a part that was clicked on: as a node, and as a material
   const viewer = useRef(null);
   const aborter = useRef(null);
 
@@ -114,8 +115,13 @@ export function WatermarkPage({ go }) {
   const stem = (file?.name ?? "model.glb").replace(/\.[^.]*$/, "");
   const call = { path: PATH, parts, params: sent, result: { link: "model", name: `${stem}.watermarked.glb` } };
   const onPicked = (part) => {
-    if (!part.node && !part.material) return;
-    change({ regions: [...regions, part.node ? { kind: picking, node: part.node } : { kind: picking, material: part.material }] });
+    const found = ["node", "material"].filter((name) => part[name]).map((name) => ({ kind: picking, [name]: part[name] }));
+    if (found.length === 1) take(found[0]);
+    else setFound(found);
+  };
+  const take = (region) => {
+    change({ regions: [...regions, region] });
+    setFound([]);
     pick(null);
   };
 
@@ -171,7 +177,7 @@ export function WatermarkPage({ go }) {
                   ${(schema?.components.schemas.Label.enum ?? []).map((name) => html`<option value=${name}>${t(`label.${name}`, {}, name)}</option>`)}
                 </select>
               <//>
-              <${Regions} regions=${regions} selected=${selected} onSelect=${select} picking=${picking} onPick=${pick} possible=${Boolean(model)}
+              <${Regions} regions=${regions} selected=${selected} onSelect=${select} picking=${picking} onPick=${(kind) => { pick(kind); setFound([]); }} found=${found} onTake=${take} possible=${Boolean(model)}
                 onChange=${(list) => change({ regions: list })}
                 onNew=${(kind) => { change({ regions: [...regions, { kind, ...viewer.current.newBox() }] }); select(regions.length); }} />
               <div class="advanced">

@@ -45,7 +45,7 @@ def test_the_page_says_which_files_it_is_made_of_and_runs_nothing_else(client: C
 def test_results_may_come_from_the_bucket_that_presigned_links_lead_to(
     client: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(type(client.artifacts), "link", lambda self, sha256: f"https://b.example:9000/p/{sha256}?X=1")
+    monkeypatch.setattr(type(client.artifacts), "link", lambda _, sha256: f"https://b.example:9000/p/{sha256}?X=1")
     policy = client.http.get("/").headers["Content-Security-Policy"]
     assert "connect-src 'self' https://b.example:9000 blob:;" in policy
     assert "img-src 'self' https://b.example:9000 blob:;" in policy
