@@ -47,6 +47,7 @@ MEDIA_TYPES = {
 FOREVER = "public, max-age=31536000, immutable"
 LINK = re.compile(rf'"({PREFIX}[\w./-]+)"')  # of the page to one of the files
 MAP = '<script type="importmap"></script>'  # its place in the page
+LATER = ("viewer.js", "models.js")  # of our modules those that need three.js, which come once the page stands
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,9 @@ def site(libraries: Path = LIBRARIES) -> Site:
     imports |= {name: hashed[f"{PREFIX}lib/{path}"] for name, path in NAMED.items()}
     import_map = json.dumps({"imports": imports})
     page = LINK.sub(lambda link: f'"{hashed[link[1]]}"', (STATIC / "index.html").read_text())
-    page = page.replace(MAP, MAP.replace("><", f">{import_map}<"))
+    at_once = [url for name, url in imports.items() if name.startswith(PREFIX) and not name.endswith(LATER)]
+    preloads = [f'<link rel="modulepreload" href="{url}">' for url in at_once if "/three/" not in url]
+    page = page.replace(MAP, "\n".join([MAP.replace("><", f">{import_map}<"), *preloads]))
     # Models and pictures that a user opens, and the textures in them, are blobs.
     policy = (
         "default-src 'none'; "

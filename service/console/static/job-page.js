@@ -2,7 +2,7 @@
 import { Problem, follow, getJson, request, save } from "./api.js";
 import { SphereMap } from "./charts.js";
 import { html, useEffect, useMemo, useRef, useState } from "./html.js";
-import { Facts, Icon, Meter, ProblemCard, Tabs } from "./parts.js";
+import { Facts, Icon, Meter, ProblemCard, Sentence, Tabs, useDrop } from "./parts.js";
 import { regionsOf } from "./regions.js";
 import { loadSchema, said } from "./schema.js";
 import { ApiTab } from "./snippets.js";
@@ -150,6 +150,8 @@ export function JobPage({ id, go }) {
     if (seen.model) setOriginal({ file, model: seen.model });
   };
 
+  useDrop((file) => after && compare(file));
+
   if (loadProblem) return html`<main class="narrow" id="main"><${ProblemCard} problem=${loadProblem} /></main>`;
   if (!job) return html`<main class="narrow" id="main"><p class="quiet" role="status">${t("loading")}</p></main>`;
 
@@ -199,7 +201,8 @@ function Result({ job, report, stem, preview, current, onMark, onProblem }) {
     ${report && html`
       <${Sentences} report=${report} />
       ${report.warnings.map((notice) => html`
-        <section class="notice"><h2><${Icon} name="alert" /> ${t("notice")}</h2><p lang="en">${notice.message}</p><p lang="en"><strong>${t("problem.remedy")}</strong> ${notice.remedy}</p>
+        <section class="notice"><h2><${Icon} name="alert" /> ${t("notice")}</h2><p lang="en"><${Sentence} text=${notice.message} /></p>
+          <p lang="en"><strong>${t("problem.remedy")}</strong> <${Sentence} text=${notice.remedy} /></p>
           <p class="quiet"><code>${notice.code}</code></p></section>`)}
       <h2>${t("marks.title", { n: report.watermarks.length })}</h2>
       <ol class="marks">
@@ -252,7 +255,7 @@ function Details({ job, report, marks, current, onMark }) {
     ]} />
     ${report.metrics && Object.keys(report.metrics.missing).length > 0 && html`
       <details class="group"><summary>${t("missing.title")}</summary>
-        ${Object.entries(report.metrics.missing).map(([name, notice]) => html`<p class="hint" lang="en"><code>${name}</code> ${notice.message} ${notice.remedy}</p>`)}</details>`}
+        ${Object.entries(report.metrics.missing).map(([name, notice]) => html`<p class="hint" lang="en"><code>${name}</code> <${Sentence} text=${`${notice.message} ${notice.remedy}`} /></p>`)}</details>`}
     <h2>${t("time.title", { seconds: number(seconds, 1) })}</h2>
     ${Object.entries(report.timings).map(([name, value]) => html`<${Meter} label=${t(`stage.${name}`)} share=${value / longest} text=${`${number(value, 2)} s`} />`)}
     <h2>${t("job.facts")}</h2>

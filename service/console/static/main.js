@@ -56,6 +56,8 @@ function App() {
   const [asked, ask] = useState(null);
   const waiting = useRef([]);
   useEffect(() => {
+    // A file that is dropped beside its place shall not take the page's.
+    for (const type of ["dragover", "drop"]) window.addEventListener(type, (event) => event.preventDefault());
     const changed = () => {
       setHash(location.hash);
       window.scrollTo(0, 0);

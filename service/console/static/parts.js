@@ -62,6 +62,9 @@ export function Tabs({ tabs, current, onChange, children }) {
   `;
 }
 
+/** A sentence of the service, with what stands between backticks as code. */
+export const Sentence = ({ text }) => text.split("`").map((part, index) => (index % 2 ? html`<code>${part}</code>` : part));
+
 /** An error in sentences: what is wrong, what to do, and the code. */
 export function ProblemCard({ problem, children }) {
   const card = useRef();
@@ -70,8 +73,8 @@ export function ProblemCard({ problem, children }) {
   return html`
     <section class="problem" role="alert" ref=${card}>
       <h2><${Icon} name="alert" /> ${problem.local ? t(`problem.${problem.code}.title`) : t(`code.${problem.code}`, {}, problem.title)}</h2>
-      <p lang=${problem.local ? null : "en"}>${text("detail")}</p>
-      <p lang=${problem.local ? null : "en"}><strong>${t("problem.remedy")}</strong> ${text("remedy")}</p>
+      <p lang=${problem.local ? null : "en"}><${Sentence} text=${text("detail")} /></p>
+      <p lang=${problem.local ? null : "en"}><strong>${t("problem.remedy")}</strong> <${Sentence} text=${text("remedy")} /></p>
       <p class="quiet"><code>${problem.code}</code>${problem.status ? ` · HTTP ${problem.status}` : ""}</p>
       ${children}
     </section>

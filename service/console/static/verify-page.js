@@ -3,7 +3,7 @@ import { Problem, key, request, save, upload } from "./api.js";
 import { Field, FileField, sendsNothing } from "./form.js";
 import { html, useEffect, useMemo, useRef, useState } from "./html.js";
 import { Progress, State, active, useContent, useJob } from "./job-page.js";
-import { DropZone, Facts, Icon, ProblemCard, Tabs, useDrop } from "./parts.js";
+import { DropZone, Facts, Icon, ProblemCard, Sentence, Tabs, useDrop } from "./parts.js";
 import { ApiTab } from "./snippets.js";
 import { Stage } from "./stage.js";
 import { originals } from "./store.js";
@@ -212,5 +212,5 @@ function Answers({ report, marks, current, onMark }) {
         <p>${t("layer.original.fits", { covered: percent(original.covered), residual: percent(original.residual, 2), scale: length(original.scale) })}</p>
         ${original.marks.length > 0 && html`<p>${t("layer.original.marks", { n: there, all: original.marks.length })}</p>`}
       <//>`}
-    ${warnings.map((notice) => html`<section class="notice"><p lang="en">${notice.message} ${notice.remedy}</p><p class="quiet"><code>${notice.code}</code></p></section>`)}`;
+    ${warnings.map((notice) => html`<section class="notice"><p lang="en"><${Sentence} text=${`${notice.message} ${notice.remedy}`} /></p><p class="quiet"><code>${notice.code}</code></p></section>`)}`;
 }

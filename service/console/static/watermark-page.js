@@ -60,6 +60,8 @@ export function WatermarkPage({ go }) {
 
   useEffect(() => {
     loadSchema().then(setSchema, setProblem);
+    import("./models.js"); // while nobody waits, so that a file is shown as soon as it is there
+    import("./viewer.js");
     return () => aborter.current?.abort();
   }, []);
 

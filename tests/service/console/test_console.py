@@ -168,6 +168,7 @@ def test_a_picture_is_verified_on_a_phone_in_the_dark_in_chinese(browser: Browse
     with opened(browser, service.url + "/", **phone) as page:
         assert page.evaluate("document.documentElement.lang") == "zh-Hans"
         page.get_by_role("link", name="核验").click()
+        expect(page.get_by_role("heading", name="将可疑文件或其图片拖到这里")).to_be_visible()
         page.locator("#asset").set_input_files(SPOT.with_name("spot-watermarked.png"))
         page.get_by_label("要查找的文字").fill("watermark")
         assert barriers(page) == []
