@@ -1,5 +1,5 @@
 // Files to three.js objects and facts, in this browser alone: nothing is sent.
-import { Box3, BufferGeometry, Mesh, MeshStandardMaterial, Points, Vector3 } from "three";
+import { Box3, BufferGeometry, DoubleSide, Mesh, MeshStandardMaterial, Points, Vector3 } from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { OBJLoader } from "three/addons/loaders/OBJLoader.js";
 import { PLYLoader } from "three/addons/loaders/PLYLoader.js";
@@ -11,7 +11,6 @@ const COMPRESSION = {
   KHR_meshopt_compression: "meshopt",
   KHR_texture_basisu: "KTX2",
 };
-const PICTURE = /\.(png|jpe?g|webp)$/i;
 
 /** A file that is not shown here, with the key of the sentence that says why. */
 export class NotShown extends Error {
@@ -20,8 +19,6 @@ export class NotShown extends Error {
     Object.assign(this, { key, values, facts });
   }
 }
-
-export const isPicture = (file) => PICTURE.test(file.name);
 
 /** Object and facts of a file; throws NotShown where this browser cannot show it. */
 export async function readModel(file) {
@@ -89,8 +86,12 @@ function countGltf(document) {
   return { faces, materials: document.materials?.length ?? 0, textures: document.images?.length ?? 0, size: null };
 }
 
-const clay = (colored = false) =>
-  new MeshStandardMaterial({ color: colored ? 0xffffff : 0xb9bcc2, vertexColors: colored, roughness: 0.75, side: 2 });
+// As the service writes what has no material, so that original and result look alike.
+function clay(colored = false) {
+  const material = new MeshStandardMaterial({ vertexColors: colored, roughness: 0.7, side: DoubleSide });
+  material.color.setScalar(colored ? 1 : 0.8);
+  return material;
+}
 
 function plain(geometry) {
   if (!geometry.getAttribute("normal")) geometry.computeVertexNormals();
