@@ -22,3 +22,8 @@ def enough(text: str) -> float:
 def best(texts: Sequence[str], reading: str) -> tuple[float, str | None]:
     """The likeness of a reading to the most like of some ``texts``, and that text; 0 and None without one."""
     return max(((likeness(text, reading), text) for text in texts), default=(0.0, None), key=lambda found: found[0])
+
+
+def fewest_letters(texts: Sequence[str]) -> int:
+    """Letters of the shortest line of some ``texts``, without spaces."""
+    return min((len("".join(line.split())) for text in texts for line in text.splitlines() if line.strip()), default=0)
