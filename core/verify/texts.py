@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from difflib import SequenceMatcher
 
+from core.artwork.line_breaks import line_breaks
+
 # A reading is the text from this ratio on; short texts are found by chance more easily, and have to be read better.
 ALIKE, SHORT = 0.75, 5
 
@@ -25,5 +27,6 @@ def best(texts: Sequence[str], reading: str) -> tuple[float, str | None]:
 
 
 def fewest_letters(texts: Sequence[str]) -> int:
-    """Letters of the shortest line of some ``texts``, without spaces."""
-    return min((len("".join(line.split())) for text in texts for line in text.splitlines() if line.strip()), default=0)
+    """Letters of the shortest line in all layouts of some ``texts``, without spaces; 0 without one."""
+    lines = (line for text in texts for layout in line_breaks(text) for line in layout)
+    return min((len("".join(line.split())) for line in lines), default=0)
