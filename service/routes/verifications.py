@@ -99,7 +99,7 @@ ParamsField = Annotated[
 ]
 
 
-@sending.post("", status_code=status.HTTP_202_ACCEPTED, responses=ACCEPTED | REFUSALS)
+@sending.post("", summary="Verify a suspect file", status_code=status.HTTP_202_ACCEPTED, responses=ACCEPTED | REFUSALS)
 async def create_verification(
     request: Request,
     response: Response,
@@ -173,7 +173,7 @@ def _public(parameters: VerificationParameters, needs_key: Mapping[str, object])
     return parameters.model_copy(update={"texts": parameters.texts or ()})
 
 
-@router.get("", responses=LISTING)
+@router.get("", summary="List verifications", responses=LISTING)
 def list_verifications(
     request: Request,
     state: State,
@@ -192,13 +192,15 @@ def list_verifications(
     return VerificationPage(items=[view(request, job) for job in jobs], next=following)
 
 
-@open_router.get("/{job_id}", responses=UNKNOWN)
+@open_router.get("/{job_id}", summary="Read a verification", responses=UNKNOWN)
 def read_verification(request: Request, state: State, client: Admitted, job_id: str) -> VerificationView:
     """Where the verification stands."""
     return view(request, find_job(state, client, job_id, KIND))
 
 
-@router.delete("/{job_id}", status_code=status.HTTP_204_NO_CONTENT, responses=UNKNOWN)
+@router.delete(
+    "/{job_id}", summary="Cancel or delete a verification", status_code=status.HTTP_204_NO_CONTENT, responses=UNKNOWN
+)
 async def delete_verification(state: State, client: Admitted, job_id: str) -> None:
     """Cancel the verification if it has not ended, and delete the file, the results, and what was said about it."""
     await state.deletions.run(partial(_delete, state, client, job_id))
@@ -208,7 +210,7 @@ def _delete(state: AppState, client: Client, job_id: str) -> None:
     delete_job(state, client, find_job(state, client, job_id, KIND))
 
 
-@router.get("/{job_id}/events", **events.options(KIND))
+@router.get("/{job_id}/events", summary="Follow a verification", **events.options(KIND))
 async def stream_verification_events(
     state: State, client: Admitted, job_id: str, last_event_id: events.LastEventId = None
 ) -> Response:
@@ -220,8 +222,13 @@ REPORT_FILE = download(ArtifactKind.REPORT, "application/json", REPORT)
 EVIDENCE_FILE = download(ArtifactKind.EVIDENCE, "text/html", {"type": "string"})
 
 
-@open_router.head("/{job_id}/report", name="head_verification_report", **REPORT_FILE)
-@open_router.get("/{job_id}/report", **REPORT_FILE)
+@open_router.head(
+    "/{job_id}/report",
+    name="head_verification_report",
+    summary="Download the report of a verification (headers only)",
+    **REPORT_FILE,
+)
+@open_router.get("/{job_id}/report", summary="Download the report of a verification", **REPORT_FILE)
 async def read_verification_report(request: Request, state: State, client: Admitted, job_id: str) -> Response:
     """Which marks were read and where, and what the metadata say."""
     return await state.content.run(partial(_report, request, state, client, job_id))
@@ -234,8 +241,13 @@ def _report(request: Request, state: AppState, client: Client, job_id: str) -> R
     return send_file(request, state, job, ArtifactKind.REPORT, headers)
 
 
-@open_router.head("/{job_id}/evidence", name="head_verification_evidence", **EVIDENCE_FILE)
-@open_router.get("/{job_id}/evidence", **EVIDENCE_FILE)
+@open_router.head(
+    "/{job_id}/evidence",
+    name="head_verification_evidence",
+    summary="Download the page of evidence (headers only)",
+    **EVIDENCE_FILE,
+)
+@open_router.get("/{job_id}/evidence", summary="Download the page of evidence", **EVIDENCE_FILE)
 async def read_verification_evidence(request: Request, state: State, client: Admitted, job_id: str) -> Response:
     """A page for people with the marks, a picture of each, hashes and times, in one file."""
     return await state.content.run(partial(_evidence, request, state, client, job_id))

@@ -104,7 +104,7 @@ CacheQuery = Annotated[
 ]
 
 
-@sending.post("", status_code=status.HTTP_202_ACCEPTED, responses=ACCEPTED | REFUSALS)
+@sending.post("", summary="Watermark an asset", status_code=status.HTTP_202_ACCEPTED, responses=ACCEPTED | REFUSALS)
 async def create_watermark(
     request: Request,
     response: Response,
@@ -149,7 +149,7 @@ async def create_watermark(
     return created
 
 
-@router.get("", responses=LISTING)
+@router.get("", summary="List watermark jobs", responses=LISTING)
 def list_watermarks(
     request: Request,
     state: State,
@@ -168,13 +168,15 @@ def list_watermarks(
     return JobPage(items=[view(request, job) for job in jobs], next=following)
 
 
-@router.get("/{job_id}", responses=UNKNOWN)
+@router.get("/{job_id}", summary="Read a watermark job", responses=UNKNOWN)
 def read_watermark(request: Request, state: State, client: Admitted, job_id: str) -> JobView:
     """Where the job stands."""
     return view(request, find_job(state, client, job_id))
 
 
-@router.delete("/{job_id}", status_code=status.HTTP_204_NO_CONTENT, responses=UNKNOWN)
+@router.delete(
+    "/{job_id}", summary="Cancel or delete a watermark job", status_code=status.HTTP_204_NO_CONTENT, responses=UNKNOWN
+)
 async def delete_watermark(state: State, client: Admitted, job_id: str) -> None:
     """Cancel the job if it has not ended, and delete the asset, everything made from it, and what was said about it."""
     await state.deletions.run(partial(_delete, state, client, job_id))
@@ -188,29 +190,49 @@ def _download(kind: ArtifactKind) -> dict[str, Any]:
     return download(kind, MEDIA_TYPES[kind], CONTENT[kind])
 
 
-@router.head("/{job_id}/model", name="head_model", **_download(ArtifactKind.MODEL))
-@router.get("/{job_id}/model", **_download(ArtifactKind.MODEL))
+@router.head(
+    "/{job_id}/model",
+    name="head_model",
+    summary="Download the watermarked model (headers only)",
+    **_download(ArtifactKind.MODEL),
+)
+@router.get("/{job_id}/model", summary="Download the watermarked model", **_download(ArtifactKind.MODEL))
 async def read_model(request: Request, state: State, client: Admitted, job_id: str) -> Response:
     """The watermarked GLB; there from stage `evaluating` on."""
     return await _deliver(request, state, client, job_id, ArtifactKind.MODEL)
 
 
-@router.head("/{job_id}/report", name="head_report", **_download(ArtifactKind.REPORT))
-@router.get("/{job_id}/report", **_download(ArtifactKind.REPORT))
+@router.head(
+    "/{job_id}/report",
+    name="head_report",
+    summary="Download the report (headers only)",
+    **_download(ArtifactKind.REPORT),
+)
+@router.get("/{job_id}/report", summary="Download the report", **_download(ArtifactKind.REPORT))
 async def read_report(request: Request, state: State, client: Admitted, job_id: str) -> Response:
     """Where the watermarks are, and what they measure."""
     return await _deliver(request, state, client, job_id, ArtifactKind.REPORT)
 
 
-@router.head("/{job_id}/preview", name="head_preview", **_download(ArtifactKind.PREVIEW))
-@router.get("/{job_id}/preview", **_download(ArtifactKind.PREVIEW))
+@router.head(
+    "/{job_id}/preview",
+    name="head_preview",
+    summary="Download the preview (headers only)",
+    **_download(ArtifactKind.PREVIEW),
+)
+@router.get("/{job_id}/preview", summary="Download the preview", **_download(ArtifactKind.PREVIEW))
 async def read_preview(request: Request, state: State, client: Admitted, job_id: str) -> Response:
     """Pictures of the watermarked asset from eight sides, as one PNG."""
     return await _deliver(request, state, client, job_id, ArtifactKind.PREVIEW)
 
 
-@router.head("/{job_id}/credentials", name="head_credentials", **_download(ArtifactKind.CREDENTIALS))
-@router.get("/{job_id}/credentials", **_download(ArtifactKind.CREDENTIALS))
+@router.head(
+    "/{job_id}/credentials",
+    name="head_credentials",
+    summary="Download the Content Credentials (headers only)",
+    **_download(ArtifactKind.CREDENTIALS),
+)
+@router.get("/{job_id}/credentials", summary="Download the Content Credentials", **_download(ArtifactKind.CREDENTIALS))
 async def read_credentials(request: Request, state: State, client: Admitted, job_id: str) -> Response:
     """The model's Content Credentials, a C2PA manifest store beside it; where the service signs its results."""
     return await _deliver(request, state, client, job_id, ArtifactKind.CREDENTIALS)
