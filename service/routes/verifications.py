@@ -34,19 +34,21 @@ from service.routes.lists import (
 )
 from service.routes.stored import UNKNOWN, delete_job, download, find_job, send_file
 from service.routes.taking import (
-    ACCEPTED,
     OF_FILES,
     IdempotencyKeyHeader,
     MetadataField,
+    PreferHeader,
     PriorityField,
     SourceUrlField,
     UploadIdField,
     WebhookField,
+    accepted,
     answer_accepted,
 )
 from service.routes.verification_schemas import VerificationPage, VerificationView, view
 from service.state import AppState, State
 from service.submission import Accepted, submit
+from service.waiting import Wait, preferred_wait
 
 KIND = JobKind.VERIFICATION
 PLACE: dict[str, Any] = {"prefix": "/v1/verifications", "tags": ["verifications"]}
@@ -99,7 +101,12 @@ ParamsField = Annotated[
 ]
 
 
-@sending.post("", summary="Verify a suspect file", status_code=status.HTTP_202_ACCEPTED, responses=ACCEPTED | REFUSALS)
+@sending.post(
+    "",
+    summary="Verify a suspect file",
+    status_code=status.HTTP_202_ACCEPTED,
+    responses=accepted(VerificationView) | REFUSALS,
+)
 async def create_verification(
     request: Request,
     response: Response,
@@ -116,6 +123,7 @@ async def create_verification(
     webhook: WebhookField = None,
     priority: PriorityField = "normal",
     idempotency_key: IdempotencyKeyHeader = None,
+    prefer: PreferHeader = None,
 ) -> VerificationView:
     """Accept a suspect file for verification: its marks, metadata and credentials, alone or against an original."""
 
@@ -151,9 +159,10 @@ async def create_verification(
         )
         return submit(state, order)
 
-    accepted = await state.intake.run(client.tenant, accept)
-    created = view(request, accepted.job)
-    answer_accepted(state, accepted, created.links.self, response, background)
+    taken = await state.intake.run(client.tenant, accept)
+    created = view(request, taken.job)
+    answer_accepted(state, taken, created.links.self, response, background)
+    request.state.wait = Wait(taken.job, preferred_wait(prefer), partial(view, request))
     return created
 
 

@@ -31,18 +31,20 @@ from service.routes.lists import (
 from service.routes.schemas import JobPage, JobView, view
 from service.routes.stored import UNKNOWN, delete_job, download, find_job, send_file
 from service.routes.taking import (
-    ACCEPTED,
     OF_FILES,
     IdempotencyKeyHeader,
     MetadataField,
+    PreferHeader,
     PriorityField,
     SourceUrlField,
     UploadIdField,
     WebhookField,
+    accepted,
     answer_accepted,
 )
 from service.state import AppState, State
 from service.submission import Accepted, submit
+from service.waiting import Wait, preferred_wait
 
 router = APIRouter(prefix="/v1/watermarks", tags=["watermarks"], route_class=GuardedRoute)
 sending = APIRouter(prefix="/v1/watermarks", tags=["watermarks"], route_class=AssetRoute)
@@ -104,7 +106,9 @@ CacheQuery = Annotated[
 ]
 
 
-@sending.post("", summary="Watermark an asset", status_code=status.HTTP_202_ACCEPTED, responses=ACCEPTED | REFUSALS)
+@sending.post(
+    "", summary="Watermark an asset", status_code=status.HTTP_202_ACCEPTED, responses=accepted(JobView) | REFUSALS
+)
 async def create_watermark(
     request: Request,
     response: Response,
@@ -121,6 +125,7 @@ async def create_watermark(
     webhook: WebhookField = None,
     priority: PriorityField = "normal",
     idempotency_key: IdempotencyKeyHeader = None,
+    prefer: PreferHeader = None,
     cache: CacheQuery = True,
 ) -> JobView:
     """Accept an asset for watermarking. What can be seen to be wrong at once is refused at once."""
@@ -143,9 +148,10 @@ async def create_watermark(
         )
         return submit(state, order)
 
-    accepted = await state.intake.run(client.tenant, accept)
-    created = view(request, accepted.job)
-    answer_accepted(state, accepted, created.links.self, response, background)
+    taken = await state.intake.run(client.tenant, accept)
+    created = view(request, taken.job)
+    answer_accepted(state, taken, created.links.self, response, background)
+    request.state.wait = Wait(taken.job, preferred_wait(prefer), partial(view, request))
     return created
 
 
