@@ -1,7 +1,7 @@
 // A job: how it goes, and what came of it.
 import { Problem, follow, getJson, request, save } from "./api.js";
 import { SphereMap } from "./charts.js";
-import { html, useEffect, useMemo, useRef, useState } from "./html.js";
+import { html, useEffect, useMemo, useState } from "./html.js";
 import { Facts, Icon, Meter, ProblemCard, Sentence, Tabs, useDrop } from "./parts.js";
 import { regionsOf } from "./regions.js";
 import { loadSchema, said } from "./schema.js";
