@@ -189,13 +189,16 @@ export function JobPage({ id, go }) {
     </main>`;
 }
 
+const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
+
 function Result({ job, report, stem, preview, current, onMark, onProblem }) {
+  const turning = usePicture(still ? job.links.poster : job.links.turntable);
   const get = (kind, ending) => job.links[kind] && html`
     <button type="button" class=${kind === "model" ? "primary" : ""} onClick=${() => save(job.links[kind], stem + ending).catch(onProblem)}>
       <${Icon} name="download" /> ${t(`download.${kind}`)}</button>`;
   return html`
     <div class="downloads">
-      ${get("model", ".watermarked.glb")}${get("report", ".watermarked.report.json")}${get("preview", ".watermarked.png")}${get("credentials", ".watermarked.c2pa")}
+      ${get("model", ".watermarked.glb")}${get("report", ".watermarked.report.json")}${get("preview", ".watermarked.png")}${get("turntable", ".turntable.webp")}${get("credentials", ".watermarked.c2pa")}
     </div>
     ${!report && html`<p class="quiet" role="status">${t("loading")}</p>`}
     ${report && html`
@@ -212,6 +215,7 @@ function Result({ job, report, stem, preview, current, onMark, onProblem }) {
             <span>${mark.lines?.join(" / ") || mark.text || t("marks.logo")}</span>
             <span class="quiet">${t("marks.views", { n: mark.views })}</span></button></li>`)}
       </ol>`}
+    ${turning && html`<h2>${t("download.turntable")}</h2><img class="preview" src=${turning} alt=${t("turntable.alt")} />`}
     ${preview && html`<h2>${t("download.preview")}</h2><img class="preview" src=${preview} alt=${t("preview.alt")} />`}`;
 }
 
