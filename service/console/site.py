@@ -39,6 +39,7 @@ BESIDE = (
 )
 MEDIA_TYPES = {
     ".css": "text/css; charset=utf-8",
+    ".glb": "model/gltf-binary",
     ".html": "text/html; charset=utf-8",
     ".js": "text/javascript; charset=utf-8",
     ".mjs": "text/javascript; charset=utf-8",

@@ -54,13 +54,13 @@ async function poll(load, signal) {
 }
 
 /** What a link of a job leads to, read once it is there. */
-export function useContent(path, read) {
+export function useContent(path, read, failed) {
   const [content, setContent] = useState(null);
   useEffect(() => {
     setContent(null);
     if (!path) return;
     const stop = new AbortController();
-    request(path, { signal: stop.signal }).then(read).then((value) => stop.signal.aborted || setContent(value), () => {});
+    request(path, { signal: stop.signal }).then(read).then((value) => stop.signal.aborted || setContent(value), (error) => stop.signal.aborted || failed(error));
     return () => stop.abort();
   }, [path]);
   return content;
@@ -125,8 +125,8 @@ export function JobPage({ id, go }) {
     const seen = await look(new File([await response.blob()], "result.glb"));
     if (seen.notShown) setMissing(seen.notShown);
     return seen.model;
-  });
-  const report = useContent(job?.state === "succeeded" ? links.report : null, (response) => response.json());
+  }, setProblem);
+  const report = useContent(job?.state === "succeeded" ? links.report : null, (response) => response.json(), setProblem);
   const preview = usePicture(job?.state === "succeeded" ? links.preview : null);
   const marks = useMemo(() => report?.watermarks ?? [], [report]);
 
@@ -152,12 +152,12 @@ export function JobPage({ id, go }) {
 
   useDrop((file) => after && compare(file));
 
-  if (loadProblem) return html`<main class="narrow" id="main"><${ProblemCard} problem=${loadProblem} /></main>`;
-  if (!job) return html`<main class="narrow" id="main"><p class="quiet" role="status">${t("loading")}</p></main>`;
+  if (loadProblem) return html`<main class="narrow" id="main" tabindex="-1"><${ProblemCard} problem=${loadProblem} /></main>`;
+  if (!job) return html`<main class="narrow" id="main" tabindex="-1"><p class="quiet" role="status">${t("loading")}</p></main>`;
 
   const shown = after || original?.model;
   return html`
-    <main class="work" id="main">
+    <main class="work" id="main" tabindex="-1">
       <section class="stage" aria-label=${t("view.label")}>
         <${Stage} before=${original?.model?.object} after=${after?.object} marks=${after ? marks : []} current=${current} onMark=${setCurrent}
           layout=${layout} onLayout=${setLayout}>

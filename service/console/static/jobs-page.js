@@ -62,7 +62,7 @@ export function JobsPage() {
     }
   };
   return html`
-    <main class="list" id="main">
+    <main class="list" id="main" tabindex="-1">
       <div class="row spread wrap">
         <h1>${t("jobs.title")}</h1>
         <${Choice} name="kind" label=${t("jobs.kind")} value=${kind} options=${Object.keys(KINDS).map((name) => [name, t(`jobs.${name}`)])} onChange=${setKind} />

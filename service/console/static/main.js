@@ -55,12 +55,14 @@ function App() {
   const [hash, setHash] = useState(location.hash);
   const [asked, ask] = useState(null);
   const waiting = useRef([]);
+  const moved = useRef(false);
   useEffect(() => {
     // A file that is dropped beside its place shall not take the page's.
     for (const type of ["dragover", "drop"]) window.addEventListener(type, (event) => event.preventDefault());
     const changed = () => {
       setHash(location.hash);
       window.scrollTo(0, 0);
+      moved.current = true;
     };
     window.addEventListener("hashchange", changed);
     onKeyNeeded(() => new Promise((answer) => {
@@ -75,9 +77,10 @@ function App() {
   };
   const [match, Page, section] = ROUTES.map(([pattern, ...rest]) => [hash.match(pattern), ...rest]).find(([found]) => found);
   const id = match[1] && decodeURIComponent(match[1]);
+  useEffect(() => { if (moved.current) document.getElementById("main").focus({ preventScroll: true }); }, [hash]);
   useEffect(() => { document.title = `${t(`nav.${section}`)} · Meshmark`; }, [section, language]);
   return html`
-    <a class="skip" href="#main" onClick=${(event) => { event.preventDefault(); document.querySelector("#main :is(button, a, label, input, textarea)")?.focus(); }}>${t("skip")}</a>
+    <a class="skip" href="#main" onClick=${(event) => { event.preventDefault(); document.getElementById("main").focus(); }}>${t("skip")}</a>
     <header>
       <a class="brand" href="#/" aria-label="Meshmark">
         <svg viewBox="0 0 32 32" aria-hidden="true"><rect width="32" height="32" rx="8" /><path d="M16 5.5 25.5 11v10L16 26.5 6.5 21V11Z" /><path d="M11 19.5v-6l5 4.5 5-4.5v6" /></svg>

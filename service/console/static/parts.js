@@ -82,7 +82,7 @@ export function ProblemCard({ problem, children }) {
 }
 
 /** A place to drop a file on, or to choose one. */
-export function DropZone({ onFile, title, text, formats, accept, id }) {
+export function DropZone({ onFile, title, text, formats, accept, id, children }) {
   return html`
     <div class="drop">
       <div class="drop-mark"><${Icon} name="cube" /></div>
@@ -91,6 +91,7 @@ export function DropZone({ onFile, title, text, formats, accept, id }) {
       <label class="button primary" for=${id}>${t("drop.choose")}</label>
       <input id=${id} class="hidden-input" type="file" accept=${accept}
         onChange=${(event) => event.target.files[0] && onFile(event.target.files[0])} />
+      ${children}
       <p class="quiet">${formats}</p>
       <p class="quiet">${t("drop.private")}</p>
     </div>

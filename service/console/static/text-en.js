@@ -22,6 +22,7 @@ export default {
   "drop.title": "Drop a 3D model here",
   "drop.or": "You see it at once. Then say what shall stand on it.",
   "drop.choose": "Choose a file",
+  "drop.sample": "or try it with a sample",
   "drop.private": "Nothing leaves this browser before you send it.",
   "drop.now": "Let go to open the file",
   "file.other": "Another file",

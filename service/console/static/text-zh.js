@@ -22,6 +22,7 @@ export default {
   "drop.title": "将三维模型拖到这里",
   "drop.or": "模型会立即显示，然后设置要添加的水印。",
   "drop.choose": "选择文件",
+  "drop.sample": "或使用示例模型试用",
   "drop.private": "在您发送之前，任何数据都不会离开浏览器。",
   "drop.now": "松开即可打开文件",
   "file.other": "换一个文件",

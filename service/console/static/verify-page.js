@@ -97,7 +97,7 @@ export function VerifyPage({ go }) {
   };
   const parts = [["file", file?.name ?? "suspect.glb"], original && ["original", original.name], credentials && ["credentials", credentials.name]].filter(Boolean);
   return html`
-    <main class="work" id="main">
+    <main class="work" id="main" tabindex="-1">
       <section class=${`stage ${over ? "over" : ""}`} aria-label=${t("view.label")}>
         ${!file && html`<${DropZone} id="asset" title=${t("verify.drop")} text=${t("verify.drop.text")} formats="GLB · glTF · OBJ · STL · PLY · OFF · 3MF · DAE · ZIP · PNG · JPEG · WebP" accept=${`${ACCEPT},${PICTURES}`} onFile=${open} />`}
         ${file && html`
@@ -138,7 +138,7 @@ export function VerificationPage({ id, go }) {
   const [problem, setProblem] = useState(null);
   const [file] = useState(() => originals.get(self)?.file ?? null);
   const seen = useSeen(file);
-  const report = useContent(job?.state === "succeeded" ? job.links.report : null, (response) => response.json());
+  const report = useContent(job?.state === "succeeded" ? job.links.report : null, (response) => response.json(), setProblem);
   const marks = useMemo(() => report?.marks ?? [], [report]);
   const remove = async () => {
     try {
@@ -148,11 +148,11 @@ export function VerificationPage({ id, go }) {
       setProblem(error);
     }
   };
-  if (loadProblem) return html`<main class="narrow" id="main"><${ProblemCard} problem=${loadProblem} /></main>`;
-  if (!job) return html`<main class="narrow" id="main"><p class="quiet" role="status">${t("loading")}</p></main>`;
+  if (loadProblem) return html`<main class="narrow" id="main" tabindex="-1"><${ProblemCard} problem=${loadProblem} /></main>`;
+  if (!job) return html`<main class="narrow" id="main" tabindex="-1"><p class="quiet" role="status">${t("loading")}</p></main>`;
   const name = file?.name ?? job.input?.filename ?? "";
   return html`
-    <main class="work" id="main">
+    <main class="work" id="main" tabindex="-1">
       <section class="stage" aria-label=${t("view.label")}>
         <${Shown} file=${file} seen=${seen} marks=${marks} current=${current} onMark=${setCurrent} />
         ${name && html`<div class="caption"><strong>${name}</strong></div>`}

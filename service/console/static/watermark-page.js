@@ -1,5 +1,5 @@
 // Choose a file, look at it, say what to emboss, send it.
-import { Problem, upload } from "./api.js";
+import { Problem, request, upload } from "./api.js";
 import { Advanced, ColorField, Field, FileField, labelOf, sendsNothing, valueOf } from "./form.js";
 import { html, useEffect, useMemo, useRef, useState } from "./html.js";
 import { Choice, DropZone, Facts, Icon, ProblemCard, Tabs, useDrop } from "./parts.js";
@@ -25,6 +25,12 @@ export async function look(file) {
 }
 
 const later = ({ key }) => key === "notshown.format" || key === "notshown.compressed";
+
+/** A model to try it with, which comes with the page: Keenan Crane's Spot. */
+async function sample() {
+  const response = await request(document.querySelector("meta[name=sample]").content);
+  return new File([await response.blob()], "spot.glb");
+}
 
 export function fileFacts(file, facts) {
   return [
@@ -128,9 +134,10 @@ export function WatermarkPage({ go }) {
   };
 
   return html`
-    <main class="work" id="main">
+    <main class="work" id="main" tabindex="-1">
       <section class=${`stage ${over ? "over" : ""}`} aria-label=${t("view.label")}>
-        ${!file && html`<${DropZone} id="asset" title=${t("drop.title")} text=${t("drop.or")} formats="GLB · glTF · OBJ · STL · PLY · OFF · 3MF · DAE · ZIP" accept=${ACCEPT} onFile=${open} />`}
+        ${!file && html`<${DropZone} id="asset" title=${t("drop.title")} text=${t("drop.or")} formats="GLB · glTF · OBJ · STL · PLY · OFF · 3MF · DAE · ZIP" accept=${ACCEPT} onFile=${open}>
+          <button type="button" class="plain sample" onClick=${() => sample().then(open, setProblem)}>${t("drop.sample")}</button><//>`}
         ${file && html`
           <${Stage} before=${model?.object} boxes=${regions.map((region) => (region.min ? region : null)).filter(Boolean)}
             selected=${selected < 0 ? -1 : regions.filter((each) => each.min).indexOf(regions[selected])} viewerRef=${viewer}

@@ -133,6 +133,8 @@ def test_all_can_be_done_by_keyboard(browser: Browser, service: Service) -> None
     with opened(browser, service.url + "/") as page:
         page.keyboard.press("Tab")
         expect(page.get_by_role("link", name="Skip to the content")).to_be_focused()
+        page.keyboard.press("Enter")
+        expect(page.get_by_role("main")).to_be_focused()
         tab_to(page, page.locator("#asset"))
         with page.expect_file_chooser() as chooser:
             page.keyboard.press("Enter")

@@ -111,6 +111,10 @@ def test_every_text_that_is_shown_is_in_the_tables() -> None:
     assert set(said()) <= table("en").keys()
 
 
+def test_the_sample_is_the_demo_asset() -> None:
+    assert (STATIC / "spot.glb").read_bytes() == (ROOT / "tests" / "data" / "spot.glb").read_bytes()
+
+
 def test_the_console_can_be_left_out(tmp_path: Path) -> None:
     with client_with(Settings(data_dir=tmp_path, console=False)) as client:
         for path in ("/", next(iter(site().files))):
