@@ -49,7 +49,8 @@ BELOW = {
         "credentials evaluate report reporting metrics rendering artwork labels formats gltf geometry budgets device "
         "validation"
     ),
-    "cli": "lab pipeline preload verify evaluate models labels parameters process processors",
+    "doctor": "pipeline rendering artwork models device",
+    "cli": "doctor lab pipeline preload verify evaluate models labels parameters process processors",
     "__init__": "process",
 }
 EVERYWHERE = {"arrays", "errors", "notices", "__version__"}
@@ -58,7 +59,7 @@ EVERYWHERE = {"arrays", "errors", "notices", "__version__"}
 OF_SERVICE = {
     *{"errors", "validation", "parameters", "budgets", "artwork", "report", "credentials", "verify", "__version__"}
 }
-OF_WORKER = OF_SERVICE | {"formats", "pipeline", "preload", "processors"}
+OF_WORKER = OF_SERVICE | {"doctor", "formats", "pipeline", "preload", "processors"}
 
 FILE_LINES = 400
 PARAMETERS = 7

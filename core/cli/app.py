@@ -1,15 +1,18 @@
 """All commands of ``meshmark``, each in its own module, which is loaded when it is called."""
 
+import re
 import sys
 import traceback
 from importlib import import_module
+from inspect import getdoc
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperCommand
 from typer.main import get_command
 
 from core import __version__, process
+from core.cli.help_page import Command, Group
 from core.cli.status import STATUS_OF, Status
 from core.cli.terminal import as_json, say, say_error, say_json, unhandled
 from core.errors import ErrorCode, MeshmarkError
@@ -26,16 +29,24 @@ COMMANDS = {
     "profile": ("Where the seconds of our own method go, over a folder of assets.", LAB),
     "sizing": ("How many workers so many uploads take.", LAB),
     "models": ("Weights that make the semantics score the paper's.", HERE),
+    "doctor": ("What this machine has of all that Meshmark needs.", HERE),
 }
 
 
-def load_command(name: str) -> TyperCommand:
-    """The command of this name with its options, from the module of the same name."""
+def load_command(name: str) -> Command:
+    """The command of this name with its options, from the module of the same name.
+
+    That module has a function of that name too; it may have an ``EPILOG`` for the end of the help page, and ``USAGE``,
+    the arguments in words.
+    """
     module = import_module(f"core.cli.{name}")
+    function = getattr(module, name)
+    text = re.sub(r"(?<!\n)\n(?!\n)", " ", getdoc(function) or "")  # as wide as the terminal
     app = typer.Typer(add_completion=False, rich_markup_mode="rich")
-    app.command(name, epilog=getattr(module, "EPILOG", None))(getattr(module, name))
+    app.command(name, cls=Command, help=text, epilog=getattr(module, "EPILOG", None))(function)
     command = get_command(app)
-    assert isinstance(command, TyperCommand)
+    assert isinstance(command, Command)
+    command.usage = getattr(module, "USAGE", "")
     return command
 
 
@@ -57,7 +68,7 @@ def _print_version(asked: bool) -> None:
         raise typer.Exit
 
 
-application = typer.Typer(rich_markup_mode="rich")
+application = typer.Typer(cls=Group, rich_markup_mode="rich")
 
 
 @application.callback()
@@ -69,10 +80,10 @@ def _top(
     """Emboss visible watermarks into 3D assets."""
 
 
-def group() -> TyperGroup:
+def group() -> Group:
     """``meshmark`` with all commands."""
     top = get_command(application)
-    assert isinstance(top, TyperGroup)
+    assert isinstance(top, Group)
     for name, (line, panel) in COMMANDS.items():
         top.add_command(Summary(name, line, panel))
     return top
@@ -84,13 +95,13 @@ def main(arguments: list[str] | None = None) -> int:
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
         status = group().main(arguments or ["--help"], prog_name="meshmark", standalone_mode=False)
+        if status == Status.INTERRUPTED:
+            say("meshmark: interrupted", sys.stderr)
         return Status(status or Status.DONE) if arguments else Status.USAGE
     except typer.TyperException as error:
         return _failed(_wrong_usage(error), arguments)
     except MeshmarkError as error:
         return _failed(error, arguments)
-    except typer.Abort:
-        return Status.INTERRUPTED
     except BrokenPipeError:  # the reader of our output has seen enough
         sys.stdout = None  # so that the interpreter does not flush it when it ends
         return Status.SOME_FAILED

@@ -8,7 +8,7 @@ import typer
 
 from core.cli.batch import Folders, mark_many, orders
 from core.cli.files import read_file, require_streams
-from core.cli.options import ACCEPTED, Json, Quiet
+from core.cli.options import Json, Quiet
 from core.cli.order import Order, Style, Telling, mark_one
 from core.cli.status import Status
 from core.errors import ErrorCode, MeshmarkError
@@ -29,13 +29,19 @@ from core.parameters import (
 )
 
 MANY, TEXT, MARKS, LABEL, PLACES, RESULTS = "Many files", "Text and logo", "Marks", "Label", "Places", "Results"
-PATHS = f"One file and its result; with --out any number of files, folders and globs. {ACCEPTED}."
+USAGE = "IN OUT.glb | IN... --out DIR"
+EPILOG = """Examples:
+
+meshmark apply dragon.glb preview.glb --text DRAFT --color "#d02020"
+meshmark apply models --out marked --text "Example Ltd" --jobs 4
+meshmark apply 'in/*.stl' --out marked --logo logo.svg --report reports
+meshmark apply - - --label eu < in.glb > out.glb"""
 REGION = "node=NAME|material=NAME|box=X,Y,Z,X,Y,Z"
 A_BOX = "A box goes from its lowest to its highest corner, in the asset's coordinates. May be repeated."
 
 
 def apply(
-    paths: Annotated[list[Path], typer.Argument(metavar="IN... OUT.glb", help=PATHS, show_default=False)],
+    paths: Annotated[list[Path], typer.Argument(metavar="OUT.glb", hidden=True)],
     out: Annotated[
         Path | None,
         typer.Option(
@@ -149,10 +155,12 @@ def apply(
     quiet: Quiet = False,
     json: Json = False,
 ) -> Status:
-    """Watermark files.
+    """Watermark one file, or many.
 
-    Of one file, IN and OUT.glb are files, or - for standard input and output. With --out, IN are files, folders and
-    globs: every file of an accepted format in them is marked, and what fails does not stop the others.
+    One: IN and OUT.glb are files, or - for standard input and output. Many: each IN is a file, a folder or a glob in
+    quotes; every file of an accepted format is marked, and one that fails does not stop the others.
+
+    Accepted are GLB, glTF, OBJ, STL, PLY, OFF, 3MF and DAE; with their other files as a ZIP. Results are GLB.
     """
     given = locals()
     if out is None:

@@ -158,7 +158,8 @@ def mark_many(wanted: list[Order], style: Style, jobs: int, telling: Telling) ->
         say_json({"files": [outcome.as_json() for outcome in outcomes]})
     elif not telling.quiet:
         say_table(COLUMNS, [_row(outcome) for outcome in outcomes], ["red" if o.error else "green" for o in outcomes])
-        say(f"{len(outcomes) - len(failed)} of {len(outcomes)} files marked")
+        told = f", {len(failed)} failed" if failed else ""
+        say(f"{len(outcomes) - len(failed)} of {len(outcomes)} files marked{told}", style="red" if failed else "green")
     return Status.SOME_FAILED if failed else Status.DONE
 
 

@@ -1,18 +1,18 @@
 """Options that several commands share."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from core.cli.help_page import OUTPUT
+
 ACCEPTED = "GLB, glTF, OBJ, STL, PLY, OFF, 3MF or DAE; with its other files as a ZIP; - for standard input"
 
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Tell of errors only.", rich_help_panel="Output")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Tell of errors only.", rich_help_panel=OUTPUT)]
 Json = Annotated[
-    bool, typer.Option("--json", help="Print the outcome as JSON on standard output.", rich_help_panel="Output")
+    bool, typer.Option("--json", help="Print the outcome as JSON on standard output.", rich_help_panel=OUTPUT)
 ]
 Seed = Annotated[int, typer.Option(help="Seed of every random draw.")]
-Report = Annotated[Path | None, typer.Option(metavar="R.json", help="Write the report here.")]
 
 
 def names(text: str) -> tuple[str, ...]:

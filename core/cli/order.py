@@ -134,7 +134,7 @@ def mark_one(order: Order, style: Style, telling: Telling) -> Status:
     """Mark one file and tell the outcome."""
     outcome = Outcome(order)
     try:
-        with progress(str(order.input), quiet=telling.quiet) as tell:
+        with progress("standard input" if order.input == STANDARD else str(order.input), quiet=telling.quiet) as tell:
             outcome = mark(order, style, tell)
     except MeshmarkError as error:
         outcome = Outcome(order, error=error)
@@ -144,6 +144,8 @@ def mark_one(order: Order, style: Style, telling: Telling) -> Status:
     if outcome.error:
         return STATUS_OF[outcome.error.code]
     if not telling.quiet and not telling.as_json:
+        for warning in outcome.warnings:
+            say(f"warning: {warning['message']} {warning['remedy']}", sys.stderr, style="yellow")
         stream = sys.stderr if STANDARD in (order.output, order.report, order.preview) else sys.stdout
         say(f"{order.output}: {outcome.summary()}", stream)
     return Status.DONE

@@ -65,24 +65,27 @@ class Lines(Board):
 
 
 class BarBoard(Board):
-    """A bar for each file that is being marked, and one for all."""
+    """A bar for all files, and one for each that is being marked."""
 
     def __init__(self, shown: "Bars", total: int) -> None:
-        self._bars, self._files = shown, dict[Order, Any]()
-        self._all = shown.add_task(f"{total} files", total=total, stage="")
+        self._bars, self._files, self._total, self._failed = shown, dict[Order, Any](), total, 0
+        self._all = shown.add_task(f"{total} files", total=total, stage=LOADING)
 
     def begin(self, order: Order) -> None:
         """Add its bar."""
-        self._files[order] = self._bars.add_task(printable(str(order.input)), total=1.0, stage=LOADING)
+        self._bars.update(self._all, stage="")
+        self._files[order] = self._bars.add_task(printable(str(order.input)), total=1.0, stage="")
 
     def move(self, order: Order, stage: str, share: float) -> None:
         """Move its bar."""
         self._bars.update(self._files[order], completed=share, stage=stage)
 
     def end(self, outcome: Outcome) -> None:
-        """Take its bar away."""
+        """Take its bar away, and count it."""
         self._bars.remove_task(self._files.pop(outcome.order))
-        self._bars.advance(self._all)
+        self._failed += outcome.error is not None
+        told = f", {self._failed} failed" if self._failed else ""
+        self._bars.update(self._all, advance=1, description=f"{self._total} files{told}")
 
     def draw(self) -> None:
         """Draw all bars; no thread does, for processes are forked from this one."""

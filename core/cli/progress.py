@@ -19,8 +19,8 @@ def bars(*, in_background: bool = True) -> "Bars":
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
     return Progress(
-        TextColumn("{task.description}", markup=False),
-        BarColumn(bar_width=30),
+        TextColumn("{task.description}", style="bold", markup=False),
+        BarColumn(bar_width=30, complete_style="cyan", finished_style="green", pulse_style="cyan"),
         TaskProgressColumn(),
         TextColumn("{task.fields[stage]:10}", style="cyan", markup=False),
         TimeElapsedColumn(),
@@ -37,7 +37,7 @@ def progress(title: str, *, quiet: bool) -> Iterator[Progress | None]:
         yield None
     elif sys.stderr.isatty():
         with bars() as shown:
-            task = shown.add_task(printable(title), total=1.0, stage="")
+            task = shown.add_task(printable(title), total=None, stage="")
 
             def tell(stage: str, share: float | None) -> None:
                 total = None if share is None else 1.0

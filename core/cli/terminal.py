@@ -27,8 +27,10 @@ def printable(text: str) -> str:
 def console(stream: TextIO) -> "Console":
     """A rich console on a stream; it minds NO_COLOR and TERM."""
     from rich.console import Console
+    from rich.theme import Theme
 
-    return Console(file=stream, highlight=False, soft_wrap=True)
+    theme = Theme({"progress.percentage": "default", "progress.elapsed": "dim"})
+    return Console(file=stream, highlight=False, soft_wrap=True, theme=theme)
 
 
 def say(text: str, stream: TextIO | None = None, *, style: str = "") -> None:
@@ -47,9 +49,9 @@ def say_error(error: MeshmarkError, about: str = "") -> None:
 
     Args:
         error: to be told.
-        about: name of the file, where there are several.
+        about: name of the file, where there are several; it is told unless the sentence has it.
     """
-    before = f"{about}: " if about else ""
+    before = f"{about}: " if about and about not in error.message else ""
     if sys.stderr.isatty():
         from rich.text import Text
 
@@ -115,3 +117,35 @@ def say_table(columns: Sequence[Column], rows: Sequence[Sequence[str]], styles: 
             for cell, width, column in zip(line, widths, columns, strict=True)
         )
         print("  ".join(padded).rstrip())
+
+
+@dataclass(frozen=True)
+class Item:
+    """A line of a list: a word in a colour, a name, a sentence, and a dim one below that where there is more to say."""
+
+    word: str
+    style: str
+    name: str
+    sentence: str
+    more: str = ""
+
+
+def say_list(items: Sequence[Item]) -> None:
+    """Print a list on standard output, in columns."""
+    if sys.stdout.isatty():
+        from rich.table import Table
+        from rich.text import Text
+
+        table = Table.grid(padding=(0, 2))
+        for item in items:
+            said = Text(printable(item.sentence))
+            if item.more:
+                said.append(f"\n{printable(item.more)}", "dim")
+            table.add_row(Text(item.word, item.style), Text(item.name, "bold"), said)
+        console(sys.stdout).print(table, soft_wrap=False)
+        return
+    words, names = (max(len(cell) for cell in cells) for cells in zip(*((i.word, i.name) for i in items), strict=True))
+    for item in items:
+        say(f"{item.word:{words}}  {item.name:{names}}  {item.sentence}")
+        if item.more:
+            say(f"{'':{words}}  {'':{names}}  {item.more}")
