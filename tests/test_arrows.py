@@ -69,7 +69,10 @@ WIDE_FUNCTIONS = {
     "core/pipeline.py:watermark",  # the whole of a request
     "core/geometry/warp_kernels.py:first_hit",  # a kernel: it takes arrays and numbers, no records
     # Commands take a parameter for each option.
-    *(f"core/cli/{name}.py:{name}" for name in ("apply", "attack", "benchmark", "evaluate", "sizing", "verify")),
+    *(
+        f"core/cli/{name}.py:{name}"
+        for name in ("apply", "attack", "benchmark", "evaluate", "sizing", "study", "verify")
+    ),
 }
 
 

@@ -26,6 +26,7 @@ COMMANDS = {
     "evaluate": ("Measure a watermarked file against its original.", MARK),
     "attack": ("Damage a watermarked file as a thief would.", LAB),
     "benchmark": ("Compare methods over a folder of assets.", LAB),
+    "study": ("Ask people about two methods, and count their answers.", LAB),
     "profile": ("Where the seconds of our own method go, over a folder of assets.", LAB),
     "sizing": ("How many workers so many uploads take.", LAB),
     "models": ("Weights that make the semantics score the paper's.", HERE),

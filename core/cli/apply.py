@@ -148,6 +148,13 @@ def apply(
     preview: Annotated[
         Path | None, typer.Option(metavar="P.png", help="Draw eight views here.", rich_help_panel=RESULTS)
     ] = None,
+    turntable: Annotated[
+        Path | None,
+        typer.Option(metavar="T.webp", help="Draw the result as it turns once, animated.", rich_help_panel=RESULTS),
+    ] = None,
+    poster: Annotated[
+        Path | None, typer.Option(metavar="P.webp", help="Draw the turntable's first frame.", rich_help_panel=RESULTS)
+    ] = None,
     evaluate: Annotated[
         Evaluate | None,
         typer.Option(help="Which metrics to measure; default: full with --report, else none.", rich_help_panel=RESULTS),
@@ -165,7 +172,8 @@ def apply(
     given = locals()
     if out is None:
         source, result = _pair(paths)
-        require_streams([source, font, logo, declaration], [result, report, preview], as_json=json)
+        written = [result, report, preview, turntable, poster]
+        require_streams([source, font, logo, declaration], written, as_json=json)
     else:
         require_streams([font, logo, declaration], [])
     parameters = parameters_of(given)
@@ -173,8 +181,8 @@ def apply(
     parameters.require_content(logo is not None)
     telling = Telling(quiet, json)
     if out is None:
-        return mark_one(Order(source, result, report, preview), style, telling)
-    return mark_many(orders(paths, Folders(out, report, preview)), style, jobs, telling)
+        return mark_one(Order(source, result, report, preview, turntable, poster), style, telling)
+    return mark_many(orders(paths, Folders(out, report, preview, turntable, poster)), style, jobs, telling)
 
 
 def parameters_of(options: dict[str, Any]) -> Parameters:
@@ -186,6 +194,7 @@ def parameters_of(options: dict[str, Any]) -> Parameters:
     given = {name: value for name, value in options.items() if name in Parameters.model_fields and value is not None}
     # Without a report the metrics, which take seconds, would not be seen.
     given.setdefault("evaluate", Evaluate.FULL if options["report"] else Evaluate.NONE)
+    given["turntable"] = any(options[name] is not None for name in ("turntable", "poster"))
     given["text"] = given["text"].replace(r"\n", "\n")
     if "," in given.get("color", ""):
         given["color"] = given["color"].split(",")

@@ -19,11 +19,13 @@ COLUMNS = (Column("file"), Column("marks", right=True), Column("seconds", right=
 
 @dataclass(frozen=True)
 class Folders:
-    """Folders of the results: of models, and where they are wanted of reports and previews."""
+    """Folders of the results: of models, and where they are wanted of reports and pictures."""
 
     models: Path
-    reports: Path | None
-    previews: Path | None
+    reports: Path | None = None
+    previews: Path | None = None
+    turntables: Path | None = None
+    posters: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,8 @@ def orders(paths: Iterable[Path], folders: Folders) -> list[Order]:
             folders.models / name,
             _beside(folders.reports, name, ".json"),
             _beside(folders.previews, name, ".png"),
+            _beside(folders.turntables, name, ".webp"),
+            _beside(folders.posters, name, ".poster.webp"),
         )
         for each, name in zip(found.values(), names, strict=True)
     ]
@@ -144,9 +148,8 @@ def mark_many(wanted: list[Order], style: Style, jobs: int, telling: Telling) ->
         MeshmarkError: ``output_not_writable`` where a folder for the results cannot be made.
     """
     for order in wanted:
-        for path in (order.output, order.report, order.preview):
-            if path:
-                make_folder(path.parent)
+        for path in order.results:
+            make_folder(path.parent)
     outcomes = mark_all(wanted, style, jobs, quiet=telling.quiet)
     failed = [outcome for outcome in outcomes if outcome.error]
     for outcome in failed:

@@ -22,8 +22,21 @@ class Order:
 
     input: Path
     output: Path
-    report: Path | None
-    preview: Path | None
+    report: Path | None = None
+    preview: Path | None = None
+    turntable: Path | None = None
+    poster: Path | None = None
+
+    @property
+    def pictures(self) -> dict[str, Path]:
+        """Names of the pictures that are wanted, by those that the engine gives them."""
+        names = {"preview": self.preview, "turntable": self.turntable, "poster": self.poster}
+        return {name: path for name, path in names.items() if path is not None}
+
+    @property
+    def results(self) -> list[Path]:
+        """All files that are to be written."""
+        return [self.output, *([self.report] if self.report else []), *self.pictures.values()]
 
 
 @dataclass(frozen=True)
@@ -84,8 +97,8 @@ def mark(order: Order, style: Style, tell: Progress | None) -> Outcome:
     """Mark one file and write its results.
 
     Raises:
-        MeshmarkError: where it cannot be marked or a result cannot be written; the model is written before its preview
-            is missed.
+        MeshmarkError: where it cannot be marked or a result cannot be written; the model is written before its
+            pictures are missed.
     """
     data = read_file(order.input)
     if tell is not None:
@@ -104,11 +117,12 @@ def mark(order: Order, style: Style, tell: Progress | None) -> Outcome:
     write_file(order.output, result.file.data)
     if order.report:
         write_json(order.report, result.report)
-    if order.preview:
-        if result.preview is None:
-            warning = warnings[-1]  # previewing is the last stage, and so is its warning
+    for name, path in order.pictures.items():
+        picture: bytes | None = getattr(result, name)
+        if picture is None:
+            warning = warnings[-1]  # drawing is the last stage that warns
             raise MeshmarkError(ErrorCode(warning["code"]), warning["message"], warning["remedy"])
-        write_file(order.preview, result.preview)
+        write_file(path, picture)
     return Outcome(order, len(result.report["watermarks"]), sum(result.report["timings"].values()), tuple(warnings))
 
 
@@ -119,7 +133,7 @@ def _of_stages_asked_for(tell: Progress, order: Order, parameters: Parameters) -
     idle = set[str]()
     if parameters.evaluate is Evaluate.NONE:
         idle |= {"evaluating"}
-    if parameters.evaluate is not Evaluate.FULL and order.preview is None:
+    if parameters.evaluate is not Evaluate.FULL and not order.pictures:
         idle |= {"rendering"}
     total = sum(share for name, share in STAGES.items() if name not in idle)
 
@@ -146,6 +160,6 @@ def mark_one(order: Order, style: Style, telling: Telling) -> Status:
     if not telling.quiet and not telling.as_json:
         for warning in outcome.warnings:
             say(f"warning: {warning['message']} {warning['remedy']}", sys.stderr, style="yellow")
-        stream = sys.stderr if STANDARD in (order.output, order.report, order.preview) else sys.stdout
+        stream = sys.stderr if STANDARD in order.results else sys.stdout
         say(f"{order.output}: {outcome.summary()}", stream)
     return Status.DONE

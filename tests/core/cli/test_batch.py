@@ -34,7 +34,7 @@ def inputs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def named(*paths: str, out: str = "out") -> list[tuple[str, str]]:
-    made = orders(map(Path, paths), Folders(Path(out), None, None))
+    made = orders(map(Path, paths), Folders(Path(out)))
     return [(str(order.input), str(order.output)) for order in made]
 
 
@@ -131,7 +131,7 @@ def test_a_process_that_dies_takes_no_other_file_with_it(inputs: Path, monkeypat
     monkeypatch.setattr("core.preload.preload", lambda: None)
     monkeypatch.setattr("core.process.before_children", lambda _threads: None)
     style = Style(Parameters(text="a"), None, None)
-    outcomes = mark_all(orders([inputs], Folders(Path("out"), None, None)), style, 3, quiet=True)
+    outcomes = mark_all(orders([inputs], Folders(Path("out"))), style, 3, quiet=True)
     assert [outcome.watermarks for outcome in outcomes] == [7, 0, 0]
     assert [outcome.error and outcome.error.code for outcome in outcomes] == [
         None,

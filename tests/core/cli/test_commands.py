@@ -16,8 +16,9 @@ from tests.validator import error_counts
 SPOT = Path(__file__).parents[2] / "data" / "spot.glb"
 
 
-def test_apply_writes_the_model_the_report_and_the_preview(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_apply_writes_the_model_the_report_and_the_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     model, report, preview = tmp_path / "out.glb", tmp_path / "report.json", tmp_path / "preview.png"
+    pictures = tmp_path / "turntable.webp", tmp_path / "poster.webp"
     font = tmp_path / "font.ttf"
     font.write_bytes(DEFAULT_FONT.read_bytes())
     status = main(
@@ -26,11 +27,14 @@ def test_apply_writes_the_model_the_report_and_the_preview(tmp_path: Path, capsy
             *("--report", str(report), "--preview", str(preview), "--font", str(font), "--seed", "5"),
             *("--mode", "deboss", "--size", "3", "--relief", "0.1", "--preset", "provenance"),
             *("--evaluate", "geometry", "--strength", "strong", "--size-exact"),
+            *("--turntable", str(pictures[0]), "--poster", str(pictures[1])),
         ]
     )
     assert status == 0
     assert not error_counts(model.read_bytes())
     assert preview.read_bytes().startswith(b"\x89PNG")
+    assert {path.read_bytes()[8:12] for path in pictures} == {b"WEBP"}
+    assert len(pictures[0].read_bytes()) > 10 * len(pictures[1].read_bytes())
     written = json.loads(report.read_text())
     asked = {"text": "watermark", "count": 2, "color": "#00ff00", "seed": 5, "mode": "deboss", "size": 3.0}
     asked |= {"strength": "strong", "size_exact": True}
