@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from core.cli.batch import Folders, mark_many, orders
-from core.cli.files import read_file, require_streams
+from core.cli.files import STANDARD, read_file, require_streams
 from core.cli.options import Json, Quiet
 from core.cli.order import Order, Style, Telling, mark_one
 from core.cli.status import Status
@@ -36,8 +36,10 @@ meshmark apply dragon.glb preview.glb --text DRAFT --color "#d02020"
 meshmark apply models --out marked --text "Example Ltd" --jobs 4
 meshmark apply 'in/*.stl' --out marked --logo logo.svg --report reports
 meshmark apply - - --label eu < in.glb > out.glb"""
-REGION = "node=NAME|material=NAME|box=X,Y,Z,X,Y,Z"
-A_BOX = "A box goes from its lowest to its highest corner, in the asset's coordinates. May be repeated."
+REGION = (
+    "node=NAME, material=NAME, or box=X,Y,Z,X,Y,Z from its lowest to its highest corner in the asset's coordinates. "
+    "May be repeated."
+)
 
 
 def apply(
@@ -121,11 +123,11 @@ def apply(
     seed: Annotated[int, typer.Option(help="Seed of every random draw.", rich_help_panel=MARKS)] = 0,
     keep_out: Annotated[
         list[str] | None,
-        typer.Option(metavar=REGION, help=f"Where no mark may stand. {A_BOX}", rich_help_panel=PLACES),
+        typer.Option(metavar="REGION", help=f"Where no mark may stand: {REGION}", rich_help_panel=PLACES),
     ] = None,
     prefer: Annotated[
         list[str] | None,
-        typer.Option(metavar=REGION, help="Where they should rather stand.", rich_help_panel=PLACES),
+        typer.Option(metavar="REGION", help="Where they should rather stand, likewise.", rich_help_panel=PLACES),
     ] = None,
     unmarked_copies: Annotated[
         UnmarkedCopies,
@@ -170,12 +172,13 @@ def apply(
     Accepted are GLB, glTF, OBJ, STL, PLY, OFF, 3MF and DAE; with their other files as a ZIP. Results are GLB.
     """
     given = locals()
+    written = [report, preview, turntable, poster]
     if out is None:
         source, result = _pair(paths)
-        written = [result, report, preview, turntable, poster]
-        require_streams([source, font, logo, declaration], written, as_json=json)
+        require_streams([source, font, logo, declaration], [result, *written], as_json=json)
     else:
         require_streams([font, logo, declaration], [])
+        _require_folders([out, *written])
     parameters = parameters_of(given)
     style = Style(parameters, read_file(font) if font else None, read_file(logo) if logo else None)
     parameters.require_content(logo is not None)
@@ -220,6 +223,20 @@ def _json_of(path: Path) -> Any:
         raise MeshmarkError(
             ErrorCode.INVALID_PARAMETERS, f"{path} cannot be read as JSON ({error}).", "Give a file with a JSON object."
         ) from None
+
+
+def _require_folders(folders: list[Path | None]) -> None:
+    """Refuse standard output in the place of a folder.
+
+    Raises:
+        MeshmarkError: ``invalid_request``.
+    """
+    if STANDARD in folders:
+        raise MeshmarkError(
+            ErrorCode.INVALID_REQUEST,
+            "With `--out`, results lie in folders, not on standard output.",
+            "Name folders, or mark one file: `meshmark apply - - < in.glb > out.glb`.",
+        )
 
 
 def _pair(paths: list[Path]) -> tuple[Path, Path]:

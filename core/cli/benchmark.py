@@ -39,8 +39,8 @@ def benchmark(
         str,
         typer.Option(
             metavar="M,...",
-            help="Of: meshmark, meshmark-default, li, paper, paper-no-curve-matching, paper-no-optimization, "
-            "paper-no-filtering, invisible; meshmark-flat, -discreet, -strong. Default: all before the semicolon.",
+            help="meshmark, meshmark-default, li, paper, paper-no-curve-matching, paper-no-optimization, "
+            "paper-no-filtering, invisible (default: these); meshmark-flat, meshmark-discreet, meshmark-strong.",
             rich_help_panel=COMPARED,
             show_default=False,
         ),

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,8 @@ def write_file(path: Path, data: bytes) -> None:
     except BrokenPipeError:
         raise
     except OSError as error:
+        with suppress(OSError):
+            partial.unlink()
         raise MeshmarkError(
             ErrorCode.OUTPUT_NOT_WRITABLE, f"{path} cannot be written: {error.strerror}.", "Choose another place."
         ) from None

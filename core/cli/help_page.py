@@ -27,6 +27,13 @@ class Command(TyperCommand):
         found[-1].rich_help_panel = OUTPUT
         return found
 
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Draw the page, its columns near each other: there is room for more words on narrow terminals."""
+        from typer import rich_utils  # with rich, which nothing else needs
+
+        vars(rich_utils)["STYLE_OPTIONS_TABLE_PADDING"] = (0, 1, 0, 0)  # of four sides, as rich has it
+        super().format_help(ctx, formatter)
+
 
 class Group(TyperGroup):
     """The group of all commands."""

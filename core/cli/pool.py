@@ -1,11 +1,12 @@
 """Files marked several at once, each in a process of its own: if one ends, the others go on."""
 
 import multiprocessing
+import os
 import signal
 import sys
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
@@ -178,7 +179,13 @@ def _received(one: Running) -> Outcome | tuple[str, float]:
 def _work(connection: Connection, order: Order, style: Style) -> None:
     """Mark one file, in a process of its own, and send progress and outcome."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent, which gets it too, ends this process
-    send: Callable[[object], None] = connection.send
+
+    def send(message: Outcome | tuple[str, float | None]) -> None:
+        try:
+            connection.send(message)
+        except OSError:  # the parent is gone, and nobody waits for the rest
+            os._exit(1)
+
     try:
         outcome = mark(order, style, lambda stage, share: send((stage, share)))
     except MeshmarkError as error:

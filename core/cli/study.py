@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from core.cli.options import Json, Quiet, Seed, names
+from core.cli.options import Json, Quiet, names
 from core.cli.progress import Progress, progress
 from core.cli.terminal import say, say_json
 from core.errors import ErrorCode, MeshmarkError
@@ -36,7 +36,7 @@ def study(
         typer.Option(metavar="N", help="Marks asked for; default: the benchmark's middle one.", rich_help_panel=PAGE),
     ] = None,
     assets: Annotated[int, typer.Option(metavar="N", min=1, help="Most assets to show.", rich_help_panel=PAGE)] = 20,
-    seed: Seed = 0,
+    seed: Annotated[int, typer.Option(help="Seed of every random draw.", rich_help_panel=PAGE)] = 0,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:

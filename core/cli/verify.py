@@ -1,13 +1,14 @@
 """The command `meshmark verify`."""
 
 import json as json_text
+import sys
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from core.cli.files import make_folder, read_file, require_streams, write_file, write_json
+from core.cli.files import STANDARD, make_folder, read_file, require_streams, write_file, write_json
 from core.cli.options import Json, Quiet
 from core.cli.progress import progress
 from core.cli.terminal import say, say_json
@@ -93,8 +94,9 @@ def verify(
     if json:
         say_json(result.report)
     elif not quiet:
+        stream = sys.stderr if STANDARD in (report, evidence) else sys.stdout
         for line in _lines(file, result.report):
-            say(line)
+            say(line, stream)
 
 
 def _write_pictures(folder: Path, pictures: dict[str, tuple[bytes, ...]]) -> None:

@@ -75,6 +75,7 @@ def test_standard_input_and_output_carry_the_very_bytes(cube: Path) -> None:
         ["apply", "in.glb", "-", "--text", "a", "--json"],
         ["evaluate", "-", "-", "--report", "r.json"],
         ["apply", "-", "--out", "folder", "--text", "a"],
+        ["apply", "a.glb", "--out", "folder", "--report", "-", "--text", "a"],
         ["apply", "a.glb", "b.glb", "c.glb", "--text", "a"],
         ["apply", "in.glb", "out.glb", "--size", "wide", "--text", "a"],
         ["benchmark", "folder", "--out", "out", "--counts", "four"],
