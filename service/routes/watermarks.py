@@ -53,6 +53,8 @@ MEDIA_TYPES = {
     ArtifactKind.MODEL: "model/gltf-binary",
     ArtifactKind.REPORT: "application/json",
     ArtifactKind.PREVIEW: "image/png",
+    ArtifactKind.TURNTABLE: "image/webp",
+    ArtifactKind.POSTER: "image/webp",
     ArtifactKind.CREDENTIALS: "application/c2pa",
 }
 CONTENT: dict[ArtifactKind, dict[str, Any]] = {
@@ -62,12 +64,16 @@ CONTENT: dict[ArtifactKind, dict[str, Any]] = {
         "description": "`meshmark.report/1`, as the manual's page on the report describes it.",
     },
     ArtifactKind.PREVIEW: {"type": "string", "format": "binary"},
+    ArtifactKind.TURNTABLE: {"type": "string", "format": "binary"},
+    ArtifactKind.POSTER: {"type": "string", "format": "binary"},
     ArtifactKind.CREDENTIALS: {"type": "string", "format": "binary"},
 }
 SUFFIXES = {
     ArtifactKind.MODEL: ".glb",
     ArtifactKind.REPORT: ".report.json",
     ArtifactKind.PREVIEW: ".png",
+    ArtifactKind.TURNTABLE: ".turntable.webp",
+    ArtifactKind.POSTER: ".poster.webp",
     ArtifactKind.CREDENTIALS: ".c2pa",
 }
 
@@ -230,6 +236,30 @@ async def read_report(request: Request, state: State, client: Admitted, job_id: 
 async def read_preview(request: Request, state: State, client: Admitted, job_id: str) -> Response:
     """Pictures of the watermarked asset from eight sides, as one PNG."""
     return await _deliver(request, state, client, job_id, ArtifactKind.PREVIEW)
+
+
+@router.head(
+    "/{job_id}/turntable",
+    name="head_turntable",
+    summary="Download the turntable (headers only)",
+    **_download(ArtifactKind.TURNTABLE),
+)
+@router.get("/{job_id}/turntable", summary="Download the turntable", **_download(ArtifactKind.TURNTABLE))
+async def read_turntable(request: Request, state: State, client: Admitted, job_id: str) -> Response:
+    """The watermarked asset as it turns once, an animated WebP; where `turntable` asked for it."""
+    return await _deliver(request, state, client, job_id, ArtifactKind.TURNTABLE)
+
+
+@router.head(
+    "/{job_id}/poster",
+    name="head_poster",
+    summary="Download the poster of the turntable (headers only)",
+    **_download(ArtifactKind.POSTER),
+)
+@router.get("/{job_id}/poster", summary="Download the poster of the turntable", **_download(ArtifactKind.POSTER))
+async def read_poster(request: Request, state: State, client: Admitted, job_id: str) -> Response:
+    """The first frame of the turntable, a WebP; where `turntable` asked for it."""
+    return await _deliver(request, state, client, job_id, ArtifactKind.POSTER)
 
 
 @router.head(

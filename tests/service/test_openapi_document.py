@@ -52,7 +52,7 @@ def test_every_operation_is_summed_up_in_words_of_its_own() -> None:
 
 def test_head_is_described_without_content() -> None:
     heads = [operation["responses"] for method, operation in OPERATIONS if method == "head"]
-    assert len(heads) == 6
+    assert len(heads) >= 6
     for responses in heads:
         assert "content" not in responses["200"]
         assert {"206", "307", "416"}.isdisjoint(responses)
