@@ -8,9 +8,9 @@ ENDED = ("succeeded", "failed", "canceled", "expired")
 
 
 class JobFacts:
-    """What is known of a job, of either kind, as the service last told it.
+    """Facts about a job, of either kind, as the service last told them.
 
-    `facts` is all of it, under the names of the API.
+    `facts` has all of them, under the names of the API.
     """
 
     def __init__(self, facts: dict[str, Any]) -> None:

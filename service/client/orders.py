@@ -17,7 +17,7 @@ OF_WATERMARKS = (*FORM_FIELDS, "logo", "font", "cache")
 
 
 class Marking(TypedDict, total=False):
-    """What to emboss and how: the manual's page on parameters has each."""
+    """Parameters of a watermark but its text: the manual's page on parameters has each."""
 
     label: Literal["cn", "eu", "us-ca", "kr", "in", "custom"]
     declaration: dict[str, Any]
@@ -49,7 +49,7 @@ class Marking(TypedDict, total=False):
 
 
 class Sending(TypedDict, total=False):
-    """What goes with an asset of any kind of job."""
+    """Fields that go with an asset of any kind of job."""
 
     metadata: Mapping[str, str]
     webhook: str

@@ -1,4 +1,4 @@
-"""Plans: what a client does, written once for both of them.
+"""Plans: the work of a client, written once for both of them.
 
 A plan is a generator that yields what a wire gives it, and is sent back the result: of a synchronous wire it is the
 result already, of an asynchronous one something to be awaited. Errors come up where it yields.
@@ -16,7 +16,7 @@ Plan = Generator[Any, Any, Result]
 
 
 class Wire(Protocol):
-    """What plans do outside themselves; `Any` is the result, or an awaitable of it."""
+    """Way of plans to the outside; `Any` is the result, or an awaitable of it."""
 
     @property
     def http(self) -> httpx2.Client | httpx2.AsyncClient:
@@ -38,7 +38,7 @@ class Wire(Protocol):
         """Iterator over the server-sent events of a response, for `following`."""
 
     def following(self, iterator: Any) -> Any:
-        """What follows in an iterator; None at its end."""
+        """Next item of an iterator; None at its end."""
 
     def sleep(self, seconds: float) -> Any:
         """Pause."""
@@ -71,7 +71,7 @@ class SyncWire:
         return iter(httpx2.EventSource(response))
 
     def following(self, iterator: Iterator[Result]) -> Result | None:
-        """What follows in an iterator; None at its end."""
+        """Next item of an iterator; None at its end."""
         return next(iterator, None)
 
     def sleep(self, seconds: float) -> None:
@@ -106,7 +106,7 @@ class AsyncWire:
         return aiter(httpx2.EventSource(response))
 
     def following(self, iterator: AsyncIterator[Result]) -> Awaitable[Result | None]:
-        """What follows in an iterator; None at its end."""
+        """Next item of an iterator; None at its end."""
         return anext(iterator, None)
 
     def sleep(self, seconds: float) -> Awaitable[None]:

@@ -19,6 +19,7 @@ from tests.service.client.proxy import Proxy
 from tests.service.edge import Edge, edge_with
 from tests.worker.waiting import wait_until
 
+REPORT = {"metrics": {"ocr": 1.0}}
 MODEL = bytes(range(256)) * 8192  # 2 MiB
 
 
@@ -45,7 +46,7 @@ class Hand:
     def succeed(self, lease: Lease) -> None:
         with self.ledger.sessions() as session:
             kind = session.get_one(Job, lease.job_id).kind
-        files = {ArtifactKind.REPORT: json.dumps({"schema": "a report"}).encode()}
+        files = {ArtifactKind.REPORT: json.dumps(REPORT).encode()}
         if kind is JobKind.WATERMARK:
             files |= {ArtifactKind.MODEL: MODEL, ArtifactKind.PREVIEW: b"\x89PNG"}
         else:

@@ -10,7 +10,7 @@ import pytest
 
 from service.client import Client, MeshmarkProblem, operations
 from service.client.batches import all_of
-from tests.service.client.conftest import MODEL, Either, Hand, wait_for_events
+from tests.service.client.conftest import MODEL, REPORT, Either, Hand, wait_for_events
 from tests.service.client.proxy import Fault, Proxy, answer
 from tests.service.edge import Edge
 from tests.service.harness import free_port
@@ -53,7 +53,7 @@ def test_an_asset_is_sent_followed_and_fetched(either: Either, hand: Hand, tmp_p
     assert job.facts["input"]["filename"] == "spot.obj"
     assert (job.facts["parameters"]["text"], job.facts["parameters"]["color"]) == ("HI", "none")
     assert either(job.download(tmp_path / "out.glb")).read_bytes() == MODEL
-    assert either(job.report()) == {"schema": "a report"}
+    assert either(job.report()) == REPORT
     assert either(job.preview()) == b"\x89PNG"
     assert either(either.client.get(job.id)).facts == job.facts
 
@@ -275,7 +275,7 @@ def test_a_suspect_file_is_verified(either: Either, hand: Hand, proxy: Proxy, tm
     assert job.facts["parameters"]["texts"] == ["HI"]
     assert proxy.lines() == ["POST /v1/verifications"]
     assert either(job.download(tmp_path / "evidence.html")).read_bytes() == b"<html>"
-    assert either(job.report()) == {"schema": "a report"}
+    assert either(job.report()) == REPORT
     assert job.id in [each.id for each in either.all(either.client.jobs("verifications"))]
     assert either(either.client.get(job.id, "verifications")).state == "succeeded"
 

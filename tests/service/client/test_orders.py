@@ -1,6 +1,5 @@
 """Orders of the client name what the service takes, and the client is light."""
 
-import ast
 import subprocess
 import sys
 from enum import EnumType
@@ -13,7 +12,6 @@ from service.client.jobs import ENDED
 from service.client.orders import FORM_FIELDS, OF_WATERMARKS, Marking, Order, watermark_form
 from service.jobs import events
 from service.routes.schemas import PriorityName
-from tests.manual import ROOT
 
 
 def test_a_client_takes_every_parameter_and_no_other() -> None:
@@ -47,11 +45,7 @@ def test_what_is_no_parameter_goes_beside_them() -> None:
     assert set(get_type_hints(Order)) - set(get_type_hints(Marking)) == set(OF_WATERMARKS)
 
 
-def test_the_client_needs_nothing_else_of_this_project() -> None:
-    for path in sorted((ROOT / "service" / "client").glob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in ("core", "service", "worker"):
-                assert str(node.module).startswith("service.client."), path.name
+def test_the_client_loads_nothing_heavy() -> None:
     script = "import sys, service.client\nprint(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout.split()
     assert {"service.client", "httpx2"} <= set(loaded)
