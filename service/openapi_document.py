@@ -25,12 +25,13 @@ def restore_examples(document: dict[str, Any], *models: type[BaseModel]) -> None
 
 
 def describe_head(document: dict[str, Any]) -> None:
-    """Take what only GET answers from the operations HEAD: content, parts of it, and redirects."""
+    """Take the answers that only GET gives from the operations HEAD: any content, parts of it, and redirects."""
     for method, operation in _operations(document):
         if method == "head":
             for code in NOT_OF_HEAD:
                 operation["responses"].pop(code, None)
-            operation["responses"]["200"].pop("content")
+            for response in operation["responses"].values():
+                response.pop("content", None)
 
 
 def without_foreign_refusals(document: dict[str, Any]) -> None:

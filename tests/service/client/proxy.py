@@ -119,8 +119,8 @@ def reset(connection: socket.socket) -> None:
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
 
 
-def answer(status: str, body: bytes = b"", **headers: str) -> bytes:
-    """An answer after which the connection is closed."""
-    lines = [f"HTTP/1.1 {status}", f"Content-Length: {len(body)}", "Connection: close"]
+def answer(status: str, body: bytes = b"", missing: int = 0, **headers: str) -> bytes:
+    """An answer after which the connection is closed, and so many bytes before its end."""
+    lines = [f"HTTP/1.1 {status}", f"Content-Length: {len(body) + missing}", "Connection: close"]
     lines += [f"{name.replace('_', '-')}: {value}" for name, value in headers.items()]
     return "\r\n".join([*lines, "", ""]).encode() + body

@@ -123,6 +123,22 @@ def test_parts_of_two_files_are_never_put_together(either: Either, hand: Hand, p
     assert len(proxy.lines(get)) == 3
 
 
+def test_a_download_from_a_bucket_goes_on_too_and_the_key_stays_here(
+    either: Either, hand: Hand, proxy: Proxy, edge: Edge
+) -> None:
+    job = done(either, hand)
+    bucket = Proxy(edge.port)
+    to_bucket = answer("307 Temporary Redirect", Location=f"http://localhost:{bucket.port}/object?signature=1")
+    proxy.faults = [Fault("GET", answer=to_bucket)] * 2
+    rest = answer("206 Partial Content", b"world", ETag='"1"', Content_Range="bytes 6-10/11")
+    bucket.faults = [Fault("GET", answer=answer("200 OK", b"hello ", missing=5, ETag='"1"')), Fault("GET", answer=rest)]
+    assert either(job.content()) == b"hello world"
+    first, again = [request.headers for request in bucket.requests]
+    assert "authorization" not in first | again
+    assert (again["range"], again["if-range"]) == ("bytes=6-", '"1"')
+    bucket.close()
+
+
 def test_a_download_that_cannot_be_had_leaves_nothing_and_what_was_there_stays(
     either: Either, hand: Hand, tmp_path: Path
 ) -> None:
