@@ -1,5 +1,6 @@
 """Routes of watermark jobs: send an asset, follow its job, fetch its results, delete it."""
 
+from collections.abc import Awaitable, Callable
 from functools import partial
 from pathlib import PurePath
 from typing import Annotated, Any
@@ -198,77 +199,55 @@ def _delete(state: AppState, client: Client, job_id: str) -> None:
     delete_job(state, client, find_job(state, client, job_id))
 
 
-def _download(kind: ArtifactKind) -> dict[str, Any]:
-    return download(kind, MEDIA_TYPES[kind], CONTENT[kind])
+Endpoint = Callable[[Request, State, Admitted, str], Awaitable[Response]]
 
 
-@router.head(
-    "/{job_id}/model",
-    name="head_model",
-    summary="Download the watermarked model (headers only)",
-    **_download(ArtifactKind.MODEL),
-)
-@router.get("/{job_id}/model", summary="Download the watermarked model", **_download(ArtifactKind.MODEL))
+def _offer(kind: ArtifactKind, title: str) -> Callable[[Endpoint], Endpoint]:
+    """Decorator that adds the routes GET and HEAD of a result of a job."""
+    path = f"/{{job_id}}/{kind}"
+
+    def options() -> dict[str, Any]:  # each route's own: the document's HEAD has no content
+        return download(kind, MEDIA_TYPES[kind], CONTENT[kind])
+
+    def add(read: Endpoint) -> Endpoint:
+        get = router.get(path, summary=f"Download {title}", **options())(read)
+        router.head(path, name=f"head_{kind}", summary=f"Download {title} (headers only)", **options())(read)
+        return get
+
+    return add
+
+
+@_offer(ArtifactKind.MODEL, "the watermarked model")
 async def read_model(request: Request, state: State, client: Admitted, job_id: str) -> Response:
     """The watermarked GLB; there from stage `evaluating` on."""
     return await _deliver(request, state, client, job_id, ArtifactKind.MODEL)
 
 
-@router.head(
-    "/{job_id}/report",
-    name="head_report",
-    summary="Download the report (headers only)",
-    **_download(ArtifactKind.REPORT),
-)
-@router.get("/{job_id}/report", summary="Download the report", **_download(ArtifactKind.REPORT))
+@_offer(ArtifactKind.REPORT, "the report")
 async def read_report(request: Request, state: State, client: Admitted, job_id: str) -> Response:
     """Where the watermarks are, and what they measure."""
     return await _deliver(request, state, client, job_id, ArtifactKind.REPORT)
 
 
-@router.head(
-    "/{job_id}/preview",
-    name="head_preview",
-    summary="Download the preview (headers only)",
-    **_download(ArtifactKind.PREVIEW),
-)
-@router.get("/{job_id}/preview", summary="Download the preview", **_download(ArtifactKind.PREVIEW))
+@_offer(ArtifactKind.PREVIEW, "the preview")
 async def read_preview(request: Request, state: State, client: Admitted, job_id: str) -> Response:
     """Pictures of the watermarked asset from eight sides, as one PNG."""
     return await _deliver(request, state, client, job_id, ArtifactKind.PREVIEW)
 
 
-@router.head(
-    "/{job_id}/turntable",
-    name="head_turntable",
-    summary="Download the turntable (headers only)",
-    **_download(ArtifactKind.TURNTABLE),
-)
-@router.get("/{job_id}/turntable", summary="Download the turntable", **_download(ArtifactKind.TURNTABLE))
+@_offer(ArtifactKind.TURNTABLE, "the turntable")
 async def read_turntable(request: Request, state: State, client: Admitted, job_id: str) -> Response:
     """The watermarked asset as it turns once, an animated WebP; where `turntable` asked for it."""
     return await _deliver(request, state, client, job_id, ArtifactKind.TURNTABLE)
 
 
-@router.head(
-    "/{job_id}/poster",
-    name="head_poster",
-    summary="Download the poster of the turntable (headers only)",
-    **_download(ArtifactKind.POSTER),
-)
-@router.get("/{job_id}/poster", summary="Download the poster of the turntable", **_download(ArtifactKind.POSTER))
+@_offer(ArtifactKind.POSTER, "the turntable's poster")
 async def read_poster(request: Request, state: State, client: Admitted, job_id: str) -> Response:
     """The first frame of the turntable, a WebP; where `turntable` asked for it."""
     return await _deliver(request, state, client, job_id, ArtifactKind.POSTER)
 
 
-@router.head(
-    "/{job_id}/credentials",
-    name="head_credentials",
-    summary="Download the Content Credentials (headers only)",
-    **_download(ArtifactKind.CREDENTIALS),
-)
-@router.get("/{job_id}/credentials", summary="Download the Content Credentials", **_download(ArtifactKind.CREDENTIALS))
+@_offer(ArtifactKind.CREDENTIALS, "the Content Credentials")
 async def read_credentials(request: Request, state: State, client: Admitted, job_id: str) -> Response:
     """The model's Content Credentials, a C2PA manifest store beside it; where the service signs its results."""
     return await _deliver(request, state, client, job_id, ArtifactKind.CREDENTIALS)
