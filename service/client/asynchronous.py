@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import AsyncIterator, Callable, Iterable, Sequence
+from collections.abc import AsyncGenerator, AsyncIterator, Callable, Iterable, Sequence
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -118,7 +118,7 @@ class AsyncClient:
 
     def watermark_all(
         self, assets: Iterable[File], text: str | None = None, *, concurrency: int = 4, **order: Unpack[Order]
-    ) -> AsyncIterator[Outcome[AsyncJob]]:
+    ) -> AsyncGenerator[Outcome[AsyncJob], None]:
         """As :meth:`service.client.Client.watermark_all`."""
         one = partial(self.watermark, text=text, **order)
         return all_of_async(assets, one, concurrency)

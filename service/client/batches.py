@@ -1,7 +1,7 @@
 """Many assets, a few at a time."""
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Coroutine, Iterable, Iterator
+from collections.abc import AsyncGenerator, Callable, Coroutine, Generator, Iterable
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from itertools import islice
@@ -22,7 +22,9 @@ class Outcome(Generic[AnyJob]):
     error: MeshmarkProblem | OSError | None = None
 
 
-def all_of(assets: Iterable[File], do: Callable[[File], AnyJob], concurrency: int) -> Iterator[Outcome[AnyJob]]:
+def all_of(
+    assets: Iterable[File], do: Callable[[File], AnyJob], concurrency: int
+) -> Generator[Outcome[AnyJob], None, None]:
     """Outcomes in the order in which they come, of so many assets at a time in threads; no more are begun once nobody
     asks for the next one."""
 
@@ -45,7 +47,7 @@ def all_of(assets: Iterable[File], do: Callable[[File], AnyJob], concurrency: in
 
 async def all_of_async(
     assets: Iterable[File], do: Callable[[File], Coroutine[None, None, AnyJob]], concurrency: int
-) -> AsyncIterator[Outcome[AnyJob]]:
+) -> AsyncGenerator[Outcome[AnyJob], None]:
     """As :func:`all_of`, in tasks, which are canceled once nobody asks for the next outcome."""
 
     async def outcome(asset: File) -> Outcome[AnyJob]:

@@ -56,22 +56,18 @@ class Exchange:
             MeshmarkProblem: the service refuses the request, or does not answer it.
             OSError: a file of the form cannot be read.
         """
-        for attempt in range(self.retries + 1):
+        attempt = 0
+        while True:
             response = yield from self.open(call, attempt)
             try:
                 yield self.wire.read(response)
             except httpx2.TransportError as error:
-                if attempt == self.retries or not call.is_repeatable:
+                if attempt >= self.retries or not call.is_repeatable:
                     raise unreachable(response.request, error) from error
                 yield self.wire.sleep(backoff(attempt))
-                continue
-            if not response.content:
-                return None
-            try:
-                return response.json()
-            except ValueError:
-                raise problem_of(response) from None
-        raise AssertionError  # the last attempt returns or raises
+                attempt += 1
+            else:
+                return _content(response)
 
     def open(self, call: Call, attempt: int = 0, retries: int | None = None) -> Plan[httpx2.Response]:
         """Successful answer, of which the body has not been read. The caller closes it.
@@ -92,7 +88,7 @@ class Exchange:
             try:
                 with ExitStack() as opened:
                     files = opened.enter_context(call.form.opened()) if call.form else {}
-                    request = self._request(call, files)
+                    request = self._request(call, files, attempt)
                     response: httpx2.Response = yield self.wire.send(request)
                 if response.is_success:
                     return response
@@ -111,17 +107,29 @@ class Exchange:
             yield self.wire.sleep(backoff(attempt) if pause is None else pause)
             attempt += 1
 
-    def _request(self, call: Call, files: Mapping[str, Any]) -> httpx2.Request:
+    def _request(self, call: Call, files: Mapping[str, Any], attempt: int) -> httpx2.Request:
+        # Where an answer that is kept back does not get through, past an impatient proxy, one that comes at once may.
+        headers = {name: value for name, value in call.headers.items() if not attempt or name != "Prefer"}
         timeout = httpx2.Timeout(self._timeout, read=self._timeout + call.patience, pool=None)
         options: dict[str, Any] = {"params": call.query} if call.query else {}
         if call.form:
             options |= {"data": call.form.data(), "files": files}
-        return self.wire.http.build_request(call.method, call.path, headers=call.headers, timeout=timeout, **options)
+        return self.wire.http.build_request(call.method, call.path, headers=headers, timeout=timeout, **options)
 
 
 def backoff(attempt: int) -> float:
     """Seconds to pause after so many earlier attempts: doubled each time, and drawn, so that clients spread."""
     return random.uniform(0.5, 1.0) * min(FIRST_PAUSE * 2.0**attempt, LONGEST_PAUSE)
+
+
+def _content(response: httpx2.Response) -> Any:
+    """JSON of an answer; None where it has no content."""
+    if not response.content:
+        return None
+    try:
+        return response.json()
+    except ValueError:
+        raise problem_of(response) from None
 
 
 def _is_passing(status: int, problem: MeshmarkProblem, call: Call) -> bool:

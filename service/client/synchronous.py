@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -170,7 +170,7 @@ class Client:
 
     def watermark_all(
         self, assets: Iterable[File], text: str | None = None, *, concurrency: int = 4, **order: Unpack[Order]
-    ) -> Iterator[Outcome[Job]]:
+    ) -> Generator[Outcome[Job], None, None]:
         """Outcomes of many assets with the same order, so many at a time, in the order in which they end.
 
         An error is the outcome of its asset, and does not end the others.

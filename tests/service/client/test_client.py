@@ -158,6 +158,14 @@ def test_a_service_that_is_busy_is_asked_again(either: Either, proxy: Proxy) -> 
     assert len(proxy.requests) == 3
 
 
+def test_past_a_proxy_that_is_impatient_no_answer_is_kept_back_again(either: Either, hand: Hand, proxy: Proxy) -> None:
+    proxy.faults = [Fault("POST", answer=answer("504 Gateway Timeout", b"<h1>Too late</h1>"))]
+    assert done(either, hand).state == "succeeded"
+    first, again = [request.headers for request in proxy.requests if request.line.startswith("POST")]
+    assert first["prefer"] == "wait=50"
+    assert "prefer" not in again
+
+
 def test_a_service_that_asks_for_an_hour_is_not_waited_for(either: Either, proxy: Proxy) -> None:
     proxy.faults = [Fault("POST", answer=answer("429 Too Many", Retry_After="3600"))]
     with pytest.raises(MeshmarkProblem) as raised:
