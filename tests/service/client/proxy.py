@@ -17,7 +17,10 @@ LENGTH = re.compile(rb"content-length: (\d+)", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class Fault:
-    """What happens to a request whose head begins so: its answer is cut after so many bytes, or is another one."""
+    """What happens to a request whose head begins so: its answer is cut after so many bytes, or is another one.
+
+    In that, START stands for the first byte that the request asks for.
+    """
 
     head: str
     after: int = 0
@@ -31,6 +34,7 @@ class Request:
         self.line = f"{method.decode()} {target.decode()}"
         pairs = (line.partition(": ")[::2] for line in headers.decode().split("\r\n"))
         self.headers = {name.lower(): value for name, value in pairs}
+        self.start = self.headers.get("range", "").removeprefix("bytes=").partition("-")[0]
 
 
 class Proxy:
@@ -86,7 +90,7 @@ class Proxy:
                         request, pending = pending[:whole], pending[whole:]
                         fault = self._note(request)
                         if fault and fault.answer is not None:
-                            client.sendall(fault.answer)
+                            client.sendall(fault.answer.replace(b"START", self.requests[-1].start.encode()))
                             return
                         left = fault.after if fault else None
                         server.sendall(request)

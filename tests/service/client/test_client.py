@@ -102,7 +102,7 @@ def test_a_download_that_breaks_off_goes_on_from_there(
     assert either(job.download(tmp_path / "out.glb")).read_bytes() == MODEL
     first, *again = [request.headers for request in proxy.requests if request.line == get]
     assert "range" not in first
-    starts = [int(headers["range"].removeprefix("bytes=").removesuffix("-")) for headers in again]
+    starts = [int(request.start) for request in proxy.requests if request.line == get and request.start]
     assert 0 < starts[0] < starts[1] < len(MODEL)
     assert {headers["if-range"] for headers in again} == {f'"{job_sha(hand, job.id)}"'}
     assert [path.name for path in tmp_path.iterdir()] == ["out.glb"]
@@ -117,7 +117,7 @@ def job_sha(hand: Hand, job_id: str) -> str:
 def test_parts_of_two_files_are_never_put_together(either: Either, hand: Hand, proxy: Proxy) -> None:
     job = done(either, hand)
     get = f"GET /v1/watermarks/{job.id}/model"
-    other = answer("206 Partial Content", b"other", ETag='"other"', Content_Range="bytes 700000-700004/700005")
+    other = answer("206 Partial Content", b"other", ETag='"other"', Content_Range="bytes START-9999999/10000000")
     proxy.faults = [Fault(get, after=700_000), Fault(get, answer=other)]
     assert either(job.content()) == MODEL
     assert len(proxy.lines(get)) == 3
