@@ -26,8 +26,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in ("spot.glb", "suspect.glb"):
         (tmp_path / name).write_bytes(asset(name=name))
     (tmp_path / "empty.glb").touch()
-    (tmp_path / "models").mkdir()
-    shutil.copy(tmp_path / "spot.glb", tmp_path / "models" / "one.glb")
+    for path in (tmp_path / "models" / "one.glb", tmp_path / "tests" / "data" / "spot.glb"):
+        path.parent.mkdir(parents=True)
+        shutil.copy(tmp_path / "spot.glb", path)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
