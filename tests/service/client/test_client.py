@@ -174,11 +174,10 @@ def test_a_service_that_asks_for_an_hour_is_not_waited_for(either: Either, proxy
     assert len(proxy.requests) == 1
 
 
-def test_an_answer_that_gets_lost_makes_no_second_job(either: Either, proxy: Proxy, hand: Hand) -> None:
-    before = len(hand.queued())
+def test_an_answer_that_gets_lost_makes_no_second_job(either: Either, proxy: Proxy) -> None:
     proxy.faults = [Fault("POST", after=0)]
-    job = either(either.client.watermark(asset(), "HI", wait=False))
-    assert hand.queued()[before:] == [job.id]
+    job = either(either.client.watermark(asset(), "HI", metadata={"lost": either.url}, wait=False))
+    assert [each.id for each in either.all(either.client.jobs(metadata=("lost", either.url)))] == [job.id]
     assert len(proxy.lines("POST")) == 2
 
 
