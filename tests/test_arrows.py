@@ -49,8 +49,9 @@ BELOW = {
         "credentials evaluate report reporting metrics rendering artwork labels formats gltf geometry budgets device "
         "validation"
     ),
+    "explain": "marking stages reporting embossing placement rendering formats gltf geometry budgets parameters",
     "doctor": "pipeline rendering artwork models device",
-    "cli": "doctor lab pipeline preload verify evaluate models labels parameters process processors",
+    "cli": "doctor explain lab pipeline preload verify evaluate models labels parameters process processors",
     "__init__": "process",
 }
 EVERYWHERE = {"arrays", "errors", "notices", "__version__"}
@@ -71,7 +72,7 @@ WIDE_FUNCTIONS = {
     # Commands take a parameter for each option.
     *(
         f"core/cli/{name}.py:{name}"
-        for name in ("apply", "attack", "benchmark", "evaluate", "sizing", "study", "verify")
+        for name in ("apply", "attack", "benchmark", "evaluate", "explain", "sizing", "study", "verify")
     ),
 }
 

@@ -24,6 +24,7 @@ COMMANDS = {
     "apply": ("Watermark files.", MARK),
     "verify": ("Read marks and labels of a file back.", MARK),
     "evaluate": ("Measure a watermarked file against its original.", MARK),
+    "explain": ("Show why marks stand where they stand.", MARK),
     "attack": ("Damage a watermarked file as a thief would.", LAB),
     "benchmark": ("Compare methods over a folder of assets.", LAB),
     "study": ("Ask people about two methods, and count their answers.", LAB),
