@@ -140,6 +140,15 @@ def test_the_engine_knows_no_service_and_the_service_no_worker() -> None:
     assert [name for path in sources("service") for name in imported(path) if name.startswith("worker")] == []
 
 
+def test_the_client_uses_nothing_of_the_house_and_nothing_there_uses_it() -> None:
+    of_client = {name for path in sources("service") if part(path) == "client" for name in imported(path)}
+    elsewhere = {
+        name for path in sources("service") + sources("worker") if part(path) != "client" for name in imported(path)
+    }
+    assert [name for name in of_client if not name.startswith("service.client.")] == []
+    assert [name for name in elsewhere if name.startswith("service.client")] == []
+
+
 @pytest.mark.parametrize(("package", "allowed"), [("service", OF_SERVICE), ("worker", OF_WORKER)])
 def test_of_the_engine_only_its_entrances_are_used(package: str, allowed: set[str]) -> None:
     names = {name.split(".")[1] for path in sources(package) for name in imported(path) if name.startswith("core")}
