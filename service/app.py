@@ -33,6 +33,7 @@ from service.problems import Problem, install_problem_handlers, problem_response
 from service.readiness import Readiness
 from service.request_id import RequestId
 from service.routes import batch, console, events, health, hooks, uploads, verifications, watermarks, webhook_endpoints
+from service.routes.manual import manual_router
 from service.routes.report_example import REPORT
 from service.routes.verification_example import VERIFICATION
 from service.state import AppState
@@ -152,6 +153,8 @@ def create_app(settings: Settings, gate: Template | None = None) -> FastAPI:
         "Errors are RFC 9457 problem details with a stable `code` and a `remedy`.",
         version="1",
         lifespan=lifespan,
+        docs_url=None,  # pages of the framework that load their script from another host
+        redoc_url=None,
         redirect_slashes=False,  # a redirect would lead to whatever host the request names, and without TLS
         # One span a request, where service.tracing is asked for any.
         telemetry={"auto_configure": False, "metrics": False, "logs": False, "operation_spans": False},
@@ -170,6 +173,7 @@ def create_app(settings: Settings, gate: Template | None = None) -> FastAPI:
     app.include_router(events.router)
     app.include_router(webhook_endpoints.router, max_body_size=JSON_BYTES)
     app.include_router(health.router)
+    app.include_router(manual_router())
     if settings.console:
         app.include_router(console.router)
     install_problem_handlers(app, body_limit)
