@@ -93,6 +93,10 @@ attacks: $(VENV)/.tests ## Attack an API as one tenant, and print what it answer
 docker-test: ## Build the image and put the whole deployment through its faults, as root; CACHE=DIR keeps what it built
 	$(PYTHON) -m tests.docker $(if $(CACHE),--cache $(CACHE))
 
+pictures: $(VENV)/.tests ## Draw the manual's pictures of what parameters do
+	@sh docker/system-packages.sh service fonts
+	$(BIN)/python -m tests.pictures
+
 openapi: $(VENV)/.service ## Write openapi.yaml from the application
 	$(BIN)/python -m service openapi > openapi.yaml
 
@@ -117,4 +121,4 @@ $(VENV)/.tests: $(VENV)/.service
 	$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable '.[test,benchmark]'
 	touch $@
 
-.PHONY: help install demo run test check survey delivered features design labels verified compared benchmark ablation fuzz faults load attacks audit docker-test openapi clean
+.PHONY: help install demo run test check survey delivered features design labels verified compared benchmark ablation fuzz faults load attacks audit docker-test pictures openapi clean

@@ -34,6 +34,7 @@ from service.readiness import Readiness
 from service.request_id import RequestId
 from service.routes import batch, console, events, health, hooks, uploads, verifications, watermarks, webhook_endpoints
 from service.routes.manual import manual_router
+from service.routes.reference import reference_router
 from service.routes.report_example import REPORT
 from service.routes.verification_example import VERIFICATION
 from service.state import AppState
@@ -174,6 +175,7 @@ def create_app(settings: Settings, gate: Template | None = None) -> FastAPI:
     app.include_router(webhook_endpoints.router, max_body_size=JSON_BYTES)
     app.include_router(health.router)
     app.include_router(manual_router())
+    app.include_router(reference_router())
     if settings.console:
         app.include_router(console.router)
     install_problem_handlers(app, body_limit)

@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from functools import partial
 from hashlib import sha256
 from html import escape
 from pathlib import Path
@@ -58,7 +59,7 @@ def build(site: Path = SITE) -> None:
 
 
 def _told(output: str) -> str:
-    """What zensical says of a fault, without the colours and the traceback that it adds."""
+    """Words of zensical about a fault, without the colours and the traceback that it adds."""
     return re.sub(r"\x1b\[[\d;]*m", "", output).partition("\nTraceback")[0].strip()
 
 
@@ -82,7 +83,7 @@ def _finish(site: Path, pages: Path) -> None:
     for page in site.rglob("*.html"):
         up = "../" * (len(page.relative_to(site).parts) - 1)
         twin = page.relative_to(site).parent.as_posix() if up else "index"
-        text = SCRIPT.sub(lambda script, up=up: _script(script[1], site, up), page.read_text())
+        text = SCRIPT.sub(partial(_script, site, up), page.read_text())
         link = f'<link rel="alternate" type="text/markdown" href="{escape(f"{up}{twin}.md")}">'
         page.write_text(text.replace("</head>", f"{link}</head>", 1))
     for source in pages.rglob("*.md"):
@@ -90,8 +91,9 @@ def _finish(site: Path, pages: Path) -> None:
     (site / "llms.txt").write_text(llms(tomllib.loads(CONFIG.read_text())["project"]))
 
 
-def _script(code: str, site: Path, up: str) -> str:
+def _script(site: Path, up: str, found: re.Match[str]) -> str:
     """A script of a page, put into a file."""
+    code = found[1]
     name = f"assets/javascripts/page.{sha256(code.encode()).hexdigest()[:8]}.js"
     (site / name).write_text(code)
     return f'<script src="{up}{name}"></script>'

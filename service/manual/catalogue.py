@@ -3,7 +3,6 @@
 import json
 import re
 from collections.abc import Iterator
-from http import HTTPStatus
 from pathlib import Path
 from typing import Any
 
@@ -58,14 +57,13 @@ def _page(code: str, status: int, meaning: str, remedy: str, operations: list[st
     """Markdown of one page."""
     named = {"type": type_of(CODES[code]), "title": title(CODES[code]), "status": status, "code": code}
     listed = "\n".join(f"- `{operation}`" for operation in operations)
-    answered = f"## Answers of\n\n{listed}\n\n" if listed else ""
+    answered = f"\n## Answers of\n\n{listed}\n" if listed else ""
     return (
         f"# {title(CODES[code])}\n\n"
-        f"`{code}` · {status} {HTTPStatus(status).phrase}\n\n"
+        f"`{code}` · status {status} · [all errors](../errors.md)\n\n"
         f"**Meaning.** {_sentence(meaning)}\n\n"
         f"**Remedy.** {_sentence(remedy)} The `remedy` of an answer is about its very file or request, and goes first."
-        f"\n\n```json\n{json.dumps(named, indent=2)}\n```\n\n"
-        f"{answered}[All errors](../errors.md)\n"
+        f"\n\n```json\n{json.dumps(named, indent=2)}\n```\n{answered}"
     )
 
 
