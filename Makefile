@@ -114,7 +114,8 @@ $(CONSOLE): service/console/package-lock.json $(VENV)/.service
 	@sh docker/node-packages.sh service/console $(BIN)/python
 	touch $@
 
-$(MANUAL): $(VENV)/.service $(wildcard service/docs/*.md service/docs/pictures/* service/manual/*.* service/manual/assets/*)
+$(MANUAL): $(VENV)/.service openapi.yaml core/errors.py service/errors.py \
+		$(wildcard service/docs/*.md service/docs/pictures/* service/manual/*.* service/manual/assets/*)
 	$(BIN)/python -m service.manual
 
 $(VENV)/.tests: $(VENV)/.service
