@@ -275,7 +275,12 @@ def _label_heights(embossed: Embossed, context: "PlacementContext") -> Float:
 
 
 def write_label_alone(asset: Asset, run: Run) -> Output:
-    """The asset with a machine-readable label and no mark, published."""
+    """The asset with a machine-readable label and no mark, published.
+
+    Raises:
+        MeshmarkError: ``invalid_parameters`` without a label.
+    """
+    run.request.parameters.require_label()
     label = _label(asset.scene.document, run.request.parameters)
     assert label is not None
     builder = Builder(asset.scene.document)

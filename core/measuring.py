@@ -12,6 +12,7 @@ from core.parameters import Evaluate
 from core.rendering.pictures import PICTURE_SIZE, pictures
 from core.rendering.preview import contact_sheet
 from core.rendering.renderer import Renderer
+from core.rendering.turntable import turntable
 from core.report import FontFacts, Report
 from core.stages import Asset, Candidates, Output, Pictures, Run
 
@@ -35,15 +36,18 @@ def as_json(report: Report, run: Run) -> dict[str, Any]:
 
 
 def render(asset: Asset, output: Output, run: Run) -> Pictures:
-    """The preview, published, and the pictures for the metrics, from one OpenGL context.
+    """The preview and the turntable, published, and the pictures for the metrics, from one OpenGL context.
 
     A machine that cannot render still delivers the asset, and says so.
     """
     request = run.request
     measured = request.parameters.evaluate is Evaluate.FULL
-    if not measured and not request.preview:
+    turning = request.parameters.turntable
+    if not (measured or request.preview or turning):
         return Pictures()
     preview: bytes | None = None
+    animation: bytes | None = None
+    poster: bytes | None = None
     views: tuple[NDArray[np.uint8], NDArray[np.uint8]] | MeshmarkError | None = None
     try:
         with Renderer(PICTURE_SIZE) as renderer:
@@ -55,6 +59,10 @@ def render(asset: Asset, output: Output, run: Run) -> Pictures:
             if request.preview:
                 preview = contact_sheet(renderer)
                 run.publish("preview", preview)
+            if turning:
+                animation, poster = turntable(renderer)
+                run.publish("turntable", animation)
+                run.publish("poster", poster)
     except MeshmarkError as error:
         views = error
     except Exception as error:  # drivers raise errors of all kinds
@@ -66,7 +74,7 @@ def render(asset: Asset, output: Output, run: Run) -> Pictures:
         )
     if isinstance(views, MeshmarkError):
         run.notices.append(views.notice())
-    return Pictures(preview, views)
+    return Pictures(preview, animation, poster, views)
 
 
 def evaluate(

@@ -262,6 +262,10 @@ class Parameters(Wording):
         ),
     ] = UnmarkedCopies.LEAVE_OUT
     evaluate: Annotated[Evaluate, Field(description="Which metrics the report carries.")] = Evaluate.FULL
+    turntable: Annotated[
+        bool,
+        Field(description="Render the result as it turns once: an animated WebP, and its first frame."),
+    ] = False
 
     @field_validator("color", mode="before")
     @classmethod

@@ -39,11 +39,14 @@ class Result:
         report: ``meshmark.report/1``; ``service/docs/report.md`` has its fields.
         preview: a PNG contact sheet; None where none was asked for, or where none could be rendered (then the
             report's ``warnings`` say why).
+        turntable, poster: animated WebP of the model as it turns, and its first frame; None as for ``preview``.
     """
 
     file: OutputFile
     report: dict[str, Any]
     preview: bytes | None
+    turntable: bytes | None = None
+    poster: bytes | None = None
 
     @property
     def model(self) -> bytes:
@@ -91,8 +94,9 @@ def run_stages(
         data: the content of a file.
         request: the wishes.
         progress: called with the stage's name and the share done of the whole run, 0 to 1.
-        publish: called with "model", "report" and "preview" and their bytes as soon as each exists, before the run
-            ends. The report is the final one if the run breaks off afterwards: its metrics are still missing.
+        publish: called with the name of each result ("model", "report", "preview", "turntable", "poster") and its bytes
+            as soon as it exists, before the run ends. The report is the final one if the run breaks off afterwards: its
+            metrics are still missing.
     """
     run = Run(request, lambda _share: None, publish or (lambda _name, _bytes: None))
 
@@ -132,7 +136,7 @@ def run_stages(
         seen = measuring.render(asset, output, run)
     with stage("evaluating"):
         report = measuring.evaluate(asset, candidates, output, seen, report, run)
-    return Result(output.file, measuring.as_json(report, run), seen.preview)
+    return Result(output.file, measuring.as_json(report, run), seen.preview, seen.turntable, seen.poster)
 
 
 def _peak_memory() -> int:

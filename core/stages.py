@@ -60,7 +60,8 @@ class Run:
     Attributes:
         request: the wishes.
         progress: called with the share of the present stage that is done, 0 to 1.
-        publish: called with "model", "report" and "preview" and their bytes as soon as each exists.
+        publish: called with the name of each result ("model", "report", "preview", "turntable", "poster") and its
+            bytes as soon as it exists.
         notices: losses and doubts so far.
         timings: seconds by stage.
         memory: the most resident bytes the process had held up to the end of each stage.
@@ -159,9 +160,12 @@ class Pictures:
 
     Attributes:
         preview: a PNG contact sheet, or None.
+        turntable, poster: an animated WebP and its first frame, or None.
         views: of the original and of the result from the paper's 24 views, (24, N, N, 3) each; the reason where there
             are none; None where none are needed.
     """
 
     preview: bytes | None = None
+    turntable: bytes | None = None
+    poster: bytes | None = None
     views: tuple[NDArray[np.uint8], NDArray[np.uint8]] | MeshmarkError | None = None

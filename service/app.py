@@ -7,8 +7,6 @@ from functools import partial
 from typing import Any
 
 from fastapi import FastAPI
-from pydantic import BaseModel
-from pydantic.json_schema import models_json_schema
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from core.credentials.facts import LONGEST_SIDECAR
@@ -28,15 +26,26 @@ from service.jobs.models import Queue
 from service.jobs.queue import create_queue, depth
 from service.jobs.stores import open_store
 from service.metrics import metrics_server
+from service.openapi_document import (
+    components,
+    describe_head,
+    restore_examples,
+    without_foreign_refusals,
+)
 from service.present_or_absent import without_null
 from service.problems import Problem, install_problem_handlers, problem_response, upload_too_large
 from service.readiness import Readiness
 from service.request_id import RequestId
 from service.routes import batch, console, events, health, hooks, uploads, verifications, watermarks, webhook_endpoints
+from service.routes.batch import BatchResults
+from service.routes.hooks import HOOK_SCHEME
 from service.routes.manual import manual_router
 from service.routes.reference import reference_router
 from service.routes.report_example import REPORT
+from service.routes.schemas import JobPage
 from service.routes.verification_example import VERIFICATION
+from service.routes.verification_schemas import VerificationPage
+from service.routes.webhook_schemas import DeliveryPage, WebhookEndpoints, WebhookEndpointWithSecret
 from service.state import AppState
 from service.template import Template
 from service.webhooks.vault import Vault, read_keys
@@ -48,6 +57,8 @@ WITH_TWO = re.compile("/v1/verifications")
 WITH_ASSET = re.compile("/v1/watermarks|/v1/uploads/[^/]+")
 WITH_LIST = re.compile("/v1/watermarks/batch|/v1/hooks/[^/]+")
 FORM_FIELDS = 6  # text fields of POST /v1/watermarks
+# Answers whose examples have nulls.
+EXEMPLARY = (JobPage, VerificationPage, BatchResults, WebhookEndpoints, WebhookEndpointWithSecret, DeliveryPage)
 # Bytes of a form beside its asset, font and logo: fields, part headers, boundaries.
 FORM_OVERHEAD = (FORM_FIELDS + 1) * MAX_FIELD_BYTES
 
@@ -73,12 +84,6 @@ class DeclaredSizeLimit:
         return await self.app(scope, receive, send)
 
 
-def _components(model: type[BaseModel]) -> dict[str, Any]:
-    """The schemas of a model and of all that it consists of, by name."""
-    _, described = models_json_schema([(model, "serialization")], ref_template="#/components/schemas/{model}")
-    return dict(described["$defs"])
-
-
 class Application(FastAPI):
     """FastAPI whose OpenAPI document knows that every error is a problem, and what a report is."""
 
@@ -91,21 +96,19 @@ class Application(FastAPI):
         if not self.openapi_schema:
             document = super().openapi()
             schemas = document["components"]["schemas"]
-            schemas.update(_components(Problem))
-            for name, schema in (_components(Report) | _components(VerificationReport)).items():
+            schemas.update(components(Problem))
+            for name, schema in (components(Report) | components(VerificationReport)).items():
                 schemas.setdefault(name, schema)  # what other answers have too is described already
+            restore_examples(document, *EXEMPLARY)
             schemas["Report"]["examples"] = [REPORT]
             schemas["VerificationReport"]["examples"] = [VERIFICATION]
-            for name in ("HTTPValidationError", "ValidationError"):  # FastAPI's own shape, which is never sent
-                schemas.pop(name, None)
             document["components"]["securitySchemes"] = {
-                SCHEME: {"type": "http", "scheme": "bearer", "description": "Needed where the service is set up so."}
+                SCHEME: {"type": "http", "scheme": "bearer", "description": "Needed where the service is set up so."},
+                HOOK_SCHEME: {"type": "http", "scheme": "bearer", "description": "A hook's own token, if it has one."},
             }
             without_null(document)
-            for path in document["paths"].values():
-                for operation in path.values():
-                    if "HTTPValidationError" in str(operation["responses"].get("422")):
-                        del operation["responses"]["422"]
+            without_foreign_refusals(document)
+            describe_head(document)
         assert self.openapi_schema is not None
         return self.openapi_schema
 
@@ -153,6 +156,8 @@ def create_app(settings: Settings, gate: Template | None = None) -> FastAPI:
         description="Send an asset and a text; follow the job; fetch the watermarked GLB, its report and a preview. "
         "Errors are RFC 9457 problem details with a stable `code` and a `remedy`.",
         version="1",
+        license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
+        servers=[{"url": "/", "description": "The service that has this document."}],
         lifespan=lifespan,
         docs_url=None,  # pages of the framework that load their script from another host
         redoc_url=None,

@@ -12,17 +12,20 @@ from service.errors import ServiceErrorCode
 from service.forms import FormRequest
 from service.problems import ProblemError
 from service.state import AppState, state_of
+from service.waiting import answer_at_end
 
 
 class _Receiving(APIRoute):
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
-        """Handler that counts a concurrent upload of the tenant while it reads and answers the request."""
+        """Handler that counts a concurrent upload of the tenant while it reads the request and makes the answer, and
+        keeps the answer back if the client prefers to wait."""
         answer = super().get_route_handler()
 
         async def received(request: Request) -> Response:
             state = state_of(request)
             with counted_upload(state, request.state.client.tenant):
-                return await answer(FormRequest(request.scope, request.receive, state.artifacts.spool))
+                response = await answer(FormRequest(request.scope, request.receive, state.artifacts.spool))
+            return await answer_at_end(request, response)
 
         return received
 

@@ -29,7 +29,14 @@ PR_SET_PDEATHSIG = 1  # linux/prctl.h
 LARGEST_FILE = 2**31  # bytes; results are far smaller
 CPU_MARGIN = 60  # seconds beyond all cores' time within the job's limit: in case the worker no longer enforces it
 CHANNEL = 3  # the descriptor of its answers, after stdin, stdout and stderr
-SUFFIXES = {"model": ".glb", "report": ".json", "preview": ".png", "evidence": ".html"}
+SUFFIXES = {
+    "model": ".glb",
+    "report": ".json",
+    "preview": ".png",
+    "turntable": ".webp",
+    "poster": ".webp",
+    "evidence": ".html",
+}
 
 Engine = Callable[..., Any]  # core.pipeline.watermark, or one like it
 Say = Callable[..., None]  # sends one message

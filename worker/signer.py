@@ -42,7 +42,12 @@ from worker.repeating import repeatedly
 INTERVAL = 0.25  # seconds between two queries for results
 LARGEST_REPORT = 2**26  # bytes
 LARGEST_MANIFEST = 2**24  # bytes
-MODEL, PREVIEW = "model/gltf-binary", "image/png"
+MODEL = "model/gltf-binary"
+PICTURES = {  # ending and media type of those that carry a manifest of their own
+    ArtifactKind.PREVIEW: (".png", "image/png"),
+    ArtifactKind.TURNTABLE: (".turntable.webp", "image/webp"),
+    ArtifactKind.POSTER: (".poster.webp", "image/webp"),
+}
 
 log = structlog.get_logger(__name__)
 
@@ -86,11 +91,12 @@ class SignerProcess:
     def _publish_all(self, job: Job) -> None:
         report = self._report(job)
         stem = PurePath(job.filename).stem + ".watermarked"
-        if preview := job.artifact(ArtifactKind.PREVIEW):
-            with self.artifacts.spool() as signed:
-                self._signed(preview, _defined(report, stem + ".png", PREVIEW), signed, embed=True)
-                signed.seek(0)
-                self._publish(job, ArtifactKind.PREVIEW, signed, 2 * preview.size + LARGEST_MANIFEST)
+        for kind, (ending, media_type) in PICTURES.items():
+            if picture := job.artifact(kind):
+                with self.artifacts.spool() as signed:
+                    self._signed(picture, _defined(report, stem + ending, media_type), signed, embed=True)
+                    signed.seek(0)
+                    self._publish(job, kind, signed, 2 * picture.size + LARGEST_MANIFEST)
         model = _there(job, ArtifactKind.MODEL)
         with self.artifacts.spool() as copy:
             manifest = self._signed(model, _defined(report, stem + ".glb", MODEL), copy, embed=False)

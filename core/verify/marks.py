@@ -16,7 +16,7 @@ from core.verify.look import Look, Picture, look
 from core.verify.places import Place, places
 from core.verify.readings import Reading, Spot, readings
 from core.verify.report import Kind
-from core.verify.texts import best, enough, likeness
+from core.verify.texts import best, enough, fewest_letters, likeness
 
 PICTURE, SHOWN = 1024, 512  # pixels a side of pictures that are read, and of those that are kept
 KINDS: tuple[Kind, ...] = ("ordinary", "relief")  # of pictures of all of an asset
@@ -82,8 +82,10 @@ def find_marks(scene: Scene, texts: Sequence[str], renderer: Renderer, reader: R
     """
     renderer.load(scene)
     whole = renderer.frame
-    return _marks(readings(_from_all_sides(renderer), KINDS, reader), texts, renderer, reader) or _marks(
-        readings(_in_parts(renderer, whole), NEAR_KINDS, reader), texts, renderer, reader
+    letters = fewest_letters(texts) if texts else SHORTEST
+    from_all_sides = readings(_from_all_sides(renderer), KINDS, reader, letters)
+    return _marks(from_all_sides, texts, letters, renderer, reader) or _marks(
+        readings(_in_parts(renderer, whole), NEAR_KINDS, reader, letters), texts, letters, renderer, reader
     )
 
 
@@ -104,11 +106,15 @@ def _in_parts(renderer: Renderer, whole: Frame) -> Iterator[Look]:
             yield look(renderer, direction, up)
 
 
-def _marks(every: list[Reading], texts: Sequence[str], renderer: Renderer, reader: Reader) -> list[FoundMark]:
-    """The marks at the places where something was read, the surest first."""
+def _marks(
+    every: list[Reading], texts: Sequence[str], letters: int, renderer: Renderer, reader: Reader
+) -> list[FoundMark]:
+    """The marks at the places where something of so many letters or more was read, the surest first."""
     found = places(every)
     asked = sorted((place for place in found if _promise(place, texts)), key=lambda place: -_promise(place, texts))
-    marks = [_again(place, -number, texts, renderer, reader) for number, place in enumerate(asked[:MOST_PLACES], 1)]
+    marks = [
+        _again(place, -number, texts, letters, renderer, reader) for number, place in enumerate(asked[:MOST_PLACES], 1)
+    ]
     chosen = [mark for mark in marks if mark is not None]
     return _distinct(sorted(chosen, key=lambda mark: (-mark.likeness, -mark.votes, -mark.confidence)))
 
@@ -122,13 +128,15 @@ def _promise(place: Place, texts: Sequence[str]) -> float:
     return max(sure, default=0.0)
 
 
-def _again(place: Place, number: int, texts: Sequence[str], renderer: Renderer, reader: Reader) -> FoundMark | None:
+def _again(
+    place: Place, number: int, texts: Sequence[str], letters: int, renderer: Renderer, reader: Reader
+) -> FoundMark | None:
     """The mark at a place, by all pictures of it; None where too few agree."""
     spot = place.spot
     x, y, z = spot.center.tolist()
     renderer.aim(Frame((x, y, z), max(NEARER * spot.length, LEAST_RADIUS)))
     near = look(renderer, spot.normal, spot.up, GRAIN)
-    lines = [] if _settled(place, texts) else readings([near], NEAR_KINDS, reader, number)
+    lines = [] if _settled(place, texts) else readings([near], NEAR_KINDS, reader, letters, number)
     every = [*place.readings, *lines, *_passages(lines)]
     vote = _vote_for(texts, every) if texts else _vote(every)
     if vote is None:

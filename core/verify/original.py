@@ -161,8 +161,9 @@ def align(suspect: Surface, reference: Reference) -> Aligned:
         MeshmarkError: ``different_model``.
     """
     found = registrations(suspect, reference.surface)
-    best = found[0]
-    if best.residual > RESIDUAL or best.covered < COVERED:
+    fitting = [one for one in found if one.residual <= RESIDUAL and one.covered >= COVERED]
+    if not fitting:
+        best = found[0]
         raise MeshmarkError(
             ErrorCode.DIFFERENT_MODEL,
             f"These are not the same model: the best fit leaves a residual of {100 * best.residual:.2g} % of the "
@@ -171,8 +172,8 @@ def align(suspect: Surface, reference: Reference) -> Aligned:
             "Give the original that the suspect file was made from, or verify without one.",
         )
     index = SpatialIndex(suspect.positions, suspect.faces)
-    aligned = [Aligned(one, index) for one in found]
-    if len(found) == 1 or not len(reference.boxes):
+    aligned = [Aligned(one, index) for one in fitting]
+    if len(fitting) == 1 or not len(reference.boxes):
         return aligned[0]
     return max(aligned, key=lambda one: _shown(one, reference))
 

@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from difflib import SequenceMatcher
 
+from core.artwork.line_breaks import line_breaks
+
 # A reading is the text from this ratio on; short texts are found by chance more easily, and have to be read better.
 ALIKE, SHORT = 0.75, 5
 
@@ -22,3 +24,9 @@ def enough(text: str) -> float:
 def best(texts: Sequence[str], reading: str) -> tuple[float, str | None]:
     """The likeness of a reading to the most like of some ``texts``, and that text; 0 and None without one."""
     return max(((likeness(text, reading), text) for text in texts), default=(0.0, None), key=lambda found: found[0])
+
+
+def fewest_letters(texts: Sequence[str]) -> int:
+    """Letters of the shortest line in all layouts of some ``texts``, without spaces; 0 without one."""
+    lines = (line for text in texts for layout in line_breaks(text) for line in layout)
+    return min((len("".join(line.split())) for line in lines), default=0)

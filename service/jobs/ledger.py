@@ -60,7 +60,7 @@ BATCH = 50  # old jobs forgotten in one transaction, with some ten rows each
 EXCLUSIVE = {"sqlite": text("BEGIN IMMEDIATE"), "postgresql": text("SELECT pg_advisory_xact_lock(:key)")}
 MIGRATION = 7239017  # key of that lock for migrations: an arbitrary constant
 OUTPUTS = (
-    *(ArtifactKind.MODEL, ArtifactKind.REPORT, ArtifactKind.PREVIEW),
+    *(ArtifactKind.MODEL, ArtifactKind.REPORT, ArtifactKind.PREVIEW, ArtifactKind.TURNTABLE, ArtifactKind.POSTER),
     *(ArtifactKind.CREDENTIALS, ArtifactKind.EVIDENCE),
 )
 SIGNING = "signing"  # stage of a job that waits for its credentials

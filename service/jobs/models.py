@@ -111,6 +111,8 @@ class ArtifactKind(StrEnum):
     MODEL = "model"
     REPORT = "report"
     PREVIEW = "preview"
+    TURNTABLE = "turntable"
+    POSTER = "poster"
     CREDENTIALS = "credentials"
     EVIDENCE = "evidence"
     ORIGINAL = "original"

@@ -95,7 +95,7 @@ class BatchResults(BaseModel):
     items: list[BatchResult]
 
 
-@router.post("/batch", status_code=status.HTTP_207_MULTI_STATUS, responses=REFUSALS)
+@router.post("/batch", summary="Watermark many assets", status_code=status.HTTP_207_MULTI_STATUS, responses=REFUSALS)
 async def create_watermarks(
     request: Request, background: BackgroundTasks, state: State, client: Admitted, batch: Batch
 ) -> BatchResults:

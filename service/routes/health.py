@@ -1,6 +1,6 @@
 """Routes of liveness and readiness probes."""
 
-from typing import Literal
+from typing import Any, Literal
 
 from fastapi import APIRouter
 from pydantic import BaseModel
@@ -10,7 +10,9 @@ from service.errors import ServiceErrorCode
 from service.problems import problem_responses
 from service.state import State
 
+# Anybody may ask: no key is needed.
 router = APIRouter(tags=["health"])
+OPEN: dict[str, Any] = {"security": []}
 
 
 class Health(BaseModel):
@@ -25,13 +27,18 @@ class Ready(BaseModel):
     status: Literal["ready"] = "ready"
 
 
-@router.get("/healthz")
+@router.get("/healthz", summary="Check that the process serves", openapi_extra=OPEN)
 async def health() -> Health:
     """Answer 200 as long as the process serves; for what starts it again when it does not."""
     return Health()
 
 
-@router.get("/readyz", responses=problem_responses(ServiceErrorCode.SERVICE_UNAVAILABLE))
+@router.get(
+    "/readyz",
+    summary="Check that the service is ready",
+    responses=problem_responses(ServiceErrorCode.SERVICE_UNAVAILABLE),
+    openapi_extra=OPEN,
+)
 async def ready(state: State) -> Ready:
     """Answer 200 while ledger, broker and artifact store answer; for what sends requests here or elsewhere."""
     if failing := await state.readiness.failing():

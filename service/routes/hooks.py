@@ -36,7 +36,9 @@ REFUSALS = problem_responses(
     ServiceErrorCode.QUOTA_EXCEEDED,
     ServiceErrorCode.SERVICE_UNAVAILABLE,
 )
+HOOK_SCHEME = "hook_token"  # its name in the OpenAPI document
 BODY: dict[str, Any] = {
+    "security": [{}, {HOOK_SCHEME: []}],
     "requestBody": {
         "description": "What Amazon S3, MinIO or EventBridge send about objects, or CloudEvents 1.0 with the like.",
         "required": True,
@@ -44,7 +46,7 @@ BODY: dict[str, Any] = {
             media_type: {"schema": {}}
             for media_type in ("application/json", "application/cloudevents+json", "application/cloudevents-batch+json")
         },
-    }
+    },
 }
 HANDSHAKE: dict[int | str, dict[str, Any]] = {
     200: {
@@ -95,15 +97,23 @@ class HookResult(BaseModel):
 
 @router.options(
     "/{source}",
+    summary="Register a sender of notifications",
     response_class=Response,
     responses=HANDSHAKE | problem_responses(ServiceErrorCode.NOT_FOUND, ServiceErrorCode.METHOD_NOT_ALLOWED),
+    openapi_extra={"security": []},
 )
 async def allow_sender(request: Request, state: State, source: str) -> Response:
     """Let a sender of CloudEvents, of those that the hook is configured with, register for sending notifications."""
     return Response(headers=grant(_hook(state, source), request.headers))
 
 
-@router.post("/{source}", status_code=status.HTTP_202_ACCEPTED, responses=REFUSALS, openapi_extra=BODY)
+@router.post(
+    "/{source}",
+    summary="Receive a notification about objects",
+    status_code=status.HTTP_202_ACCEPTED,
+    responses=REFUSALS,
+    openapi_extra=BODY,
+)
 async def receive_notification(request: Request, background: BackgroundTasks, state: State, source: str) -> HookResult:
     """Hear of objects in a bucket. Those that came under the input prefix are watermarked, once each."""
     hook = _hook(state, source)

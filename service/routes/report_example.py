@@ -51,6 +51,7 @@ REPORT: JsonDict = {
         "solver": "levenberg-marquardt",
         "unmarked_copies": "leave_out",
         "evaluate": "geometry",
+        "turntable": False,
         "label": None,
         "declaration": None,
         "metadata_only": False,

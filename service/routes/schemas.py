@@ -41,6 +41,8 @@ EXAMPLE: JsonDict = {
         "model": "/v1/watermarks/6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11/model",
         "report": None,
         "preview": None,
+        "turntable": None,
+        "poster": None,
         "credentials": None,
     },
 }
@@ -93,6 +95,8 @@ class LinksView(BaseModel):
     model: str | None
     report: str | None
     preview: str | None
+    turntable: str | None
+    poster: str | None
     credentials: str | None
 
 

@@ -15,6 +15,7 @@ from service.problems import problem_responses
 from service.state import AppState
 
 UNKNOWN = problem_responses(*access.REFUSALS, ServiceErrorCode.NOT_FOUND, ServiceErrorCode.SERVICE_UNAVAILABLE)
+TAG = {"ETag": {"description": "The SHA-256 of the whole, in quotes.", "schema": {"type": "string"}}}
 NOT_THERE = problem_responses(
     *access.REFUSALS,
     ServiceErrorCode.NOT_FOUND,
@@ -34,9 +35,9 @@ def download(kind: ArtifactKind, media_type: str, schema: dict[str, Any]) -> dic
     return {
         "response_class": Response,
         "responses": {
-            200: {"description": f"The {kind}.", "content": content},
-            206: {"description": "The part that `Range` asks for.", "content": content},
-            304: {"description": "The client has it: `If-None-Match` names its `ETag`."},
+            200: {"description": f"The {kind}.", "content": content, "headers": TAG},
+            206: {"description": "The part that `Range` asks for.", "content": content, "headers": TAG},
+            304: {"description": "The client has it: `If-None-Match` names its `ETag`.", "headers": TAG},
             307: {"description": "It is at the `Location`, for some minutes; where the service is set up so."},
             **NOT_THERE,
         },

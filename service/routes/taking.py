@@ -3,12 +3,14 @@
 from typing import Annotated, Any
 
 from fastapi import BackgroundTasks, Form, Header, Response
+from pydantic import BaseModel
 
 from core.errors import Code, ErrorCode
 from service.errors import ServiceErrorCode
 from service.routes.schemas import PriorityName
 from service.state import AppState
 from service.submission import Accepted
+from service.waiting import LONGEST
 
 # Refusals of a request that brings a file, whatever is to be done with it.
 OF_FILES: tuple[Code, ...] = (
@@ -46,17 +48,16 @@ OF_FILES: tuple[Code, ...] = (
     ErrorCode.INTERNAL_ERROR,
     ServiceErrorCode.SERVICE_UNAVAILABLE,
 )
-ACCEPTED: dict[int | str, dict[str, Any]] = {
-    202: {
-        "description": "The new job, or that of an earlier request with the same `Idempotency-Key`.",
-        "headers": {
-            "Location": {"description": "The job's own address.", "schema": {"type": "string"}},
-            "Idempotent-Replayed": {
-                "description": "`true` where an earlier request made the job.",
-                "schema": {"type": "string", "enum": ["true"]},
-            },
-        },
-    }
+HEADERS = {
+    "Location": {"description": "The job's own address.", "schema": {"type": "string"}},
+    "Idempotent-Replayed": {
+        "description": "`true` where an earlier request made the job.",
+        "schema": {"type": "string", "enum": ["true"]},
+    },
+    "Preference-Applied": {
+        "description": "`wait` where the answer was kept back because of `Prefer: wait`.",
+        "schema": {"type": "string", "enum": ["wait"]},
+    },
 }
 
 SourceUrlField = Annotated[
@@ -109,6 +110,32 @@ IdempotencyKeyHeader = Annotated[
         examples=['"8e03978e-40d5-43dd-bc93-6894a57f9324"'],
     ),
 ]
+
+
+PreferHeader = Annotated[
+    str | None,
+    Header(
+        alias="Prefer",
+        description=f"`wait=N` (RFC 7240) keeps the answer back until the job has ended, for N seconds at most, or for "
+        f"{LONGEST}: it is 200 with the ended job then, and else 202 as without.",
+        examples=["wait=30"],
+    ),
+]
+
+
+def accepted(model: type[BaseModel]) -> dict[int | str, dict[str, Any]]:
+    """OpenAPI responses of a route that makes a job of this model."""
+    return {
+        200: {
+            "description": "The job has ended; only with `Prefer: wait`.",
+            "model": model,
+            "headers": HEADERS,
+        },
+        202: {
+            "description": "The new job, or that of an earlier request with the same `Idempotency-Key`.",
+            "headers": HEADERS,
+        },
+    }
 
 
 def answer_accepted(

@@ -97,7 +97,7 @@ class UploadView(BaseModel):
         return cls(id=upload.id, url=link or path, url_expires_at=until, expires_at=upload.expires_at)
 
 
-@router.post("", status_code=status.HTTP_201_CREATED, responses=BEGINNING)
+@router.post("", summary="Begin an upload", status_code=status.HTTP_201_CREATED, responses=BEGINNING)
 def create_upload(request: Request, state: State, client: Admitted, new: NewUpload) -> UploadView:
     """Begin an upload. It can be used for 24 hours, any number of times."""
     limit = state.settings.max_upload_bytes
@@ -116,7 +116,13 @@ def create_upload(request: Request, state: State, client: Admitted, new: NewUplo
     return UploadView.of(upload, link, request.app.url_path_for("send_upload", upload_id=upload.id))
 
 
-@sending.put("/{upload_id}", status_code=status.HTTP_204_NO_CONTENT, responses=SENDING, openapi_extra=BODY)
+@sending.put(
+    "/{upload_id}",
+    summary="Send the asset of an upload",
+    status_code=status.HTTP_204_NO_CONTENT,
+    responses=SENDING,
+    openapi_extra=BODY,
+)
 async def send_upload(request: Request, state: State, client: Admitted, upload_id: str) -> None:
     """Send the asset of an upload, as the body of the request; again, where it broke off."""
     upload = await run_in_threadpool(uploads.find, state.ledger.sessions, client.tenant, upload_id)

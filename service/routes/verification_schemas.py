@@ -21,7 +21,7 @@ EXAMPLE: JsonDict = {
     "expires_at": None,
     "attempts": 1,
     "input": None,
-    "metadata": {"listing": "0815"},
+    "metadata": {"listing": "A-0815"},
     "webhook": None,
     "priority": "normal",
     "error": None,

@@ -34,19 +34,21 @@ from service.routes.lists import (
 )
 from service.routes.stored import UNKNOWN, delete_job, download, find_job, send_file
 from service.routes.taking import (
-    ACCEPTED,
     OF_FILES,
     IdempotencyKeyHeader,
     MetadataField,
+    PreferHeader,
     PriorityField,
     SourceUrlField,
     UploadIdField,
     WebhookField,
+    accepted,
     answer_accepted,
 )
 from service.routes.verification_schemas import VerificationPage, VerificationView, view
 from service.state import AppState, State
 from service.submission import Accepted, submit
+from service.waiting import Wait, preferred_wait
 
 KIND = JobKind.VERIFICATION
 PLACE: dict[str, Any] = {"prefix": "/v1/verifications", "tags": ["verifications"]}
@@ -99,7 +101,12 @@ ParamsField = Annotated[
 ]
 
 
-@sending.post("", status_code=status.HTTP_202_ACCEPTED, responses=ACCEPTED | REFUSALS)
+@sending.post(
+    "",
+    summary="Verify a suspect file",
+    status_code=status.HTTP_202_ACCEPTED,
+    responses=accepted(VerificationView) | REFUSALS,
+)
 async def create_verification(
     request: Request,
     response: Response,
@@ -116,6 +123,7 @@ async def create_verification(
     webhook: WebhookField = None,
     priority: PriorityField = "normal",
     idempotency_key: IdempotencyKeyHeader = None,
+    prefer: PreferHeader = None,
 ) -> VerificationView:
     """Accept a suspect file for verification: its marks, metadata and credentials, alone or against an original."""
 
@@ -151,9 +159,10 @@ async def create_verification(
         )
         return submit(state, order)
 
-    accepted = await state.intake.run(client.tenant, accept)
-    created = view(request, accepted.job)
-    answer_accepted(state, accepted, created.links.self, response, background)
+    taken = await state.intake.run(client.tenant, accept)
+    created = view(request, taken.job)
+    answer_accepted(state, taken, created.links.self, response, background)
+    request.state.wait = Wait(taken.job, preferred_wait(prefer), partial(view, request))
     return created
 
 
@@ -173,7 +182,7 @@ def _public(parameters: VerificationParameters, needs_key: Mapping[str, object])
     return parameters.model_copy(update={"texts": parameters.texts or ()})
 
 
-@router.get("", responses=LISTING)
+@router.get("", summary="List verifications", responses=LISTING)
 def list_verifications(
     request: Request,
     state: State,
@@ -192,13 +201,15 @@ def list_verifications(
     return VerificationPage(items=[view(request, job) for job in jobs], next=following)
 
 
-@open_router.get("/{job_id}", responses=UNKNOWN)
+@open_router.get("/{job_id}", summary="Read a verification", responses=UNKNOWN)
 def read_verification(request: Request, state: State, client: Admitted, job_id: str) -> VerificationView:
     """Where the verification stands."""
     return view(request, find_job(state, client, job_id, KIND))
 
 
-@router.delete("/{job_id}", status_code=status.HTTP_204_NO_CONTENT, responses=UNKNOWN)
+@router.delete(
+    "/{job_id}", summary="Cancel or delete a verification", status_code=status.HTTP_204_NO_CONTENT, responses=UNKNOWN
+)
 async def delete_verification(state: State, client: Admitted, job_id: str) -> None:
     """Cancel the verification if it has not ended, and delete the file, the results, and what was said about it."""
     await state.deletions.run(partial(_delete, state, client, job_id))
@@ -208,7 +219,7 @@ def _delete(state: AppState, client: Client, job_id: str) -> None:
     delete_job(state, client, find_job(state, client, job_id, KIND))
 
 
-@router.get("/{job_id}/events", **events.options(KIND))
+@router.get("/{job_id}/events", summary="Follow a verification", **events.options(KIND))
 async def stream_verification_events(
     state: State, client: Admitted, job_id: str, last_event_id: events.LastEventId = None
 ) -> Response:
@@ -220,8 +231,13 @@ REPORT_FILE = download(ArtifactKind.REPORT, "application/json", REPORT)
 EVIDENCE_FILE = download(ArtifactKind.EVIDENCE, "text/html", {"type": "string"})
 
 
-@open_router.head("/{job_id}/report", name="head_verification_report", **REPORT_FILE)
-@open_router.get("/{job_id}/report", **REPORT_FILE)
+@open_router.head(
+    "/{job_id}/report",
+    name="head_verification_report",
+    summary="Download the report of a verification (headers only)",
+    **REPORT_FILE,
+)
+@open_router.get("/{job_id}/report", summary="Download the report of a verification", **REPORT_FILE)
 async def read_verification_report(request: Request, state: State, client: Admitted, job_id: str) -> Response:
     """Which marks were read and where, and what the metadata say."""
     return await state.content.run(partial(_report, request, state, client, job_id))
@@ -234,8 +250,13 @@ def _report(request: Request, state: AppState, client: Client, job_id: str) -> R
     return send_file(request, state, job, ArtifactKind.REPORT, headers)
 
 
-@open_router.head("/{job_id}/evidence", name="head_verification_evidence", **EVIDENCE_FILE)
-@open_router.get("/{job_id}/evidence", **EVIDENCE_FILE)
+@open_router.head(
+    "/{job_id}/evidence",
+    name="head_verification_evidence",
+    summary="Download the page of evidence (headers only)",
+    **EVIDENCE_FILE,
+)
+@open_router.get("/{job_id}/evidence", summary="Download the page of evidence", **EVIDENCE_FILE)
 async def read_verification_evidence(request: Request, state: State, client: Admitted, job_id: str) -> Response:
     """A page for people with the marks, a picture of each, hashes and times, in one file."""
     return await state.content.run(partial(_evidence, request, state, client, job_id))

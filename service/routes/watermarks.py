@@ -1,5 +1,6 @@
 """Routes of watermark jobs: send an asset, follow its job, fetch its results, delete it."""
 
+from collections.abc import Awaitable, Callable
 from functools import partial
 from pathlib import PurePath
 from typing import Annotated, Any
@@ -31,18 +32,20 @@ from service.routes.lists import (
 from service.routes.schemas import JobPage, JobView, view
 from service.routes.stored import UNKNOWN, delete_job, download, find_job, send_file
 from service.routes.taking import (
-    ACCEPTED,
     OF_FILES,
     IdempotencyKeyHeader,
     MetadataField,
+    PreferHeader,
     PriorityField,
     SourceUrlField,
     UploadIdField,
     WebhookField,
+    accepted,
     answer_accepted,
 )
 from service.state import AppState, State
 from service.submission import Accepted, submit
+from service.waiting import Wait, preferred_wait
 
 router = APIRouter(prefix="/v1/watermarks", tags=["watermarks"], route_class=GuardedRoute)
 sending = APIRouter(prefix="/v1/watermarks", tags=["watermarks"], route_class=AssetRoute)
@@ -51,6 +54,8 @@ MEDIA_TYPES = {
     ArtifactKind.MODEL: "model/gltf-binary",
     ArtifactKind.REPORT: "application/json",
     ArtifactKind.PREVIEW: "image/png",
+    ArtifactKind.TURNTABLE: "image/webp",
+    ArtifactKind.POSTER: "image/webp",
     ArtifactKind.CREDENTIALS: "application/c2pa",
 }
 CONTENT: dict[ArtifactKind, dict[str, Any]] = {
@@ -60,12 +65,16 @@ CONTENT: dict[ArtifactKind, dict[str, Any]] = {
         "description": "`meshmark.report/1`, as the manual's page on the report describes it.",
     },
     ArtifactKind.PREVIEW: {"type": "string", "format": "binary"},
+    ArtifactKind.TURNTABLE: {"type": "string", "format": "binary"},
+    ArtifactKind.POSTER: {"type": "string", "format": "binary"},
     ArtifactKind.CREDENTIALS: {"type": "string", "format": "binary"},
 }
 SUFFIXES = {
     ArtifactKind.MODEL: ".glb",
     ArtifactKind.REPORT: ".report.json",
     ArtifactKind.PREVIEW: ".png",
+    ArtifactKind.TURNTABLE: ".turntable.webp",
+    ArtifactKind.POSTER: ".poster.webp",
     ArtifactKind.CREDENTIALS: ".c2pa",
 }
 
@@ -104,7 +113,9 @@ CacheQuery = Annotated[
 ]
 
 
-@sending.post("", status_code=status.HTTP_202_ACCEPTED, responses=ACCEPTED | REFUSALS)
+@sending.post(
+    "", summary="Watermark an asset", status_code=status.HTTP_202_ACCEPTED, responses=accepted(JobView) | REFUSALS
+)
 async def create_watermark(
     request: Request,
     response: Response,
@@ -121,6 +132,7 @@ async def create_watermark(
     webhook: WebhookField = None,
     priority: PriorityField = "normal",
     idempotency_key: IdempotencyKeyHeader = None,
+    prefer: PreferHeader = None,
     cache: CacheQuery = True,
 ) -> JobView:
     """Accept an asset for watermarking. What can be seen to be wrong at once is refused at once."""
@@ -143,13 +155,14 @@ async def create_watermark(
         )
         return submit(state, order)
 
-    accepted = await state.intake.run(client.tenant, accept)
-    created = view(request, accepted.job)
-    answer_accepted(state, accepted, created.links.self, response, background)
+    taken = await state.intake.run(client.tenant, accept)
+    created = view(request, taken.job)
+    answer_accepted(state, taken, created.links.self, response, background)
+    request.state.wait = Wait(taken.job, preferred_wait(prefer), partial(view, request))
     return created
 
 
-@router.get("", responses=LISTING)
+@router.get("", summary="List watermark jobs", responses=LISTING)
 def list_watermarks(
     request: Request,
     state: State,
@@ -168,13 +181,15 @@ def list_watermarks(
     return JobPage(items=[view(request, job) for job in jobs], next=following)
 
 
-@router.get("/{job_id}", responses=UNKNOWN)
+@router.get("/{job_id}", summary="Read a watermark job", responses=UNKNOWN)
 def read_watermark(request: Request, state: State, client: Admitted, job_id: str) -> JobView:
     """Where the job stands."""
     return view(request, find_job(state, client, job_id))
 
 
-@router.delete("/{job_id}", status_code=status.HTTP_204_NO_CONTENT, responses=UNKNOWN)
+@router.delete(
+    "/{job_id}", summary="Cancel or delete a watermark job", status_code=status.HTTP_204_NO_CONTENT, responses=UNKNOWN
+)
 async def delete_watermark(state: State, client: Admitted, job_id: str) -> None:
     """Cancel the job if it has not ended, and delete the asset, everything made from it, and what was said about it."""
     await state.deletions.run(partial(_delete, state, client, job_id))
@@ -184,33 +199,55 @@ def _delete(state: AppState, client: Client, job_id: str) -> None:
     delete_job(state, client, find_job(state, client, job_id))
 
 
-def _download(kind: ArtifactKind) -> dict[str, Any]:
-    return download(kind, MEDIA_TYPES[kind], CONTENT[kind])
+Endpoint = Callable[[Request, State, Admitted, str], Awaitable[Response]]
 
 
-@router.head("/{job_id}/model", name="head_model", **_download(ArtifactKind.MODEL))
-@router.get("/{job_id}/model", **_download(ArtifactKind.MODEL))
+def _offer(kind: ArtifactKind, title: str) -> Callable[[Endpoint], Endpoint]:
+    """Decorator that adds the routes GET and HEAD of a result of a job."""
+    path = f"/{{job_id}}/{kind}"
+
+    def options() -> dict[str, Any]:  # each route's own: the document's HEAD has no content
+        return download(kind, MEDIA_TYPES[kind], CONTENT[kind])
+
+    def add(read: Endpoint) -> Endpoint:
+        get = router.get(path, summary=f"Download {title}", **options())(read)
+        router.head(path, name=f"head_{kind}", summary=f"Download {title} (headers only)", **options())(read)
+        return get
+
+    return add
+
+
+@_offer(ArtifactKind.MODEL, "the watermarked model")
 async def read_model(request: Request, state: State, client: Admitted, job_id: str) -> Response:
     """The watermarked GLB; there from stage `evaluating` on."""
     return await _deliver(request, state, client, job_id, ArtifactKind.MODEL)
 
 
-@router.head("/{job_id}/report", name="head_report", **_download(ArtifactKind.REPORT))
-@router.get("/{job_id}/report", **_download(ArtifactKind.REPORT))
+@_offer(ArtifactKind.REPORT, "the report")
 async def read_report(request: Request, state: State, client: Admitted, job_id: str) -> Response:
     """Where the watermarks are, and what they measure."""
     return await _deliver(request, state, client, job_id, ArtifactKind.REPORT)
 
 
-@router.head("/{job_id}/preview", name="head_preview", **_download(ArtifactKind.PREVIEW))
-@router.get("/{job_id}/preview", **_download(ArtifactKind.PREVIEW))
+@_offer(ArtifactKind.PREVIEW, "the preview")
 async def read_preview(request: Request, state: State, client: Admitted, job_id: str) -> Response:
     """Pictures of the watermarked asset from eight sides, as one PNG."""
     return await _deliver(request, state, client, job_id, ArtifactKind.PREVIEW)
 
 
-@router.head("/{job_id}/credentials", name="head_credentials", **_download(ArtifactKind.CREDENTIALS))
-@router.get("/{job_id}/credentials", **_download(ArtifactKind.CREDENTIALS))
+@_offer(ArtifactKind.TURNTABLE, "the turntable")
+async def read_turntable(request: Request, state: State, client: Admitted, job_id: str) -> Response:
+    """The watermarked asset as it turns once, an animated WebP; where `turntable` asked for it."""
+    return await _deliver(request, state, client, job_id, ArtifactKind.TURNTABLE)
+
+
+@_offer(ArtifactKind.POSTER, "the turntable's poster")
+async def read_poster(request: Request, state: State, client: Admitted, job_id: str) -> Response:
+    """The first frame of the turntable, a WebP; where `turntable` asked for it."""
+    return await _deliver(request, state, client, job_id, ArtifactKind.POSTER)
+
+
+@_offer(ArtifactKind.CREDENTIALS, "the Content Credentials")
 async def read_credentials(request: Request, state: State, client: Admitted, job_id: str) -> Response:
     """The model's Content Credentials, a C2PA manifest store beside it; where the service signs its results."""
     return await _deliver(request, state, client, job_id, ArtifactKind.CREDENTIALS)

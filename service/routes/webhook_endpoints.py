@@ -44,6 +44,7 @@ CREATED: dict[int | str, dict[str, Any]] = {
 
 @router.post(
     "",
+    summary="Make a webhook endpoint",
     status_code=status.HTTP_201_CREATED,
     responses=CREATED
     | problem_responses(
@@ -67,20 +68,24 @@ def create_webhook_endpoint(
     return WebhookEndpointWithSecret.of(row, secret=vault.unseal(row.secret))
 
 
-@router.get("", responses=problem_responses(*READING))
+@router.get("", summary="List webhook endpoints", responses=problem_responses(*READING))
 def list_webhook_endpoints(state: State, client: Admitted) -> WebhookEndpoints:
     """Your webhook endpoints, the oldest first."""
     rows = endpoints.list_endpoints(state.ledger.sessions, client.tenant)
     return WebhookEndpoints(items=[WebhookEndpoint.of(row) for row in rows])
 
 
-@router.get("/{endpoint_id}", responses=problem_responses(*OF_ONE))
+@router.get("/{endpoint_id}", summary="Read a webhook endpoint", responses=problem_responses(*OF_ONE))
 def read_webhook_endpoint(state: State, client: Admitted, endpoint_id: str) -> WebhookEndpoint:
     """One webhook endpoint."""
     return WebhookEndpoint.of(endpoints.find_endpoint(state.ledger.sessions, client.tenant, endpoint_id))
 
 
-@router.patch("/{endpoint_id}", responses=problem_responses(*OF_ONE, *WITH_BODY, ServiceErrorCode.ADDRESS_REFUSED))
+@router.patch(
+    "/{endpoint_id}",
+    summary="Change a webhook endpoint",
+    responses=problem_responses(*OF_ONE, *WITH_BODY, ServiceErrorCode.ADDRESS_REFUSED),
+)
 def change_webhook_endpoint(state: State, client: Admitted, endpoint_id: str, body: EndpointChange) -> WebhookEndpoint:
     """Change a webhook endpoint. What waits for one that is disabled is given up, and can be redelivered later."""
     if body.url is not None:
@@ -90,14 +95,21 @@ def change_webhook_endpoint(state: State, client: Admitted, endpoint_id: str, bo
     return WebhookEndpoint.of(row)
 
 
-@router.delete("/{endpoint_id}", status_code=status.HTTP_204_NO_CONTENT, responses=problem_responses(*OF_ONE))
+@router.delete(
+    "/{endpoint_id}",
+    summary="Delete a webhook endpoint",
+    status_code=status.HTTP_204_NO_CONTENT,
+    responses=problem_responses(*OF_ONE),
+)
 def delete_webhook_endpoint(state: State, client: Admitted, endpoint_id: str) -> None:
     """Delete a webhook endpoint with its log; nothing more is sent to it."""
     endpoints.delete_endpoint(state.ledger.sessions, client.tenant, endpoint_id)
 
 
 @router.post(
-    "/{endpoint_id}/rotate-secret", responses=problem_responses(*OF_ONE, *WITH_BODY, ServiceErrorCode.INVALID_SECRET)
+    "/{endpoint_id}/rotate-secret",
+    summary="Change a webhook endpoint's secret",
+    responses=problem_responses(*OF_ONE, *WITH_BODY, ServiceErrorCode.INVALID_SECRET),
 )
 def rotate_webhook_secret(
     state: State, client: Admitted, endpoint_id: str, body: NewSecret | None = None
@@ -108,7 +120,11 @@ def rotate_webhook_secret(
     return WebhookEndpointWithSecret.of(row, secret=state.vault.unseal(row.secret))
 
 
-@router.get("/{endpoint_id}/deliveries", responses=problem_responses(*OF_ONE, ErrorCode.INVALID_REQUEST))
+@router.get(
+    "/{endpoint_id}/deliveries",
+    summary="List deliveries of a webhook endpoint",
+    responses=problem_responses(*OF_ONE, ErrorCode.INVALID_REQUEST),
+)
 def list_webhook_deliveries(
     request: Request,
     state: State,
@@ -131,6 +147,7 @@ def list_webhook_deliveries(
 
 @router.post(
     "/{endpoint_id}/deliveries/{delivery_id}/redeliver",
+    summary="Send a webhook again",
     status_code=status.HTTP_202_ACCEPTED,
     responses=problem_responses(*OF_ONE, ServiceErrorCode.ENDPOINT_DISABLED),
 )

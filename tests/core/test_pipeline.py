@@ -16,6 +16,7 @@ from core.gltf.colors import hex_linear
 from core.gltf.document import Document
 from core.gltf.prune import unreferenced_bytes
 from core.gltf.scene import scene_of
+from core.labels.profiles import Label
 from core.notices import NoticeCode
 from core.parameters import AUTO_COLORS, Evaluate, Mode, Parameters, Preset, Profile, Wrap
 from core.pipeline import STAGES, Result, watermark
@@ -100,6 +101,16 @@ def test_a_report_is_read_as_it_was_written(spot: Result, evaluate: Evaluate) ->
 def test_there_is_a_preview_of_eight_views(spot: Result) -> None:
     assert spot.preview is not None
     assert spot.preview.startswith(b"\x89PNG")
+
+
+def test_a_turntable_and_its_poster_are_published_where_they_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("core.measuring.PICTURE_SIZE", 64)  # fifty pictures
+    published: dict[str, bytes] = {}
+    asked = Parameters(label=Label.CALIFORNIA, metadata_only=True, turntable=True)
+    result = watermark(SPOT.read_bytes(), asked, preview=False, publish=published.__setitem__)
+    assert (result.turntable, result.poster) == (published["turntable"], published["poster"])
+    assert published["turntable"][:4] == published["poster"][:4] == b"RIFF"
+    assert "preview" not in published
 
 
 def test_the_same_request_gives_the_same_bytes_and_another_seed_gives_others(spot: Result) -> None:

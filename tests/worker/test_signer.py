@@ -40,15 +40,15 @@ SIGNER = [sys.executable, "-m", "worker.signer"]
 EVERYTHING = [sys.executable, "-m", "service"]
 
 
-def picture() -> str:
+def picture(kind: str = "PNG") -> str:
     file = io.BytesIO()
-    Image.new("RGB", (16, 8), (9, 90, 200)).save(file, "PNG")
+    Image.new("RGB", (16, 8), (9, 90, 200)).save(file, kind)
     return file.getvalue().hex()
 
 
 def order(**changes: Any) -> bytes:
     """An asset whose engine leaves a report and a picture that can be signed."""
-    return asset(**{"report": deepcopy(REPORT), "picture": picture(), **changes})
+    return asset(**{"report": deepcopy(REPORT), "picture": picture(), "animation": picture("WEBP"), **changes})
 
 
 def self_signed(folder: Path) -> dict[str, Any]:
@@ -73,9 +73,9 @@ class Signed:
         self.client, self.http = client, client.http
         self.signer = SignerProcess(settings, Signer(require_chain(settings), settings.c2pa_timestamp_url or None))
 
-    def finish(self, content: bytes | None = None) -> str:
+    def finish(self, content: bytes | None = None, params: str = '{"text": "HI"}') -> str:
         """The URL of a job whose results wait for the signer."""
-        url = self.client.submit(order() if content is None else content)
+        url = self.client.submit(order() if content is None else content, params)
         self.client.run(url)
         return url
 
@@ -118,8 +118,8 @@ def test_a_result_has_succeeded_once_it_is_signed(signed: Signed) -> None:
     assert (done["state"], done["stage"], done["links"]["credentials"]) == ("succeeded", None, f"{url}/credentials")
 
 
-def test_the_sidecar_fits_the_model_and_the_picture_has_its_own(signed: Signed, chain: dict[str, Any]) -> None:
-    url = signed.finish()
+def test_the_sidecar_fits_the_model_and_each_picture_has_its_own(signed: Signed, chain: dict[str, Any]) -> None:
+    url = signed.finish(params='{"text": "HI", "turntable": true}')
     signed.signer.sign_due()
     model, sidecar, preview = (signed.http.get(f"{url}/{part}") for part in ("model", "credentials", "preview"))
     assert model.headers["Link"] == f'<{url}/credentials>; rel="c2pa-manifest"'
@@ -131,6 +131,8 @@ def test_the_sidecar_fits_the_model_and_the_picture_has_its_own(signed: Signed, 
     found = read_credentials(model.content, GLB, sidecar.content, "-----BEGIN" + anchors)
     assert (found.state, found.marks, found.title) == (CredentialState.TRUSTED, ("SAMPLE",), "asset.watermarked.glb")
     assert read_credentials(preview.content, "image/png").state == CredentialState.VALID
+    for part in ("turntable", "poster"):
+        assert read_credentials(signed.http.get(f"{url}/{part}").content, "image/webp").state == CredentialState.VALID
     with Image.open(io.BytesIO(preview.content)) as shown:
         assert shown.convert("RGB").getpixel((0, 0)) == (9, 90, 200)
 

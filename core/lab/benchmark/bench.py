@@ -13,11 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Bool, Float
+from core.budgets import DEFAULT_BUDGETS
 from core.errors import MeshmarkError
+from core.formats.admission import admit, document_of
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import MODEL_SIZE, Surface
-from core.gltf.scene import Scene, scene_of
+from core.gltf.scene import Scene, flatten, scene_of
 from core.lab.attacks.attack import ATTACKS
 from core.lab.attacks.ladder import LADDER
 from core.lab.attacks.letters import looks
@@ -100,6 +102,9 @@ class AssetBench:
         data: the file.
         seed: of every draw on this asset; methods that draw the same kind of thing draw the same.
         options: of the run.
+
+    Attributes:
+        mesh: the asset, without materials.
     """
 
     def __init__(self, data: bytes, seed: int, options: BenchmarkOptions) -> None:
@@ -107,7 +112,7 @@ class AssetBench:
         self._parts: dict[str, float] = {}
         with _timed(self._parts, "reading"):
             self._prepared: Prepared = prepare(data, options.text, seed)
-        self._mesh = plain(self._prepared.surface)
+        self.mesh = plain(self._prepared.surface)
         self._parameters = Parameters(
             text=options.text,
             size=options.size,
@@ -117,10 +122,15 @@ class AssetBench:
             seed=seed,
         )
 
+    @cached_property
+    def delivered(self) -> Scene:
+        """The asset in its own materials."""
+        return flatten(document_of(admit(self._prepared.data, DEFAULT_BUDGETS), DEFAULT_BUDGETS))
+
     def facts(self) -> Row:
         """Bytes, vertices (those of one place and node counted once) and faces of the asset, and whether it has
         textures."""
-        mesh, prepared = self._mesh, self._prepared
+        mesh, prepared = self.mesh, self._prepared
         sizes = {"bytes": len(prepared.data), "vertices": len(mesh.positions), "faces": len(mesh.faces)}
         return sizes | {"textured": prepared.textured}
 
@@ -135,7 +145,7 @@ class AssetBench:
         with _timed(seconds, "marking"):
             if method == INVISIBLE:
                 bits = np.random.default_rng(self._seed).random(LENGTH) < 0.5
-                marked = Marked(embed(self._mesh, bits), Boxes.empty(), np.empty(0))
+                marked = Marked(embed(self.mesh, bits), Boxes.empty(), np.empty(0))
             else:
                 parameters = self._parameters.model_copy(update={"count": count}).resolved()
                 marked = STRATEGIES[method](self._prepared, parameters, np.random.default_rng(self._seed))
@@ -161,7 +171,7 @@ class AssetBench:
         # Of an invisible watermark only the bits are measured after an attack.
         only_read = trial.bits is not None and attack.name != NO_ATTACK
         left = self._painted(trial, attacked) if attack.name in LADDER else None
-        clay = self._clay(attacked.mesh, left, None if left is None else PAINT)
+        clay = self.clay(attacked.mesh, left, None if left is None else PAINT)
         seen = None if only_read else self._seen(clay, seconds, "pictures", frame)
         pair = Pair(
             original=original,
@@ -179,7 +189,7 @@ class AssetBench:
             missing = {name: code for name, code in missing.items() if values[name] is None}
         if options.color is not None and options.level is Evaluate.FULL and trial.bits is None:
             letters = trial.letters(attacked, self._prepared.index)
-            painted = self._clay(attacked.mesh, letters, options.color)
+            painted = self.clay(attacked.mesh, letters, options.color)
             values |= self._read(painted, "ocr_color", "coloured", seconds, frame)
         if attack.name in LADDER and len(marked.boxes):
             values |= self._stolen(marked, attacked.mesh, clay, values["ocr"], seconds)
@@ -220,7 +230,7 @@ class AssetBench:
         rng = np.random.default_rng([self._seed, stream])
         file = marked.delivered
         if file is None and attack.name in LADDER:
-            file = self._clay(marked.mesh)
+            file = self.clay(marked.mesh)
         target = Target(self._prepared.index, marked.boxes, rng, file)
         if attack.name == NO_ATTACK:
             return whole(marked.mesh, target)
@@ -245,19 +255,19 @@ class AssetBench:
         if (transform == np.eye(4)).all():
             return self._unmoved
         surface = replace(self._prepared.surface, positions=moved_points(self._prepared.surface.positions, transform))
-        mesh = Mesh(moved_points(self._mesh.positions, transform), self._mesh.faces)
+        mesh = Mesh(moved_points(self.mesh.positions, transform), self.mesh.faces)
         return self._shown(surface, SpatialIndex(surface.positions, surface.faces), mesh)
 
     @cached_property
     def _unmoved(self) -> tuple[Subject, Frame | None]:
-        return self._shown(self._prepared.surface, self._prepared.index, self._mesh)
+        return self._shown(self._prepared.surface, self._prepared.index, self.mesh)
 
     def _shown(self, surface: Surface, index: SpatialIndex, mesh: Mesh) -> tuple[Subject, Frame | None]:
-        seen = self._seen(self._clay(mesh), {}, "original", None)
+        seen = self._seen(self.clay(mesh), {}, "original", None)
         renderer = self._renderer if isinstance(seen, np.ndarray) and len(seen) else None
         return Subject(surface, index, seen, self._seed), renderer.frame if isinstance(renderer, Renderer) else None
 
-    def _clay(self, mesh: Mesh, letters: Bool | None = None, color: str | None = None) -> Scene:
+    def clay(self, mesh: Mesh, letters: Bool | None = None, color: str | None = None) -> Scene:
         """A mesh in grey clay that shows its back faces where the asset's own materials do: through the holes of an
         attack a viewer sees what these let it see."""
         return scene_of(plain_glb(mesh, letters, color, self._prepared.double_sided))
@@ -304,7 +314,7 @@ class AssetBench:
     @cached_property
     def _noise(self) -> tuple[float, float]:
         """OCR where there is no watermark, in ordinary and in relief pictures."""
-        scene = self._clay(self._mesh)
+        scene = self.clay(self.mesh)
         seen = self._unmoved[0].pictures
         assert isinstance(seen, np.ndarray)
         return ocr(seen, (self._options.text,), self._reader).ratio, self._read_relief(scene, {})

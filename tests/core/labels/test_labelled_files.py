@@ -57,6 +57,11 @@ def test_a_label_alone_leaves_the_shape_and_all_else_as_it_is() -> None:
     assert before.document.binary == after.document.binary
 
 
+def test_a_label_alone_is_not_written_where_none_is_asked_for() -> None:
+    with pytest.raises(MeshmarkError, match="asks for no label"):
+        watermark(SPOT, Parameters(metadata_only=True), preview=False)
+
+
 def test_files_of_other_formats_are_labelled_as_glb() -> None:
     model, _ = labelled(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", label="cn", metadata_only=True)
     assert len(aigc_labels(Document.from_glb(model).json)) == 1

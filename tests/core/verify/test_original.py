@@ -21,6 +21,7 @@ from core.pipeline import watermark
 from core.verify.marks import FoundMark
 from core.verify.original import Against, Aligned, Reference, align, compare, read_reference
 from core.verify.readings import Spot
+from core.verify.registration import Registration, Similarity, registrations
 from core.verify.report import Comparison
 from core.verify.verify import verify
 from tests.core.placement.shapes import cuboid
@@ -122,6 +123,19 @@ def test_an_original_that_is_another_model_is_refused() -> None:
     with pytest.raises(MeshmarkError, match=r"not the same model: .* residual of [\d.]+ %") as error:
         verify(plain_glb(Mesh(box.positions, box.faces)), ["ORDER 4711"], against=Against(SPOT))
     assert error.value.code is ErrorCode.DIFFERENT_MODEL
+
+
+def test_an_alignment_that_does_not_fit_is_not_taken_for_the_marks_it_shows(monkeypatch: pytest.MonkeyPatch) -> None:
+    surface = scene_of(job()[0]).surface
+    [fits, *_] = registrations(surface, reference().surface)
+    off = Similarity(1.0, fits.similarity.rotation, fits.similarity.translation + np.array([0, 3, 0]))
+    apart = Registration(off, residual=0.001, covered=0.9)
+    loose = Registration(fits.similarity, residual=0.008, covered=0.9)
+    monkeypatch.setattr("core.verify.original.registrations", lambda *_: [apart, loose])
+    assert align(surface, reference()).registration is apart
+    monkeypatch.setattr("core.verify.original.registrations", lambda *_: [loose])
+    with pytest.raises(MeshmarkError, match="not the same model"):
+        align(surface, reference())
 
 
 @pytest.mark.parametrize(

@@ -188,6 +188,21 @@ def test_results_are_delivered_with_type_name_and_hash(client: Client) -> None:
     assert client.http.get(f"{url}/preview").headers["Content-Type"] == "image/png"
 
 
+def test_a_turntable_and_a_poster_come_where_they_were_asked_for(client: Client) -> None:
+    url = client.submit(params='{"text": "HI", "turntable": true}')
+    client.run(url)
+    for part in ("turntable", "poster"):
+        assert client.http.get(url).json()["links"][part] == f"{url}/{part}"
+        found = client.http.get(f"{url}/{part}")
+        assert (found.content, found.headers["Content-Type"]) == (b"RIFF", "image/webp")
+        assert f".watermarked.{part}.webp" in found.headers["Content-Disposition"]
+        assert client.http.head(f"{url}/{part}").headers["ETag"] == found.headers["ETag"]
+    url = client.submit()
+    client.run(url)
+    assert client.http.get(url).json()["links"]["turntable"] is None
+    assert client.http.get(f"{url}/turntable").json()["code"] == "not_found"
+
+
 def test_a_client_that_has_the_model_is_not_sent_it_again(client: Client) -> None:
     url = client.submit()
     client.run(url)
