@@ -42,7 +42,7 @@ BELOW = {
     "evaluate": "report reporting metrics rendering analysis formats gltf geometry budgets parameters",
     "lab": (
         "pipeline stages report metrics rendering placement analysis artwork formats gltf geometry budgets parameters "
-        "processors"
+        "processors validation"
     ),
     "credentials": "report",
     "verify": (

@@ -35,7 +35,7 @@ File = TypeVar("File", bound=BaseModel)
 
 
 class KeyTrial(BaseModel):
-    """What a trial shows."""
+    """One trial: its asset, and the methods of its two sides."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
