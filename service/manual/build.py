@@ -3,6 +3,7 @@
 The pages are plain Markdown in service/docs; a page for each error is made beside them, of the code.
 """
 
+import json
 import re
 import shutil
 import subprocess
@@ -26,7 +27,10 @@ ASSETS = HERE / "assets"
 ICON = ROOT / "service" / "console" / "static" / "icon.svg"
 
 PREFIX = "/docs/"
-ROW = re.compile(r"^\| \[[^]]+\]\(([\w-]+\.md)\) \| (.+) \|$", re.MULTILINE)  # a page and what it has
+ROW = re.compile(r"^\| \[([^]]+)\]\(([\w-]+\.md)\) \| (.+) \|$", re.MULTILINE)  # a page's title, file and content
+NAVIGATION = "nav = []"  # its place in the configuration
+OVERVIEW = ("Overview", "index.md")
+REFERENCE = ("API reference", "/reference")
 SCRIPT = re.compile(r"<script>(.*?)</script>", re.DOTALL)
 UNUSED = ("404.html", "sitemap.xml", "assets/stylesheets/classic", "assets/images")
 
@@ -43,7 +47,8 @@ def build(site: Path = SITE) -> None:
     """
     with TemporaryDirectory() as folder:
         place = Path(folder)
-        shutil.copy(CONFIG, place)
+        config = CONFIG.read_text().replace(NAVIGATION, f"nav = {_toml(groups())}")
+        (place / CONFIG.name).write_text(config)
         pages = place / "docs"
         _stage(pages)
         run = [sys.executable, "-m", "zensical", "build", "--strict", "--config-file", str(place / CONFIG.name)]
@@ -91,6 +96,24 @@ def _finish(site: Path, pages: Path) -> None:
     (site / "llms.txt").write_text(llms(tomllib.loads(CONFIG.read_text())["project"]))
 
 
+def groups() -> dict[str, list[tuple[str, str, str]]]:
+    """Title, file and content of every page, by the headings of the manual's first page."""
+    sections = re.split(r"^## (.+)$", (PAGES / "index.md").read_text(), flags=re.MULTILINE)[1:]
+    return {name: ROW.findall(text) for name, text in zip(sections[::2], sections[1::2], strict=True)}
+
+
+def _toml(pages: dict[str, list[tuple[str, str, str]]]) -> str:
+    """The navigation as zensical reads it: the overview first, the reference of the API among its like."""
+    entries = {name: [(title, file) for title, file, _ in found] for name, found in pages.items()}
+    entries["Start"].insert(0, OVERVIEW)
+    entries["Reference"].append(REFERENCE)
+    listed = {
+        name: ", ".join(f"{{ {json.dumps(title)} = {json.dumps(file)} }}" for title, file in found)
+        for name, found in entries.items()
+    }
+    return f"[{', '.join(f'{{ {json.dumps(name)} = [{found}] }}' for name, found in listed.items())}]"
+
+
 def _script(site: Path, up: str, found: re.Match[str]) -> str:
     """A script of a page, put into a file."""
     code = found[1]
@@ -100,17 +123,11 @@ def _script(site: Path, up: str, found: re.Match[str]) -> str:
 
 
 def llms(project: dict[str, Any]) -> str:
-    """`llms.txt` (llmstxt.org): the pages as Markdown, by the groups of the navigation.
-
-    What a page has is said as on the manual's first page.
-    """
-    said = dict(ROW.findall((PAGES / "index.md").read_text()))
+    """`llms.txt` (llmstxt.org): the pages as Markdown, by their groups."""
     lines = [f"# {project['site_name']}", "", f"> {project['site_description']}"]
-    for group in project["nav"]:
-        for name, entries in group.items():
-            lines += ["", f"## {name}", ""]
-            for entry in entries:
-                lines += [f"- [{words}]({PREFIX}{page}): {said[page]}" for words, page in entry.items() if page in said]
+    for name, found in groups().items():
+        lines += ["", f"## {name}", ""]
+        lines += [f"- [{title}]({PREFIX}{file}): {content}" for title, file, content in found]
     lines += ["", "## Optional", "", "- [OpenAPI document](/openapi.json): every operation with its schemas"]
     return "\n".join(lines) + "\n"
 

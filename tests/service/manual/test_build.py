@@ -13,7 +13,7 @@ import pytest
 
 from service.errors import CODES
 from service.manual import catalogue
-from service.manual.build import CONFIG, BuildError, build, llms
+from service.manual.build import CONFIG, BuildError, build, groups, llms
 from service.manual.catalogue import error_pages
 from service.routes.manual import SEARCH_STYLE
 from tests.manual import MANUAL, ROOT
@@ -73,13 +73,17 @@ def test_every_page_is_there_as_markdown_too_and_says_so(site: Path) -> None:
 
 
 def test_every_page_of_the_manual_is_in_the_navigation_once_and_in_llms_txt(site: Path) -> None:
-    entries = [each for group in PROJECT["nav"] for found in group.values() for each in found]
-    listed = [page for each in entries for page in each.values() if page != "/reference"]
-    assert sorted(listed) == sorted(f"{name}.md" for name in WRITTEN)
+    listed = [file for found in groups().values() for _, file, _ in found]
+    assert sorted(listed) == sorted(f"{name}.md" for name in WRITTEN - {"index"})
     text = (site / "llms.txt").read_text()
     assert text == llms(PROJECT)
-    linked = re.findall(r"\]\(/docs/([\w-]+\.md)\): \S", text)
-    assert linked == [page for page in listed if page != "index.md"]
+    assert re.findall(r"\]\(/docs/([\w-]+\.md)\): \S", text) == listed
+    navigated = [
+        tag.get("href") for _, tag in pages(site)["index.html"].tags if "md-nav__link" in (tag.get("class") or "")
+    ]
+    for name in listed:
+        assert f"{name.removesuffix('.md')}/" in navigated
+    assert "/reference" in navigated
 
 
 def test_nothing_is_loaded_from_another_host(site: Path) -> None:
