@@ -75,6 +75,8 @@ PICTURES = {
     ),
     "strength": Picture(_of("strength", ["discreet", "standard", "strong"], color=RED)),
     "size": Picture(_of("size", [2, 5, 10], color=RED, strength="strong")),
+    "count": Picture(_of("count", [2, 8, 24], color=RED, strength="strong")),
+    "seed": Picture(_of("seed", [0, 1, 2], color=RED, strength="strong")),
     "color": Picture(
         (
             *_of("color", ["auto", "none", RED]),
@@ -88,9 +90,23 @@ PICTURES = {
         (
             ("wrap: none", {"text": "SAMPLE ONLY", "wrap": "none", "color": RED}),
             ("wrap: auto", {"text": "SAMPLE ONLY", "wrap": "auto", "color": RED, "size": 3}),
-            ("two lines, align: left", {"text": "SAMPLE\nnot for sale", "align": "left", "color": RED}),
+            ("two lines", {"text": "SAMPLE\nnot for sale", "color": RED}),
         ),
         near=1.25,
+    ),
+    "align": Picture(
+        tuple(
+            (f"align: {side}", {"text": "SAMPLE\nnot for sale", "align": side, "color": RED})
+            for side in ("left", "center", "right")
+        ),
+        near=1.25,
+    ),
+    "languages": Picture(
+        tuple(
+            (f"language: {tag}", {"text": "直骨", "language": tag, "color": RED})
+            for tag in ("zh-Hans", "zh-Hant", "ja")
+        ),
+        near=1.35,
     ),
     "spacing": Picture(
         (

@@ -16,6 +16,7 @@ from service.manual import catalogue
 from service.manual.build import CONFIG, BuildError, build, groups, llms
 from service.manual.catalogue import error_pages
 from service.routes.manual import SEARCH_STYLE
+from service.static_file import MEDIA_TYPES
 from tests.manual import MANUAL, ROOT
 
 PROJECT = tomllib.loads(CONFIG.read_text())["project"]
@@ -60,6 +61,10 @@ def test_the_site_has_the_pages_of_the_manual_and_one_for_each_error_and_no_othe
     expected = {"index.html", *(f"{name}/index.html" for name in WRITTEN - {"index"})}
     expected |= {f"errors/{code}/index.html" for code in CODES}
     assert pages(site).keys() == expected
+
+
+def test_every_file_has_a_media_type(site: Path) -> None:
+    assert {path.suffix for path in site.rglob("*.*")} <= MEDIA_TYPES.keys()
 
 
 def test_every_page_is_there_as_markdown_too_and_says_so(site: Path) -> None:
