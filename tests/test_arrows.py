@@ -49,10 +49,8 @@ BELOW = {
         "credentials evaluate report reporting metrics rendering artwork labels formats gltf geometry budgets device "
         "validation"
     ),
-    "cli_files": "",
-    "cli_verify": "cli_files verify",
-    "cli_text": "labels parameters",
-    "cli": "cli_files cli_text cli_verify lab pipeline evaluate models parameters process",
+    "doctor": "pipeline rendering artwork models device",
+    "cli": "doctor lab pipeline preload verify evaluate models labels parameters process processors",
     "__init__": "process",
 }
 EVERYWHERE = {"arrays", "errors", "notices", "__version__"}
@@ -61,7 +59,7 @@ EVERYWHERE = {"arrays", "errors", "notices", "__version__"}
 OF_SERVICE = {
     *{"errors", "validation", "parameters", "budgets", "artwork", "report", "credentials", "verify", "__version__"}
 }
-OF_WORKER = OF_SERVICE | {"formats", "pipeline", "preload", "processors"}
+OF_WORKER = OF_SERVICE | {"doctor", "formats", "pipeline", "preload", "processors"}
 
 FILE_LINES = 400
 PARAMETERS = 7
@@ -70,6 +68,11 @@ PARAMETERS = 7
 WIDE_FUNCTIONS = {
     "core/pipeline.py:watermark",  # the whole of a request
     "core/geometry/warp_kernels.py:first_hit",  # a kernel: it takes arrays and numbers, no records
+    # Commands take a parameter for each option.
+    *(
+        f"core/cli/{name}.py:{name}"
+        for name in ("apply", "attack", "benchmark", "evaluate", "sizing", "study", "verify")
+    ),
 }
 
 

@@ -15,7 +15,8 @@ from prometheus_client import REGISTRY
 from pydantic import BaseModel
 
 from core.budgets import DEFAULT_BUDGETS
-from core.cli import parser
+from core.cli.app import COMMANDS, load_command
+from core.cli.status import MEANINGS, STATUS_OF, Status
 from core.credentials.facts import Credentials, CredentialState
 from core.embossing.refusal import EXPLAINED
 from core.errors import ErrorCode
@@ -285,19 +286,27 @@ def commands(parser: argparse.ArgumentParser, *above: str) -> Iterator[tuple[str
             yield from commands(command, *above, name)
 
 
-def options(parser: argparse.ArgumentParser) -> set[str]:
-    long = {option for action in parser._actions for option in action.option_strings if option.startswith("--")}
-    return long - {"--help"}
-
-
 def test_every_command_of_meshmark_is_shown_with_every_option_and_no_other() -> None:
-    known = dict(commands(parser()))
-    assert re.findall(r"^## ([a-z]+)$", page("command-line"), re.MULTILINE) == [*known]
-    for name, command in known.items():
+    assert re.findall(r"^## ([a-z]+)$", page("command-line"), re.MULTILINE) == [*COMMANDS]
+    for name in COMMANDS:
+        known = {option for each in load_command(name).params for option in each.opts if option.startswith("--")}
         section = page("command-line").split(f"\n## {name}\n")[1].split("\n## ")[0]
         usage = re.search(rf"^meshmark {name} .*?```", section, re.MULTILINE | re.DOTALL)
         assert usage is not None
-        assert set(re.findall(r"--[a-z][a-z0-9-]*", usage[0])) == options(command), name
+        assert set(re.findall(r"--[a-z][a-z0-9-]*", usage[0])) == {
+            option for option in known if option.startswith("--")
+        }, name
+
+
+def test_the_table_of_exit_statuses_is_that_of_the_command_line() -> None:
+    expected = [[str(status.value), meaning] for status, meaning in MEANINGS.items()]
+    assert [row[:2] for row in rows("command-line", "Exit statuses")] == expected
+    assert [*MEANINGS] == [*Status]
+    listed = {
+        code: int(row[0]) for row in rows("command-line", "Exit statuses") for code in re.findall(r"`(\w+)`", row[2])
+    }
+    assert listed == {code.value: status.value for code, status in STATUS_OF.items()}
+    assert {*STATUS_OF} == {*ErrorCode}
 
 
 def test_every_command_of_the_service_is_named() -> None:
@@ -314,7 +323,10 @@ def test_every_command_line_in_the_manual_can_be_parsed() -> None:
         if re.search(r"\[|\||\.\.\.", words):
             continue
         arguments = shlex.split(words, comments=True)
-        (parser() if program == "meshmark" else service_parser()).parse_args(arguments)
+        if program == "meshmark":
+            load_command(arguments[0]).make_context(arguments[0], arguments[1:])
+        else:
+            service_parser().parse_args(arguments)
         parsed += 1
     assert parsed > 10
 
