@@ -18,6 +18,7 @@ from sqlalchemy.exc import OperationalError
 from service.app import create_app
 from service.background import in_background
 from service.config import Settings, load_settings
+from service.console.site import require_console
 from service.credentials import add_credentials_commands, require_chain, require_trust, run_credentials_command
 from service.data_folder import keep_private
 from service.dead_jobs import add_jobs_commands, run_jobs_command
@@ -84,6 +85,7 @@ def serve(settings: Settings, *workers: Sequence[str]) -> None:
     configure_tracing("meshmark-api")
     require_own_store(settings)
     require_secrets(settings)
+    require_console(settings)
     app = create_app(settings)
     supervisors = [Supervisor(command, settings.shutdown_seconds + STOP_MARGIN) for command in workers]
     for supervisor in supervisors:

@@ -82,6 +82,7 @@ class Settings(BaseSettings):
             description="Bytes that may be stored for a tenant when one more job or upload is accepted; 0: any number.",
         ),
     ] = 0
+    console: Annotated[bool, Field(description="Serve the console, pages for people, at `/`.")] = True
     public_verification: Annotated[
         bool,
         Field(description="With `auth` `keys`, let anybody verify files without a key, at a rate by address."),

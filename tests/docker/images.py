@@ -115,7 +115,7 @@ def _change_a_line(engine: Engine, tag: str, copy: Path, arguments: list[str]) -
             source, target = ROOT / rule[1:], copy / rule[1:]
             target.parent.mkdir(parents=True, exist_ok=True)
             if source.is_dir():
-                shutil.copytree(source, target, ignore=shutil.ignore_patterns("__pycache__"))
+                shutil.copytree(source, target, ignore=shutil.ignore_patterns("__pycache__", "node_modules"))
             else:
                 shutil.copy(source, target)
     with (copy / "worker" / "tasks.py").open("a") as file:

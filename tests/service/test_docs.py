@@ -22,6 +22,7 @@ from core.embossing.refusal import EXPLAINED
 from core.errors import ErrorCode
 from core.lab.attacks.attack import ATTACKS
 from core.lab.benchmark.options import METHODS
+from core.lab.benchmark.published import QUALITY
 from core.labels.declaration import Aigc, Declaration, SourceType
 from core.labels.profiles import PROFILES
 from core.labels.write import AIGC_PROPERTY, PROPERTIES, SOURCE_TYPE
@@ -47,6 +48,7 @@ from tests.manual import MANUAL, README, ROOT, command_lines, names, page, rows
 from tests.service.conftest import Client
 
 EVERYTHING = "\n".join(path.read_text() for path in (README, *sorted(MANUAL.glob("*.md"))))
+METHODS_BESIDE = ("meshmark", "paper", "li")
 SAID: dict[object, str] = {None: "null", True: "true", False: "false"}  # values that JSON writes in another way
 
 
@@ -66,7 +68,7 @@ def test_the_table_of_parameters_names_each_with_its_default_its_bounds_and_its_
         if field.is_required():
             assert default == "required"
         elif field.default is not None:
-            said = json.dumps(field.default) if isinstance(field.default, bool) else str(field.default)
+            said = json.dumps(field.default) if field.default in (True, False, "") else str(field.default)
             assert default.strip("`") == said
         else:
             assert default in ("preset", "`null`")
@@ -132,6 +134,23 @@ def test_the_tables_of_attacks_and_methods_are_those_of_the_benchmark() -> None:
     ]
     assert rows("benchmark", "Attacks") == expected
     assert names("benchmark", "Methods") == [*METHODS]
+
+
+def test_the_papers_figures_are_those_that_the_benchmark_prints() -> None:
+    expected = [
+        [dataset, f"`{method}`", *(f"{value:g}" for value in values.values())]
+        for dataset, methods in QUALITY.items()
+        for method, values in methods.items()
+    ]
+    assert rows("paper", "Published figures") == expected
+
+
+def test_what_is_said_to_be_measured_beside_the_paper_is_what_the_benchmark_measured() -> None:
+    measured = {row[0]: row[1:] for row in reversed(rows("benchmark", "Results"))}  # of two tables the first
+    columns = {"assets accepted, of 33": 0, "OCR ↑": 4, "Ray ↑": 2, "coverage ↑": 3, "SMSE ↓": 5, "IPE ↓": 6}
+    for name, *said in rows("paper", "Measured here"):
+        found = [measured[method][columns[name]].strip("*").removesuffix(" of 33") for method in METHODS_BESIDE]
+        assert said == found, name
 
 
 def test_the_table_of_refused_places_is_that_of_the_engine() -> None:

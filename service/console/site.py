@@ -1,0 +1,127 @@
+"""Files of the console: our modules and those of its libraries, under names that change with their content."""
+
+import gzip
+import json
+import re
+import sys
+from base64 import b64encode
+from dataclasses import dataclass
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+
+from service.config import Settings
+
+FOLDER = Path(__file__).parent
+STATIC = FOLDER / "static"
+LIBRARIES = FOLDER / "node_modules"
+PREFIX = "/console/"
+ADDONS = "three/examples/jsm/"
+# Modules of the libraries by the names that ours import them by.
+NAMED = {
+    "htm": "htm/dist/htm.mjs",
+    "preact": "preact/dist/preact.mjs",
+    "preact/hooks": "preact/hooks/dist/hooks.mjs",
+    "three": "three/build/three.module.js",
+    "three/addons/controls/OrbitControls.js": f"{ADDONS}controls/OrbitControls.js",
+    "three/addons/environments/RoomEnvironment.js": f"{ADDONS}environments/RoomEnvironment.js",
+    "three/addons/loaders/GLTFLoader.js": f"{ADDONS}loaders/GLTFLoader.js",
+    "three/addons/loaders/OBJLoader.js": f"{ADDONS}loaders/OBJLoader.js",
+    "three/addons/loaders/PLYLoader.js": f"{ADDONS}loaders/PLYLoader.js",
+    "three/addons/loaders/STLLoader.js": f"{ADDONS}loaders/STLLoader.js",
+}
+# Modules that those import by their place beside them.
+BESIDE = (
+    "three/build/three.core.js",
+    f"{ADDONS}utils/BufferGeometryUtils.js",
+    f"{ADDONS}utils/SkeletonUtils.js",
+)
+MEDIA_TYPES = {
+    ".css": "text/css; charset=utf-8",
+    ".html": "text/html; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".mjs": "text/javascript; charset=utf-8",
+    ".svg": "image/svg+xml",
+}
+FOREVER = "public, max-age=31536000, immutable"
+LINK = re.compile(rf'"({PREFIX}[\w./-]+)"')  # of the page to one of the files
+MAP = '<script type="importmap"></script>'  # its place in the page
+
+
+@dataclass(frozen=True)
+class SiteFile:
+    """A file as it is sent."""
+
+    content: bytes
+    compressed: bytes  # by gzip
+    media_type: str
+    cache_control: str
+    tag: str
+
+
+@dataclass(frozen=True)
+class Site:
+    """The page, the policy that it is sent with, and all other files by their paths."""
+
+    page: SiteFile
+    policy: str
+    files: dict[str, SiteFile]
+
+
+def _file(content: bytes, suffix: str, cache_control: str) -> SiteFile:
+    tag = f'"{sha256(content).hexdigest()[:32]}"'
+    return SiteFile(content, gzip.compress(content, 9, mtime=0), MEDIA_TYPES[suffix], cache_control, tag)
+
+
+def sources(libraries: Path = LIBRARIES) -> dict[str, Path]:
+    """Every file beside the page, by the path at which the page and the modules name it."""
+    own = {PREFIX + path.relative_to(STATIC).as_posix(): path for path in STATIC.rglob("*.*") if path.suffix != ".html"}
+    return own | {f"{PREFIX}lib/{name}": libraries / name for name in (*NAMED.values(), *BESIDE)}
+
+
+@cache
+def site(libraries: Path = LIBRARIES) -> Site:
+    """All files, read and compressed once.
+
+    A module keeps importing others by their plain paths: the page's import map leads these to the names with hashes.
+
+    Raises:
+        FileNotFoundError: a library is not installed.
+    """
+    files, hashed = {}, {}
+    for name, path in sorted(sources(libraries).items()):
+        content = path.read_bytes()
+        hashed[name] = f"{name.removesuffix(path.suffix)}.{sha256(content).hexdigest()[:12]}{path.suffix}"
+        files[hashed[name]] = _file(content, path.suffix, FOREVER)
+    imports = {name: url for name, url in hashed.items() if name.endswith(("js", "mjs"))}
+    imports |= {name: hashed[f"{PREFIX}lib/{path}"] for name, path in NAMED.items()}
+    import_map = json.dumps({"imports": imports})
+    page = LINK.sub(lambda link: f'"{hashed[link[1]]}"', (STATIC / "index.html").read_text())
+    page = page.replace(MAP, MAP.replace("><", f">{import_map}<"))
+    # Models and pictures that a user opens, and the textures in them, are blobs.
+    policy = (
+        "default-src 'none'; "
+        f"script-src 'self' 'sha256-{b64encode(sha256(import_map.encode()).digest()).decode()}'; "
+        "style-src 'self'; img-src 'self' blob:; connect-src 'self' blob:; frame-ancestors 'none'; base-uri 'none'; "
+        "form-action 'none'; require-trusted-types-for 'script'"
+    )
+    return Site(_file(page.encode(), ".html", "no-cache"), policy, files)
+
+
+def require_console(settings: Settings) -> None:
+    """Read the console's files, where it is to be served.
+
+    Raises:
+        SystemExit: with code 2 and a sentence on stderr, where a library is not installed.
+    """
+    if not settings.console:
+        return
+    try:
+        site()
+    except FileNotFoundError as error:
+        print(
+            f"The console's libraries are not installed: there is no {error.filename}. Run `make install`, or set "
+            "MESHMARK_CONSOLE=off to go without the console.",
+            file=sys.stderr,
+        )
+        sys.exit(2)
