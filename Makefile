@@ -7,13 +7,14 @@ VENV := .venv
 BIN := $(VENV)/bin
 TORCH := torch==2.13.0
 CONSOLE := service/console/node_modules/.package-lock.json
+MANUAL := service/manual/site/llms.txt
 
 .DEFAULT_GOAL := help
 
 help: ## Show this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-11s %s\n", $$1, $$2}'
 
-install: $(VENV)/.service $(CONSOLE) ## Install what the service needs into .venv
+install: $(VENV)/.service $(CONSOLE) $(MANUAL) ## Install what the service needs into .venv
 	@sh docker/system-packages.sh service fonts
 
 demo: install $(VENV)/.tests ## Watermark a real asset through the service, end to end
@@ -92,25 +93,33 @@ attacks: $(VENV)/.tests ## Attack an API as one tenant, and print what it answer
 docker-test: ## Build the image and put the whole deployment through its faults, as root; CACHE=DIR keeps what it built
 	$(PYTHON) -m tests.docker $(if $(CACHE),--cache $(CACHE))
 
+pictures: $(VENV)/.tests ## Draw the manual's pictures of what parameters do
+	@sh docker/system-packages.sh service fonts
+	$(BIN)/python -m tests.pictures
+
 openapi: $(VENV)/.service ## Write openapi.yaml from the application
 	$(BIN)/python -m service openapi > openapi.yaml
 
 clean: ## Remove everything that was installed or written here
-	rm -rf $(VENV) tests/node_modules service/console/node_modules demo-output data *.egg-info
+	rm -rf $(VENV) tests/node_modules service/console/node_modules service/manual/site demo-output data *.egg-info
 
 $(VENV)/.service: pyproject.toml docker/constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --quiet --upgrade pip
 	$(BIN)/pip install --quiet --quiet $(TORCH) $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX))
-	$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable .
+	$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable '.[docs]'
 	touch $@
 
 $(CONSOLE): service/console/package-lock.json $(VENV)/.service
 	@sh docker/node-packages.sh service/console $(BIN)/python
 	touch $@
 
+$(MANUAL): $(VENV)/.service openapi.yaml core/errors.py service/errors.py \
+		$(wildcard service/docs/*.md service/docs/pictures/* service/manual/*.* service/manual/assets/*)
+	$(BIN)/python -m service.manual
+
 $(VENV)/.tests: $(VENV)/.service
 	$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable '.[test,benchmark]'
 	touch $@
 
-.PHONY: help install demo run test check survey delivered features design labels verified compared benchmark ablation fuzz faults load attacks audit docker-test openapi clean
+.PHONY: help install demo run test check survey delivered features design labels verified compared benchmark ablation fuzz faults load attacks audit docker-test pictures openapi clean

@@ -33,13 +33,13 @@ def device() -> Device:
             f"There is no device {named!r}, which MESHMARK_DEVICE names.",
             "Set MESHMARK_DEVICE to auto, cpu or cuda.",
         )
-    obstacle = _obstacle()
-    if obstacle is None:
+    why_not = obstacle()
+    if why_not is None:
         return Device.CUDA
     if named == Device.CUDA:
         raise MeshmarkError(
             ErrorCode.DEVICE_UNAVAILABLE,
-            f"MESHMARK_DEVICE asks for CUDA, but {obstacle}.",
+            f"MESHMARK_DEVICE asks for CUDA, but {why_not}.",
             "Install meshmark[cuda] and NVIDIA's driver, or set MESHMARK_DEVICE to auto or cpu.",
         )
     return Device.CPU
@@ -59,7 +59,7 @@ def spatial_index(
     return WarpIndex(positions, faces, ids, hides, Device.CUDA)
 
 
-def _obstacle() -> str | None:
+def obstacle() -> str | None:
     """The reason why CUDA cannot be used; None where it can. Torch and warp are loaded only where both are installed:
     it takes seconds."""
     if find_spec("warp") is None:

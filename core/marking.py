@@ -5,7 +5,6 @@ quarter of a gigabyte to load, and files that cannot be read do not need them. A
 again calls :func:`core.preload.preload` first.
 """
 
-from collections import Counter
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -159,12 +158,14 @@ def _place_on(
     from core.analysis.opacity import opacity
     from core.placement.context import build_context
     from core.placement.place import place as place_boxes
+    from core.placement.watch import UNWATCHED
 
     (faces, index, opaque), surface = ground, asset.analysis.surface
     looks = opacity(asset.scene, surface, faces) if opaque else None
     carrier = Carrier(surface, index, faces, asset.analysis.component, looks)
     request = run.request
-    context = build_context(carrier, facts, layouts, request.parameters, rng, request.options)
+    watch = request.watch or UNWATCHED
+    context = build_context(carrier, facts, layouts, request.parameters, rng, request.options, watch)
     return Candidates(context, place_boxes(context, rng, run.progress), opaque, rng)
 
 
@@ -324,7 +325,7 @@ def _without(unseen: set[int], asset: Asset, context: "PlacementContext", emboss
     from core.embossing.marks import emboss_boxes
     from core.embossing.refusal import Refusal
 
-    refusals = embossed.refusals + Counter({Refusal.UNDRAWN.value: len(unseen)})
+    refusals = embossed.refusals | dict.fromkeys(sorted(unseen), Refusal.UNDRAWN)
     mesh, marks = _whole(asset, context), dict[int, Mark]()
     if kept := {box: mark for box, mark in embossed.marks.items() if box not in unseen}:
         boxes = Boxes.concat(*(mark.box for mark in kept.values()))
@@ -334,11 +335,11 @@ def _without(unseen: set[int], asset: Asset, context: "PlacementContext", emboss
             if isinstance(outcome, Mark):
                 marks[box] = outcome
             else:
-                refusals[outcome.value] += 1
+                refusals[box] = outcome
     if not marks:
         raise MeshmarkError(
             ErrorCode.NO_PLACEMENT,
-            f"All {refusals.total()} marks that fit on this asset would be culled, clear or covered by its own "
+            f"All {len(refusals)} marks that fit on this asset would be culled, clear or covered by its own "
             "materials: no viewer would draw them.",
             "Check which sides of the asset its materials show, and their alpha.",
         )

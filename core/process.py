@@ -16,6 +16,13 @@ def before_command() -> None:
     gc.set_threshold(*RARELY)
 
 
+def before_children(threads: int) -> None:
+    """With several files at once, and before numerical libraries are loaded: their threads share the cores with the
+    other processes, unless the environment says otherwise."""
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, str(threads))
+
+
 def before_onnxruntime() -> None:
     """With ``import core``: onnxruntime reports its use to its makers unless disabled (its docs/Privacy.md)."""
     os.environ["ORT_DISABLE_TELEMETRY"] = "1"

@@ -1,6 +1,7 @@
 """Building the report from what the stages found."""
 
 import hashlib
+from collections import Counter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,8 +47,8 @@ def build_report(asset: Asset, output: Output, parameters: Parameters) -> Report
     surface, embossed = asset.scene.surface, output.embossed
     measured = parameters.evaluate is not Evaluate.NONE
     model = file_facts(output.file.data, output.file.format)
-    refusals = embossed.refusals if embossed else {}
-    refused = {Refusal(reason): count for reason, count in sorted(refusals.items())}
+    refusals = Counter(embossed.refusals.values()) if embossed else Counter[Refusal]()
+    refused = dict(sorted(refusals.items()))
     verified = len(embossed.marks) if embossed else 0
     return Report(
         asset=asset_facts(file_facts(asset.data, asset.format), surface),

@@ -1,6 +1,5 @@
 """The frozen records that the stages of a run take and give."""
 
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -25,9 +24,11 @@ if TYPE_CHECKING:
     from core.embossing.copies import MarkedCopy
     from core.embossing.emboss import Mark
     from core.embossing.islands import Letters
+    from core.embossing.refusal import Refusal
     from core.placement.context import PlacementContext
     from core.placement.objective import Placement
     from core.placement.options import PlacementOptions
+    from core.placement.watch import Watch
 
 Publish = Callable[[str, bytes], None]
 
@@ -43,6 +44,7 @@ class Request:
         budgets: the most that the asset may declare before it is read.
         preview: render a contact sheet.
         options: the tuned values of placement, for ablations; None for those of the preset.
+        watch: somebody who is told of every box of placement; None for nobody.
     """
 
     parameters: Parameters
@@ -51,6 +53,7 @@ class Request:
     budgets: Budgets = DEFAULT_BUDGETS
     preview: bool = True
     options: "PlacementOptions | None" = None
+    watch: "Watch | None" = None
 
 
 @dataclass
@@ -120,14 +123,14 @@ class Embossed:
         letters: of the text, in each layout.
         placement: the candidate boxes.
         marks: by the number of the box in ``placement``.
-        refusals: refused boxes by reason.
+        refusals: reasons of refused boxes, by their numbers in ``placement``.
     """
 
     mesh: WorkingMesh
     letters: "Letters"
     placement: "Placement"
     marks: "dict[int, Mark]"
-    refusals: Counter[str]
+    refusals: "dict[int, Refusal]"
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,6 +28,7 @@ from service.jobs.stores import open_store
 from service.metrics import metrics_server
 from service.openapi_document import (
     components,
+    describe_files,
     describe_head,
     restore_examples,
     without_foreign_refusals,
@@ -39,6 +40,8 @@ from service.request_id import RequestId
 from service.routes import batch, console, events, health, hooks, uploads, verifications, watermarks, webhook_endpoints
 from service.routes.batch import BatchResults
 from service.routes.hooks import HOOK_SCHEME
+from service.routes.manual import manual_router
+from service.routes.reference import reference_router
 from service.routes.report_example import REPORT
 from service.routes.schemas import JobPage
 from service.routes.verification_example import VERIFICATION
@@ -107,6 +110,7 @@ class Application(FastAPI):
             without_null(document)
             without_foreign_refusals(document)
             describe_head(document)
+            describe_files(document)
         assert self.openapi_schema is not None
         return self.openapi_schema
 
@@ -157,6 +161,8 @@ def create_app(settings: Settings, gate: Template | None = None) -> FastAPI:
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
         servers=[{"url": "/", "description": "The service that has this document."}],
         lifespan=lifespan,
+        docs_url=None,  # pages of the framework that load their script from another host
+        redoc_url=None,
         redirect_slashes=False,  # a redirect would lead to whatever host the request names, and without TLS
         # One span a request, where service.tracing is asked for any.
         telemetry={"auto_configure": False, "metrics": False, "logs": False, "operation_spans": False},
@@ -175,6 +181,8 @@ def create_app(settings: Settings, gate: Template | None = None) -> FastAPI:
     app.include_router(events.router)
     app.include_router(webhook_endpoints.router, max_body_size=JSON_BYTES)
     app.include_router(health.router)
+    app.include_router(manual_router())
+    app.include_router(reference_router())
     if settings.console:
         app.include_router(console.router)
     install_problem_handlers(app, body_limit)

@@ -60,3 +60,13 @@ def error_code(value: str) -> Code:
         return CODES[value]
     except KeyError:
         raise ValueError(f"There is no error code {value!r}.") from None
+
+
+def title(code: Code) -> str:
+    """A code in words."""
+    return code.value.replace("_", " ").capitalize()
+
+
+def type_of(code: Code) -> str:
+    """The type of a code's problems: the address of its page in the manual, relative to the service's."""
+    return f"/docs/errors/{code.value}"

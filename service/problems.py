@@ -18,13 +18,13 @@ from starlette.routing import compile_path
 
 from core.errors import Code, ErrorCode, MeshmarkError
 from core.validation import describe, shortened
-from service.errors import ServiceErrorCode, error_code
+from service.errors import ServiceErrorCode, error_code, title, type_of
 from service.metrics import PROBLEMS
 
 MEDIA_TYPE = "application/problem+json"
 FORMS = ("multipart/form-data", "application/x-www-form-urlencoded")
 HOW_TO_SEND = "Send multipart/form-data with the asset as the file part `file` and JSON in the field `params`."
-HOW_TO_SEND_JSON = "Send what /docs describes, as application/json."
+HOW_TO_SEND_JSON = "Send what /reference describes, as application/json."
 
 STATUS: dict[Code, int] = {  # in the order in which openapi.yaml and the manual list the codes
     ErrorCode.EMPTY_FILE: 422,
@@ -130,7 +130,7 @@ class Problem(BaseModel):
         json_schema_extra={
             "examples": [
                 {
-                    "type": "urn:meshmark:problem:no_faces",
+                    "type": "/docs/errors/no_faces",
                     "title": "No faces",
                     "status": 422,
                     "detail": "The OBJ file has 8 vertices but no face.",
@@ -141,17 +141,15 @@ class Problem(BaseModel):
         }
     )
 
-    type: Annotated[str, Field(description="A URI that names the kind of problem.")]
+    type: Annotated[
+        str,
+        Field(description="Names the kind of problem: the address of its page in the manual, relative to this one."),
+    ]
     title: Annotated[str, Field(description="The kind of problem in words.")]
     status: Annotated[int, Field(description="The HTTP status.")]
     detail: Annotated[str, Field(description="What is wrong with this request or this file.")]
     code: Annotated[PublishedCode, Field(description="A stable code to program against.")]
     remedy: Annotated[str, Field(description="What to do about it.")]
-
-
-def title(code: Code) -> str:
-    """A code in words."""
-    return code.value.replace("_", " ").capitalize()
 
 
 HEADERS: dict[Code, dict[str, str]] = {
@@ -183,7 +181,7 @@ class ProblemError(MeshmarkError):
 def problem_of(error: MeshmarkError) -> Problem:
     """Problem details of an error."""
     return Problem(
-        type=f"urn:meshmark:problem:{error.code}",
+        type=type_of(error.code),
         title=title(error.code),
         status=STATUS[error.code],
         detail=error.message,
@@ -283,7 +281,7 @@ def _invalid_request(request: Request, error: RequestValidationError) -> Meshmar
         return MeshmarkError(
             ErrorCode.INVALID_REQUEST,
             f"The address asks for what is not possible: {describe(in_query, 'query', skip=1)}.",
-            "Correct the named parameters; /docs tells what each may be.",
+            "Correct the named parameters; /reference tells what each may be.",
         )
     sent_as = request.headers.get("Content-Type", "")
     if _takes_form(request):
@@ -327,7 +325,7 @@ def _from_status(request: Request, error: HTTPException, body_limit: int) -> Mes
             return MeshmarkError(
                 ServiceErrorCode.NOT_FOUND,
                 f"There is nothing at {shortened(request.url.path)}.",
-                "See /openapi.json for what there is.",
+                "See /reference or /openapi.json for what there is.",
             )
         case HTTPStatus.METHOD_NOT_ALLOWED:
             return MeshmarkError(

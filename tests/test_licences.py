@@ -7,7 +7,7 @@ from importlib.metadata import Distribution, distribution
 import pytest
 from packaging.requirements import Requirement
 
-EXTRAS = ("benchmark", "cuda", "otel")
+EXTRAS = ("benchmark", "cuda", "docs", "otel")
 COPYLEFT = re.compile(r"(?<!L)\bA?GPL|(?<!Lesser )General Public License", re.IGNORECASE)
 
 

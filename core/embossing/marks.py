@@ -61,12 +61,12 @@ class Marks:
     Attributes:
         placement: the candidate boxes, those of later searches included.
         marks: each watermark by the number of its box in ``placement``.
-        refusals: number of refused boxes, by reason.
+        refusals: reasons of refused boxes, by their numbers in ``placement``.
     """
 
     placement: Placement
     marks: dict[int, Mark]
-    refusals: Counter[str]
+    refusals: dict[int, Refusal]
 
 
 def emboss_boxes(
@@ -127,8 +127,7 @@ def emboss_marks(
     count = context.parameters.count
     assert count is not None
     marks: dict[int, Mark] = {}
-    refusals: Counter[str] = Counter()
-    rejected: set[int] = set()
+    refusals: dict[int, Refusal] = {}
     obstacles: list[tuple[Float, Float]] = []
     cuts_left = options.failed_cuts * count
     hoped, last = placement.value(placement.start), -np.inf
@@ -140,7 +139,8 @@ def emboss_marks(
         doubtful -= marks.keys()
         doubting, doubts_left = False, options.doubts * count
         while cuts_left > 0:
-            chosen = select(placement, count, list(marks), rejected | doubtful, chosen, context.options.selection)
+            avoided = refusals.keys() | doubtful
+            chosen = select(placement, count, list(marks), avoided, chosen, context.options.selection)
             fresh = np.array([box for box in chosen if box not in marks], dtype=np.int64)
             if not len(fresh):
                 if not doubtful or doubts_left <= 0 or placement.value(list(marks)) >= hoped - worthwhile:
@@ -155,8 +155,7 @@ def emboss_marks(
                 if isinstance(outcome, Mark):
                     marks[box] = outcome
                 else:
-                    refusals[outcome.value] += 1
-                    rejected.add(box)
+                    refusals[box] = outcome
                     obstacles.append(_obstacles(mesh, placement.boxes[np.array([box])]))
                     doubtful |= _over(placement.boxes, obstacles[-1], options.same_side) - marks.keys()
                     doubts_left -= doubting
@@ -164,10 +163,10 @@ def emboss_marks(
                 progress(len(marks) / count)
         value = placement.value(list(marks))
         done = value >= enough or value - last <= worthwhile or searches == options.max_searches
-        if not rejected or cuts_left <= 0 or done:
+        if not refusals or cuts_left <= 0 or done:
             break
         last = value
-        placement = search_again(context, placement, list(marks), rejected | doubtful, rng)
+        placement = search_again(context, placement, list(marks), refusals.keys() | doubtful, rng)
     if not marks:
         raise _nothing_embossed(refusals, context)
     return Marks(placement, marks, refusals)
@@ -195,10 +194,10 @@ def _over(boxes: Boxes, obstacles: tuple[Float, Float], same_side: float) -> set
     return set(beside[inside].tolist())
 
 
-def _nothing_embossed(refusals: Counter[str], context: PlacementContext) -> MeshmarkError:
-    worst, times = refusals.most_common(1)[0]
-    reason, remedy = EXPLAINED[Refusal(worst)]
-    tried, asked = refusals.total(), context.parameters
+def _nothing_embossed(refusals: dict[int, Refusal], context: PlacementContext) -> MeshmarkError:
+    worst, times = Counter(refusals.values()).most_common(1)[0]
+    reason, remedy = EXPLAINED[worst]
+    tried, asked = len(refusals), context.parameters
     width = asked.size if asked.size_exact else None
     return MeshmarkError(
         ErrorCode.NO_PLACEMENT,

@@ -17,6 +17,7 @@ from core.placement.label_height import picture_side
 from core.placement.objective import Targets, targets
 from core.placement.options import PlacementOptions, labelling, tuned
 from core.placement.rims import Rims, rims
+from core.placement.watch import UNWATCHED, Watch
 
 FEW = 5000  # samples of the surface that estimate how it looks in a direction
 SAME = 1e-6  # difference of the cosines of samples of one plane, at most
@@ -39,6 +40,7 @@ class PlacementContext:
         targets: of the objective.
         facing: (D,) cosine of the angle at which surface looks at the camera in each direction, at the middle of the
             little that is turned there most. Nothing on a cube, for one, looks along its diagonals.
+        watch: somebody who is told of every box.
     """
 
     carrier: Carrier
@@ -52,6 +54,7 @@ class PlacementContext:
     rims: Rims | None
     targets: Targets
     facing: Float
+    watch: Watch = UNWATCHED
 
 
 def build_context(
@@ -61,6 +64,7 @@ def build_context(
     parameters: Parameters,
     rng: np.random.Generator,
     options: PlacementOptions | None = None,
+    watch: Watch = UNWATCHED,
 ) -> PlacementContext:
     """The context of one text on an asset.
 
@@ -71,6 +75,7 @@ def build_context(
         parameters: resolved.
         rng: the source of every draw.
         options: the tuned values; those of the preset if None.
+        watch: somebody who is told of every box.
 
     Raises:
         MeshmarkError: ``no_placement`` where no face is cuttable; ``no_faces`` where none has any area.
@@ -110,6 +115,7 @@ def build_context(
         rims=rims(surface, carrier.component >= 0, layouts, options.rims),
         targets=goal,
         facing=_facing(surfels, goal.directions, options.search.looking),
+        watch=watch,
     )
 
 

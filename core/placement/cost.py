@@ -57,6 +57,30 @@ def cost(terms: Terms, objective: Objective = OBJECTIVE) -> Float:
     return np.asarray(objective.penalty * penalty + objective.mark + distorted)
 
 
+def prices(terms: Terms, objective: Objective = OBJECTIVE) -> dict[str, Float]:
+    """The shares of :func:`cost`, (B,) each, by the names of their terms; "mark" is the price of any mark, "distance"
+    that of the changed shape."""
+    named = {
+        "obstructed": objective.obstructed * terms.obstructed,
+        "salient": objective.salient * terms.salient,
+        "roll": objective.roll * terms.roll,
+        "curvature_deviation": objective.curvature_deviation * terms.curvature_deviation,
+        "rough": objective.rough * terms.rough,
+        "edge_proximity": objective.edge_proximity * terms.edge_proximity,
+        "folded": objective.folded * terms.folded,
+        "articulation": objective.articulation * terms.articulation,
+        "detail": objective.detail * terms.detail,
+        "busy": objective.busy * terms.busy,
+    }
+    last = ("face", "feature", "last_resort")  # of which the largest alone counts
+    each = np.stack([np.asarray(getattr(objective, name) * getattr(terms, name), dtype=np.float64) for name in last])
+    named |= {name: np.where(each.argmax(axis=0) == row, each[row], 0.0) for row, name in enumerate(last)}
+    named["preferred"] = -objective.preferred * terms.preferred
+    distorted = np.minimum(objective.distortion * terms.distance, objective.most_distorted)
+    told = {name: np.asarray(objective.penalty * value) for name, value in named.items()}
+    return told | {"mark": np.full(len(terms.salient), objective.mark), "distance": np.asarray(distorted)}
+
+
 def obstructed(visible: Bool, faced: Bool, goal: Targets) -> Float:
     """(B,) weighted share of the directions each box faces (B, D) in which it is not ``visible`` (B, D)."""
     weight = goal.weight[: len(goal.directions)]

@@ -34,10 +34,29 @@ from core.placement.legibility import text_width
 from core.placement.objective import FACING_VIEW, Placement, contrast, facing, likelihood
 from core.placement.rejection import Stage
 from core.placement.selection import visibility
+from core.placement.watch import Watch
 
 # Random points thinned to a radius r leave about this times area / r^2.
 PACKING = 0.5
 SKIN = 0.01  # how far from the surface rays start that must not meet it
+
+
+class Left:
+    """The boxes that are left after each stage, told to who watches.
+
+    Attributes:
+        counts: their number after each.
+    """
+
+    def __init__(self, watch: Watch) -> None:
+        self.counts: dict[Stage, int] = {}
+        self._watch = watch
+
+    def __call__(self, stage: Stage, boxes: Boxes, beside: Boxes | None = None) -> None:
+        """Note the ``boxes`` that a stage left, and those ``beside`` them that only a later one drops."""
+        every = boxes if beside is None else Boxes.concat(boxes, beside)
+        self.counts[stage] = len(every)
+        self._watch.passed(stage, every)
 
 
 def fit(
@@ -66,29 +85,28 @@ def fit(
     options = context.options.candidates
     thickness = max(options.thickness * max(width, height), options.thinnest)
     boxes = _candidates(context, artwork, (width, height, thickness), wanted, rng)
-    left = {Stage.CANDIDATES: len(boxes)}
+    left = Left(context.watch)
+    left(Stage.CANDIDATES, boxes)
     if context.parameters.solver is Solver.ADAM:
         boxes, loss = adam(boxes, context.carrier.index, progress, context.options.adam)
         return _survivors(context, boxes, loss, context.options.adam.threshold, left)
-    overhanging = 0
+    overhanging = [Boxes.empty()]
 
     def keep_after_coarse(coarse: Boxes) -> Bool:
-        nonlocal overhanging
         supported = _support(context, coarse) >= context.options.filters.min_support
-        overhanging += int((~supported).sum())
+        overhanging.append(coarse[~supported])
         return supported
 
     def recentre_on_support(fitted: Boxes) -> tuple[Boxes, Bool]:
-        nonlocal overhanging
         recentred, supported = _recentred_on_support(context, fitted)
-        overhanging += int((~supported).sum())
+        overhanging.append(recentred[~supported])
         return recentred, supported
 
     solver = context.options.levenberg_marquardt
     boxes, loss = levenberg_marquardt(
         boxes, context.carrier.index, context.surfels, keep_after_coarse, recentre_on_support, solver
     )
-    return _survivors(context, boxes, loss, loss_limit(boxes.size, solver), left, overhanging)
+    return _survivors(context, boxes, loss, loss_limit(boxes.size, solver), left, Boxes.concat(*overhanging))
 
 
 def refit(context: PlacementContext, boxes: Boxes) -> Placement:
@@ -99,7 +117,8 @@ def refit(context: PlacementContext, boxes: Boxes) -> Placement:
         lambda moved: _recentred_on_support(context, moved),
         options=context.options.levenberg_marquardt,
     )
-    return _survivors(context, fitted, loss, loss_limit(fitted.size, context.options.levenberg_marquardt), {})[0]
+    limit = loss_limit(fitted.size, context.options.levenberg_marquardt)
+    return _survivors(context, fitted, loss, limit, Left(context.watch))[0]
 
 
 def _relief(context: PlacementContext, boxes: Boxes) -> Float:
@@ -135,8 +154,8 @@ def _survivors(
     boxes: Boxes,
     loss: Float,
     limit: Float | float,
-    left: dict[Stage, int],
-    overhanging: int = 0,
+    left: "Left",
+    overhanging: Boxes | None = None,
 ) -> tuple[Placement, dict[Stage, int]]:
     """Fitted ``boxes`` (B,) with a ``loss`` (B,) below the ``limit`` (B,) that pass all filters, and the number
     ``left`` after each stage; ``overhanging`` ones were rejected during fitting.
@@ -146,53 +165,54 @@ def _survivors(
     parameters, index, options = context.parameters, context.carrier.index, context.options.filters
     kept = np.flatnonzero(loss < limit)
     boxes, loss = right_way_up(boxes[kept]), loss[kept]
-    left[Stage.ALIGNED] = len(boxes) + overhanging
+    beside = Boxes.empty() if overhanging is None else overhanging
+    left(Stage.ALIGNED, boxes, beside)
     kept = distinct(boxes, loss, options.copy)
     boxes, loss = boxes[kept], loss[kept]
-    left[Stage.DISTINCT] = len(boxes) + overhanging
+    left(Stage.DISTINCT, boxes, beside)
     if context.facts.regions is not None:
-        beside = _relief(context, boxes)
+        around = _relief(context, boxes)
         if parameters.profile is Profile.SOFT:
-            beside = np.maximum(beside, context.layouts.soft_reach(boxes.size))
-        kept = np.flatnonzero(~context.facts.regions.touches(boxes, margin=float(beside.max(initial=0))))
+            around = np.maximum(around, context.layouts.soft_reach(boxes.size))
+        kept = np.flatnonzero(~context.facts.regions.touches(boxes, margin=float(around.max(initial=0))))
         boxes, loss = boxes[kept], loss[kept]
-    left[Stage.FREE] = len(boxes) + overhanging
+    left(Stage.FREE, boxes, beside)
 
     met = _footprint(context, boxes, _relief(context, boxes))
     kept = np.flatnonzero(fully_supported(met, boxes, context.carrier.component))
     boxes, loss, met = boxes[kept], loss[kept], met[kept]
-    left[Stage.COVERED] = len(boxes)
+    left(Stage.COVERED, boxes)
 
     if context.rims is not None:
         kept = np.flatnonzero(~context.rims.crossed(boxes, index))
         boxes, loss, met = boxes[kept], loss[kept], met[kept]
-    left[Stage.WHOLE] = len(boxes)
+    left(Stage.WHOLE, boxes)
 
     if context.carrier.opacity is not None:
         points = above(boxes, met, 0.0).reshape(-1, 3)
         kept = np.flatnonzero(context.carrier.opacity(points, met.face.ravel()).reshape(met.face.shape).all(axis=1))
         boxes, loss, met = boxes[kept], loss[kept], met[kept]
-    left[Stage.OPAQUE] = len(boxes)
+    left(Stage.OPAQUE, boxes)
 
     rough, fold = roughness_met(met, context.normals, options), folded(met, context.normals, options)
     kept = np.flatnonzero(smooth(rough, options) & ~tilted(boxes, met, context.normals, options))
     boxes, loss, rough, fold = boxes[kept], loss[kept], rough[kept], fold[kept]
-    left[Stage.SMOOTH] = len(boxes)
+    left(Stage.SMOOTH, boxes)
 
     relief = _relief(context, boxes)
     met = footprint(boxes, index, context.normals, relief, options.sight_grid, margin=0.0)
     sight = above(boxes, met, options.lift * relief)
     blocked = occluded(boxes, sight, index, reach=options.sight * boxes.size[:, 1])
-    left[Stage.OPEN] = int((~blocked).sum())
+    left(Stage.OPEN, boxes[~blocked])
     if parameters.mode is Mode.DEBOSS:
         blocked |= thin_walled(boxes, met, index, options.lift * relief)
-    left[Stage.THICK] = int((~blocked).sum())
+    left(Stage.THICK, boxes[~blocked])
     visible = np.zeros((len(boxes), len(context.targets.directions)), dtype=bool)
     visible[~blocked] = visibility(boxes[~blocked], sight[~blocked], index, context.targets.directions)
     kept = np.flatnonzero(visible.any(axis=1))
-    left[Stage.SEEN] = len(kept)
+    left(Stage.SEEN, boxes[kept])
     ground = (rough[kept], fold[kept])
-    return _valued(context, boxes[kept], loss[kept], ground, visible[kept], met[kept], relief[kept]), left
+    return _valued(context, boxes[kept], loss[kept], ground, visible[kept], met[kept], relief[kept]), left.counts
 
 
 def _candidates(
@@ -302,6 +322,7 @@ def _valued(
         last_resort=last_resort,
         distance=distance(boxes, relief, context.layouts.ink(boxes.size), float(context.carrier.surface.areas.sum())),
     )
+    context.watch.valued(boxes, terms)
     return Placement(
         boxes=boxes,
         loss=loss,

@@ -91,6 +91,12 @@ class Renderer:
     ) -> None:
         self._context.delete()
 
+    def driver(self) -> str:
+        """The name that the driver gives what draws."""
+        from OpenGL.GL import GL_RENDERER, glGetString
+
+        return str(glGetString(GL_RENDERER).decode(errors="replace"))
+
     def load(self, asset: Scene, frame: Frame | None = None) -> None:
         """Take an asset as it is: normals (flat shading where there are none), base colours, vertex colours, emission.
 

@@ -110,7 +110,7 @@ def _read(one: Look, kind: Kind, number: int, reader: Reader, letters: int) -> l
 def _is_readable(line: Line, letters: int) -> bool:
     """True for a line that is large and long enough for so many letters."""
     height, width = line.picture.shape[:2]
-    return height >= LOWEST and width >= NARROWEST * letters * height
+    return bool(height >= LOWEST and width >= NARROWEST * letters * height)
 
 
 def _is_upright(text: str, confidence: float) -> bool:

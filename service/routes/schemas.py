@@ -9,10 +9,10 @@ from pydantic import AfterValidator, AwareDatetime, BaseModel, BeforeValidator, 
 from pydantic.config import JsonDict
 
 from core.parameters import Parameters
-from service.errors import error_code
+from service.errors import error_code, title
 from service.jobs.ledger import OUTPUTS
 from service.jobs.models import ArtifactKind, Job, JobState, Priority
-from service.problems import PublishedCode, title
+from service.problems import PublishedCode
 
 EXAMPLE: JsonDict = {
     "id": "6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11",

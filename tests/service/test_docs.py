@@ -15,12 +15,14 @@ from prometheus_client import REGISTRY
 from pydantic import BaseModel
 
 from core.budgets import DEFAULT_BUDGETS
-from core.cli import parser
+from core.cli.app import COMMANDS, load_command
+from core.cli.status import MEANINGS, STATUS_OF, Status
 from core.credentials.facts import Credentials, CredentialState
 from core.embossing.refusal import EXPLAINED
 from core.errors import ErrorCode
 from core.lab.attacks.attack import ATTACKS
 from core.lab.benchmark.options import METHODS
+from core.lab.benchmark.published import QUALITY
 from core.labels.declaration import Aigc, Declaration, SourceType
 from core.labels.profiles import PROFILES
 from core.labels.write import AIGC_PROPERTY, PROPERTIES, SOURCE_TYPE
@@ -46,6 +48,7 @@ from tests.manual import MANUAL, README, ROOT, command_lines, names, page, rows
 from tests.service.conftest import Client
 
 EVERYTHING = "\n".join(path.read_text() for path in (README, *sorted(MANUAL.glob("*.md"))))
+METHODS_BESIDE = ("meshmark", "paper", "li")
 SAID: dict[object, str] = {None: "null", True: "true", False: "false"}  # values that JSON writes in another way
 
 
@@ -65,7 +68,7 @@ def test_the_table_of_parameters_names_each_with_its_default_its_bounds_and_its_
         if field.is_required():
             assert default == "required"
         elif field.default is not None:
-            said = json.dumps(field.default) if isinstance(field.default, bool) else str(field.default)
+            said = json.dumps(field.default) if field.default in (True, False, "") else str(field.default)
             assert default.strip("`") == said
         else:
             assert default in ("preset", "`null`")
@@ -131,6 +134,23 @@ def test_the_tables_of_attacks_and_methods_are_those_of_the_benchmark() -> None:
     ]
     assert rows("benchmark", "Attacks") == expected
     assert names("benchmark", "Methods") == [*METHODS]
+
+
+def test_the_papers_figures_are_those_that_the_benchmark_prints() -> None:
+    expected = [
+        [dataset, f"`{method}`", *(f"{value:g}" for value in values.values())]
+        for dataset, methods in QUALITY.items()
+        for method, values in methods.items()
+    ]
+    assert rows("paper", "Published figures") == expected
+
+
+def test_what_is_said_to_be_measured_beside_the_paper_is_what_the_benchmark_measured() -> None:
+    measured = {row[0]: row[1:] for row in reversed(rows("benchmark", "Results"))}  # of two tables the first
+    columns = {"assets accepted, of 33": 0, "OCR ↑": 4, "Ray ↑": 2, "coverage ↑": 3, "SMSE ↓": 5, "IPE ↓": 6}
+    for name, *said in rows("paper", "Measured here"):
+        found = [measured[method][columns[name]].strip("*").removesuffix(" of 33") for method in METHODS_BESIDE]
+        assert said == found, name
 
 
 def test_the_table_of_refused_places_is_that_of_the_engine() -> None:
@@ -266,19 +286,27 @@ def commands(parser: argparse.ArgumentParser, *above: str) -> Iterator[tuple[str
             yield from commands(command, *above, name)
 
 
-def options(parser: argparse.ArgumentParser) -> set[str]:
-    long = {option for action in parser._actions for option in action.option_strings if option.startswith("--")}
-    return long - {"--help"}
-
-
 def test_every_command_of_meshmark_is_shown_with_every_option_and_no_other() -> None:
-    known = dict(commands(parser()))
-    assert re.findall(r"^## ([a-z]+)$", page("command-line"), re.MULTILINE) == [*known]
-    for name, command in known.items():
+    assert re.findall(r"^## ([a-z]+)$", page("command-line"), re.MULTILINE) == [*COMMANDS]
+    for name in COMMANDS:
+        known = {option for each in load_command(name).params for option in each.opts if option.startswith("--")}
         section = page("command-line").split(f"\n## {name}\n")[1].split("\n## ")[0]
         usage = re.search(rf"^meshmark {name} .*?```", section, re.MULTILINE | re.DOTALL)
         assert usage is not None
-        assert set(re.findall(r"--[a-z][a-z0-9-]*", usage[0])) == options(command), name
+        assert set(re.findall(r"--[a-z][a-z0-9-]*", usage[0])) == {
+            option for option in known if option.startswith("--")
+        }, name
+
+
+def test_the_table_of_exit_statuses_is_that_of_the_command_line() -> None:
+    expected = [[str(status.value), meaning] for status, meaning in MEANINGS.items()]
+    assert [row[:2] for row in rows("command-line", "Exit statuses")] == expected
+    assert [*MEANINGS] == [*Status]
+    listed = {
+        code: int(row[0]) for row in rows("command-line", "Exit statuses") for code in re.findall(r"`(\w+)`", row[2])
+    }
+    assert listed == {code.value: status.value for code, status in STATUS_OF.items()}
+    assert {*STATUS_OF} == {*ErrorCode}
 
 
 def test_every_command_of_the_service_is_named() -> None:
@@ -295,7 +323,10 @@ def test_every_command_line_in_the_manual_can_be_parsed() -> None:
         if re.search(r"\[|\||\.\.\.", words):
             continue
         arguments = shlex.split(words, comments=True)
-        (parser() if program == "meshmark" else service_parser()).parse_args(arguments)
+        if program == "meshmark":
+            load_command(arguments[0]).make_context(arguments[0], arguments[1:])
+        else:
+            service_parser().parse_args(arguments)
         parsed += 1
     assert parsed > 10
 

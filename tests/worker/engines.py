@@ -43,6 +43,13 @@ class Result:
     preview: bytes | None
 
 
+def ordered(data: bytes) -> dict[str, Any]:
+    """What an asset tells the engine to do; one that tells nothing, as a real one, is just worked on."""
+    if not data.startswith(b"# "):
+        return {"do": "work"}
+    return dict(json.loads(data.split(b"\n", 1)[0].removeprefix(b"# ")))
+
+
 def preload() -> None:
     """It imports nothing later."""
 
@@ -60,7 +67,7 @@ def directed(
     assert progress is not None
     assert publish is not None
     assert budgets.faces > 0
-    order = json.loads(data.split(b"\n", 1)[0].removeprefix(b"# "))
+    order = ordered(data)
     progress("reading", 1.0)
     progress("placing", 0.5)
     ACTIONS[order["do"]](order)
@@ -97,9 +104,8 @@ class Seen:
 def looked_at(data: bytes, texts: Sequence[str], budgets: Budgets, against: Against | None, seal: Seal) -> Seen:
     """A verification that does what the asset tells it to, and reads all texts; of a picture, it just reads."""
     assert budgets.faces > 0
-    if data.startswith(b"# "):
-        order = json.loads(data.split(b"\n", 1)[0].removeprefix(b"# "))
-        ACTIONS[order["do"]](order)
+    order = ordered(data)
+    ACTIONS[order["do"]](order)
     common = {"likeness": 1.0, "confidence": 0.9, "votes": 1, "pictures": ["ordinary"], "pixel": (1.0, 2.0)}
     marks = [ReadMark.model_validate({"text": text, "known": text, **common}) for text in texts]
     report = VerificationReport(

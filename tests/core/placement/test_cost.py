@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.placement.cost import Terms, cost, curvature_deviation, distance, obstructed, roll
+from core.placement.cost import Terms, cost, curvature_deviation, distance, obstructed, prices, roll
 from core.placement.objective import OBJECTIVE, facing, targets
 from tests.core.placement.shapes import box, cuboid, rotation
 
@@ -30,6 +30,14 @@ def test_everything_unwelcome_costs(name: str) -> None:
 def test_preferred_places_cost_less_and_every_mark_costs_something() -> None:
     assert cost(terms(preferred=1.0)) < cost(terms())
     assert cost(terms()) > 0
+
+
+@given(st.lists(st.floats(0, 2), min_size=len(fields(Terms)), max_size=len(fields(Terms))))
+def test_the_prices_of_all_terms_are_the_cost(values: list[float]) -> None:
+    given_terms = terms(**dict(zip([one.name for one in fields(Terms)], values, strict=True)))
+    told = prices(given_terms)
+    assert sum(float(value[0]) for value in told.values()) == pytest.approx(float(cost(given_terms)[0]), abs=1e-12)
+    assert told.keys() == {*(one.name for one in fields(Terms)), "mark"}
 
 
 def test_a_mark_on_a_salient_part_has_to_show_what_no_other_does() -> None:

@@ -171,7 +171,7 @@ def test_a_picture_has_no_shape_to_compare() -> None:
 def test_a_report_needs_the_file_that_its_job_marked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "spot.glb"
     file.write_bytes(SPOT)
-    assert main(["verify", str(file), "--report-of", str(file)]) == 1
+    assert main(["verify", str(file), "--report-of", str(file)]) == 2
     assert "`--original`" in capsys.readouterr().err
 
 

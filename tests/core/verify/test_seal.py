@@ -72,7 +72,7 @@ def test_the_command_takes_a_sidecar_and_roots(tmp_path: Path, capsys: pytest.Ca
     assert main([*command, "--trust", str(tmp_path / "roots.pem")]) == 0
     assert "credentials: trusted, signed by Meshmark self-signed, signer for tests" in capsys.readouterr().out
     (tmp_path / "p.c2pa").write_bytes(files["p.c2pa"][:500])
-    assert main(command) == 1
+    assert main(command) == 65
     assert "The credentials cannot be read" in capsys.readouterr().err
 
 

@@ -83,6 +83,6 @@ def test_the_command_prints_the_table(tmp_path: Path, capsys: pytest.CaptureFixt
     found = sizing(json.loads(path.read_text()), [1000, 2000], mix=parse_mix("1000:3,inf:1"), wait=5, overhead=1)
     assert lines == markdown(found, 5, 0.9).splitlines()
     assert lines[2].startswith("| 1,000 | 24,000 |")
-    assert main(["sizing", "--profile", str(tmp_path / "nothing"), "--arrivals", "1"]) == 1
+    assert main(["sizing", "--profile", str(tmp_path / "nothing"), "--arrivals", "1"]) == 66
     path.write_text("no JSON")
-    assert main(["sizing", "--profile", str(path), "--arrivals", "1"]) == 1
+    assert main(["sizing", "--profile", str(path), "--arrivals", "1"]) == 2

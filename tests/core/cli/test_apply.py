@@ -1,20 +1,21 @@
-import argparse
+"""Options of `meshmark apply`."""
+
 import json
 from pathlib import Path
 
 import pytest
+import typer
 
-from core.cli_text import add_label_options, add_text_options
+from core.cli.app import load_command
+from core.cli.apply import parameters_of
+from core.errors import MeshmarkError
 from core.parameters import Parameters
 
 
 def given(*options: str) -> Parameters:
-    command = argparse.ArgumentParser(exit_on_error=False)
-    add_text_options(command)
-    add_label_options(command)
-    values = vars(command.parse_args(options))
-    assert values.pop("logo") is None
-    return Parameters(**values)
+    context = load_command("apply").make_context("apply", ["in.glb", "out.glb", *options])
+    assert context.params["logo"] is None
+    return parameters_of(context.params)
 
 
 def test_the_setting_of_the_text_is_that_of_the_parameters() -> None:
@@ -27,22 +28,23 @@ def test_the_setting_of_the_text_is_that_of_the_parameters() -> None:
             "letter_spacing": 0.1,
             "direction": "vertical",
             "language": "ja",
+            "evaluate": "none",
         }
     )
 
 
 def test_without_options_the_defaults_are_those_of_the_parameters() -> None:
-    assert given("--text", "a") == Parameters(text="a")
+    assert given("--text", "a", "--report", "r.json") == Parameters(text="a")
 
 
 def test_a_direction_that_is_none_is_refused() -> None:
-    with pytest.raises(argparse.ArgumentError):
+    with pytest.raises(typer.TyperException, match="'up' is not one of"):
         given("--text", "a", "--direction", "up")
 
 
 def test_a_label_is_asked_for_with_a_file_of_statements(tmp_path: Path) -> None:
     (tmp_path / "d.json").write_text(json.dumps({"creator": "me"}))
-    asked = given("--label", "cn", "--declaration", str(tmp_path / "d.json"), "--metadata-only")
+    asked = given("--label", "cn", "--declaration", str(tmp_path / "d.json"), "--metadata-only", "--evaluate", "full")
     assert asked == Parameters.model_validate({"label": "cn", "declaration": {"creator": "me"}, "metadata_only": True})
 
 
@@ -50,5 +52,5 @@ def test_a_label_is_asked_for_with_a_file_of_statements(tmp_path: Path) -> None:
 def test_statements_that_cannot_be_read_are_refused(tmp_path: Path, content: str | None) -> None:
     if content is not None:
         (tmp_path / "d.json").write_text(content)
-    with pytest.raises(argparse.ArgumentError, match="cannot be read"):
+    with pytest.raises(MeshmarkError, match="cannot be read"):
         given("--label", "cn", "--declaration", str(tmp_path / "d.json"))

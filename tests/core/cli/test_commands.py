@@ -7,16 +7,18 @@ import pytest
 
 from core.artwork.fonts import DEFAULT_FONT
 from core.cli import main
+from core.cli.status import STATUS_OF
 from core.errors import ErrorCode, MeshmarkError
 from core.gltf.scene import scene_of
 from tests.core.gltf.builder import CUBE, CUBE_FACES, simple
 from tests.validator import error_counts
 
-SPOT = Path(__file__).parents[1] / "data" / "spot.glb"
+SPOT = Path(__file__).parents[2] / "data" / "spot.glb"
 
 
-def test_apply_writes_the_model_the_report_and_the_preview(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_apply_writes_the_model_the_report_and_the_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     model, report, preview = tmp_path / "out.glb", tmp_path / "report.json", tmp_path / "preview.png"
+    pictures = tmp_path / "turntable.webp", tmp_path / "poster.webp"
     font = tmp_path / "font.ttf"
     font.write_bytes(DEFAULT_FONT.read_bytes())
     status = main(
@@ -25,11 +27,14 @@ def test_apply_writes_the_model_the_report_and_the_preview(tmp_path: Path, capsy
             *("--report", str(report), "--preview", str(preview), "--font", str(font), "--seed", "5"),
             *("--mode", "deboss", "--size", "3", "--relief", "0.1", "--preset", "provenance"),
             *("--evaluate", "geometry", "--strength", "strong", "--size-exact"),
+            *("--turntable", str(pictures[0]), "--poster", str(pictures[1])),
         ]
     )
     assert status == 0
     assert not error_counts(model.read_bytes())
     assert preview.read_bytes().startswith(b"\x89PNG")
+    assert {path.read_bytes()[8:12] for path in pictures} == {b"WEBP"}
+    assert len(pictures[0].read_bytes()) > 10 * len(pictures[1].read_bytes())
     written = json.loads(report.read_text())
     asked = {"text": "watermark", "count": 2, "color": "#00ff00", "seed": 5, "mode": "deboss", "size": 3.0}
     asked |= {"strength": "strong", "size_exact": True}
@@ -88,15 +93,15 @@ def test_what_cannot_be_done_is_said_in_two_lines_and_nothing_is_written(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(["apply", *arguments]) == 1
-    assert capsys.readouterr().err.startswith(f"meshmark: {code}: ")
+    assert main(["apply", *arguments]) == STATUS_OF[ErrorCode(code)] != 0
+    *stages, said, _remedy = capsys.readouterr().err.splitlines()
+    assert all(stage.startswith(f"{arguments[0]}: ") for stage in stages)
+    assert said.startswith(f"meshmark: {code}: ")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_wrong_usage_is_status_two(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as caught:
-        main(["apply", "in.glb"])
-    assert caught.value.code == 2
+    assert main(["apply", "in.glb"]) == 2
     assert "OUT.glb" in capsys.readouterr().err
 
 
@@ -112,8 +117,8 @@ def test_a_preview_that_cannot_be_rendered_is_said_whatever_else_there_was_to_wa
     document.json["images"] = [{"uri": "beside.png"}]  # warned of as well, and before
     asset.write_bytes(document.to_glb())
     arguments = ["apply", str(asset), str(model), "--text", "a", "--preview", str(tmp_path / "preview.png")]
-    assert main(arguments) == 1
-    assert capsys.readouterr().err.startswith("meshmark: rendering_unavailable: No EGL here.")
+    assert main(arguments) == 69
+    assert "\nmeshmark: rendering_unavailable: No EGL here.\nInstall it.\n" in capsys.readouterr().err
     assert model.exists()
 
 
@@ -131,8 +136,8 @@ def test_an_attack_that_cannot_be_made_says_so_and_writes_nothing(
     arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     name, *options = arguments
-    assert main(["attack", name, str(SPOT), str(tmp_path / "left.glb"), *options]) == 1
-    assert capsys.readouterr().err.startswith("meshmark: invalid_parameters: ")
+    assert main(["attack", name, str(SPOT), str(tmp_path / "left.glb"), *options]) == 2
+    assert "\nmeshmark: invalid_parameters: " in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 
@@ -145,7 +150,7 @@ def test_models_are_listed_with_their_state(
     (tmp_path / "resnet50-v1-12-int8.onnx").write_bytes(b"half of it")
     assert main(["models", "list"]) == 0
     assert capsys.readouterr().out.split()[:2] == ["resnet50-v1-12-int8", "corrupt"]
-    assert main(["models", "fetch", "nonsense"]) == 1
+    assert main(["models", "fetch", "nonsense", "--quiet"]) == 69
     assert capsys.readouterr().err.startswith("meshmark: model_unavailable: ")
 
 
@@ -159,7 +164,7 @@ def test_a_benchmark_writes_its_report_and_says_what_was_refused(
     assert main(["benchmark", str(meshes), "--out", str(out), *asked]) == 0
     assert "6 rows, 0 of them refused or failed" in capsys.readouterr().out
     assert {"REPORT.md", "results.csv", "results.json", "rows.jsonl"} <= {path.name for path in out.iterdir()}
-    assert main(["benchmark", str(meshes), "--out", str(out), "--methods", "nonsense"]) == 1
+    assert main(["benchmark", str(meshes), "--out", str(out), "--methods", "nonsense"]) == 2
     assert capsys.readouterr().err.startswith("meshmark: invalid_parameters: ")
 
 
@@ -173,5 +178,5 @@ def test_a_profile_is_printed_and_written(tmp_path: Path, capsys: pytest.Capture
     assert "the quickest of 2 runs" in printed
     assert (out / "PROFILE.md").read_text() == printed
     assert json.loads((out / "profile.json").read_text())["repeats"] == 2
-    assert main(["profile", str(tmp_path / "missing")]) == 1
+    assert main(["profile", str(tmp_path / "missing")]) == 66
     assert capsys.readouterr().err.startswith("meshmark: missing_file: ")

@@ -1,0 +1,165 @@
+"""One file to be marked: its names, the work, and the outcome in words."""
+
+import sys
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from core.cli.files import STANDARD, read_file, write_file, write_json
+from core.cli.progress import Progress, progress
+from core.cli.status import STATUS_OF, Status
+from core.cli.terminal import as_json, say, say_error, say_json
+from core.errors import ErrorCode, MeshmarkError
+from core.parameters import Evaluate, Parameters
+
+LOADING = "loading"  # the stage before the engine's own: its libraries
+
+
+@dataclass(frozen=True)
+class Order:
+    """The names of one file's input and results."""
+
+    input: Path
+    output: Path
+    report: Path | None = None
+    preview: Path | None = None
+    turntable: Path | None = None
+    poster: Path | None = None
+
+    @property
+    def pictures(self) -> dict[str, Path]:
+        """Names of the pictures that are wanted, by those that the engine gives them."""
+        names = {"preview": self.preview, "turntable": self.turntable, "poster": self.poster}
+        return {name: path for name, path in names.items() if path is not None}
+
+    @property
+    def results(self) -> list[Path]:
+        """All files that are to be written."""
+        return [self.output, *([self.report] if self.report else []), *self.pictures.values()]
+
+
+@dataclass(frozen=True)
+class Style:
+    """Parameters, and the content of font and logo: the same for all files."""
+
+    parameters: Parameters
+    font: bytes | None
+    logo: bytes | None
+
+
+@dataclass(frozen=True)
+class Telling:
+    """Manner of telling the outcome: not at all, or for programs."""
+
+    quiet: bool
+    as_json: bool
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Outcome of an order.
+
+    Attributes:
+        order: that was worked on.
+        watermarks: number of marks.
+        seconds: of the stages.
+        warnings: of the report.
+        error: that kept it from being done; None where it was done.
+        trace: of an error that is not handled.
+    """
+
+    order: Order
+    watermarks: int = 0
+    seconds: float = 0.0
+    warnings: tuple[dict[str, str], ...] = ()
+    error: MeshmarkError | None = None
+    trace: str = ""
+
+    def summary(self) -> str:
+        """Marks and seconds in words."""
+        return f"{self.watermarks} watermark{'s' * (self.watermarks != 1)} in {self.seconds:.1f} s"
+
+    def as_json(self) -> dict[str, Any]:
+        """The outcome for programs; names of files that were not written are null."""
+        written = {name: str(path) if path else None for name, path in asdict(self.order).items()}
+        return {
+            **(written if self.error is None else dict.fromkeys(written) | {"input": str(self.order.input)}),
+            "outcome": "done" if self.error is None else "failed",
+            "watermarks": self.watermarks,
+            "seconds": round(self.seconds, 3),
+            "warnings": list(self.warnings),
+            "error": as_json(self.error) if self.error else None,
+        }
+
+
+def mark(order: Order, style: Style, tell: Progress | None) -> Outcome:
+    """Mark one file and write its results.
+
+    Raises:
+        MeshmarkError: where it cannot be marked or a result cannot be written; the model is written before its
+            pictures are missed.
+    """
+    data = read_file(order.input)
+    if tell is not None:
+        tell(LOADING, 0.0)
+    from core.pipeline import watermark  # torch and the geometry libraries take seconds: not for --help or a typo
+
+    result = watermark(
+        data,
+        style.parameters,
+        font=style.font,
+        logo=style.logo,
+        preview=order.preview is not None,
+        progress=_of_stages_asked_for(tell, order, style.parameters) if tell else None,
+    )
+    warnings = result.report["warnings"]
+    write_file(order.output, result.file.data)
+    if order.report:
+        write_json(order.report, result.report)
+    for name, path in order.pictures.items():
+        picture: bytes | None = getattr(result, name)
+        if picture is None:
+            warning = warnings[-1]  # drawing is the last stage that warns
+            raise MeshmarkError(ErrorCode(warning["code"]), warning["message"], warning["remedy"])
+        write_file(path, picture)
+    return Outcome(order, len(result.report["watermarks"]), sum(result.report["timings"].values()), tuple(warnings))
+
+
+def _of_stages_asked_for(tell: Progress, order: Order, parameters: Parameters) -> Callable[[str, float], None]:
+    """``tell`` without the stages that have nothing to do, the share done being that of the others."""
+    from core.pipeline import STAGES
+
+    idle = set[str]()
+    if parameters.evaluate is Evaluate.NONE:
+        idle |= {"evaluating"}
+    if parameters.evaluate is not Evaluate.FULL and not order.pictures:
+        idle |= {"rendering"}
+    total = sum(share for name, share in STAGES.items() if name not in idle)
+
+    def of_those(stage: str, share: float) -> None:
+        if stage not in idle:
+            tell(stage, min(share / total, 1.0))
+
+    return of_those
+
+
+def mark_one(order: Order, style: Style, telling: Telling) -> Status:
+    """Mark one file and tell the outcome."""
+    outcome = Outcome(order)
+    try:
+        with progress("standard input" if order.input == STANDARD else str(order.input), quiet=telling.quiet) as tell:
+            outcome = mark(order, style, tell)
+    except MeshmarkError as error:
+        outcome = Outcome(order, error=error)
+        say_error(error)
+    if telling.as_json:
+        say_json({"files": [outcome.as_json()]})
+    if outcome.error:
+        return STATUS_OF[outcome.error.code]
+    if not telling.quiet and not telling.as_json:
+        for warning in outcome.warnings:
+            say(f"warning: {warning['message']} {warning['remedy']}", sys.stderr, style="yellow")
+        stream = sys.stderr if STANDARD in order.results else sys.stdout
+        say(f"{order.output}: {outcome.summary()}", stream)
+    return Status.DONE

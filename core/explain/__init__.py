@@ -1,0 +1,1 @@
+"""Why marks stand where they stand: every step of one placement, as figures, pictures and a model with layers."""
