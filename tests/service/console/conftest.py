@@ -52,6 +52,8 @@ def opened(browser: Browser, url: str, refused: bool = False, **options: Any) ->
     page.on("console", lambda message: logged(message.type, message.text))
     page.on("pageerror", lambda error: faults.append(str(error)))
     page.on("request", lambda request: asked(request.url))
+    # Playwright catches file choosers from the moment on in which somebody listens: soon after would be too late.
+    page.on("filechooser", lambda _: None)
     page.goto(url)
     try:
         yield page
