@@ -89,7 +89,7 @@ function App() {
         ${Object.entries(LINKS).map(([name, link]) => html`<a href=${link} aria-current=${name === section ? "page" : null}>${t(`nav.${name}`)}</a>`)}
       </nav>
       <div class="head-end">
-        <a class="docs" href="/docs">${t("nav.docs")}</a>
+        <a class="docs" href="/docs/">${t("nav.docs")}</a>
         <button type="button" class="plain" lang=${language === "en" ? "zh-Hans" : "en"} onClick=${() => chooseLanguage(currentLanguage() === "en" ? "zh" : "en")}>${language === "en" ? "中文" : "English"}</button>
         <button type="button" class=${`tool plain ${key() ? "on" : ""}`} onClick=${() => ask("needed")} title=${t("key.title")} aria-label=${t("key.title")}><${Icon} name="key" /></button>
       </div>

@@ -65,6 +65,11 @@ export function Tabs({ tabs, current, onChange, children }) {
 /** A sentence of the service, with what stands between backticks as code. */
 export const Sentence = ({ text }) => text.split("`").map((part, index) => (index % 2 ? html`<code>${part}</code>` : part));
 
+// The service's codes have a page each in the manual.
+const Code = ({ problem }) => problem.local
+  ? html`<code>${problem.code}</code>`
+  : html`<a href=${`/docs/errors/${encodeURIComponent(problem.code)}/`}><code>${problem.code}</code></a>`;
+
 /** An error in sentences: what is wrong, what to do, and the code. */
 export function ProblemCard({ problem, children }) {
   const card = useRef();
@@ -75,7 +80,7 @@ export function ProblemCard({ problem, children }) {
       <h2><${Icon} name="alert" /> ${problem.local ? t(`problem.${problem.code}.title`) : t(`code.${problem.code}`, {}, problem.title)}</h2>
       <p lang=${problem.local ? null : "en"}><${Sentence} text=${text("detail")} /></p>
       <p lang=${problem.local ? null : "en"}><strong>${t("problem.remedy")}</strong> <${Sentence} text=${text("remedy")} /></p>
-      <p class="quiet"><code>${problem.code}</code>${problem.status ? ` · HTTP ${problem.status}` : ""}</p>
+      <p class="quiet"><${Code} problem=${problem} />${problem.status ? ` · HTTP ${problem.status}` : ""}</p>
       ${children}
     </section>
   `;

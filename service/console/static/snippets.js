@@ -89,6 +89,6 @@ export function ApiTab({ call }) {
         <${Copy} text=${text} />
       </div>
       <pre tabindex="0" aria-label=${LANGUAGES[name][0]}><code>${text}</code></pre>
-      <p class="hint"><a href="/docs">${t("api.docs")}</a></p>
+      <p class="hint"><a href="/reference">${t("api.docs")}</a></p>
     </div>`;
 }
