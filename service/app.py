@@ -28,6 +28,7 @@ from service.jobs.stores import open_store
 from service.metrics import metrics_server
 from service.openapi_document import (
     components,
+    describe_files,
     describe_head,
     restore_examples,
     without_foreign_refusals,
@@ -109,6 +110,7 @@ class Application(FastAPI):
             without_null(document)
             without_foreign_refusals(document)
             describe_head(document)
+            describe_files(document)
         assert self.openapi_schema is not None
         return self.openapi_schema
 

@@ -13,6 +13,8 @@ from pathlib import Path
 
 import httpx2
 
+from service.client import Client, Job, MeshmarkProblem
+
 ASSET = Path(__file__).parent / "data" / "spot.glb"
 OUTPUT = Path("demo-output")
 START_TIMEOUT = 60.0
@@ -21,44 +23,30 @@ START_TIMEOUT = 60.0
 def main() -> int:
     """Watermarks the demo asset; returns 0 when model, report and preview lie in ``demo-output``."""
     OUTPUT.mkdir(exist_ok=True)
-    with tempfile.TemporaryDirectory() as data, _service(Path(data)) as client:
-        print(f"The service answers at {client.base_url}. Uploading {ASSET.name} ({ASSET.stat().st_size:,} bytes).")
+    with tempfile.TemporaryDirectory() as data, _service(Path(data)) as url, Client(url) as client:
+        print(f"The service answers at {url}. Uploading {ASSET.name} ({ASSET.stat().st_size:,} bytes).")
         started = time.monotonic()
-        with ASSET.open("rb") as asset:
-            answer = client.post(
-                "/v1/watermarks",
-                files={"file": (ASSET.name, asset)},
-                data={"params": json.dumps({"text": "watermark", "color": "#d02020"})},
-            )
-        answer.raise_for_status()
-        job = answer.json()
-        shown = ""
-        while job["state"] in ("queued", "running"):
-            line = f"  {job['progress']:4.0%} {job['stage'] or job['state']}"
-            if line != shown:
-                print(line, flush=True)
-                shown = line
-            time.sleep(0.1)
-            job = client.get(job["links"]["self"]).json()
-        print(f"  {job['state']} after {time.monotonic() - started:.1f} s\n")
-        if job["state"] != "succeeded":
-            print(json.dumps(job["error"], indent=2))
+        try:
+            job = client.watermark(ASSET, "watermark", color="#d02020", on_progress=_print_progress)
+        except MeshmarkProblem as problem:
+            print(problem)
             return 1
-        paths = {
-            kind: OUTPUT / name
-            for kind, name in (("model", "spot.glb"), ("report", "report.json"), ("preview", "preview.png"))
-        }
-        for kind, path in paths.items():
-            path.write_bytes(client.get(job["links"][kind]).raise_for_status().content)
+        print(f"  {job.state} after {time.monotonic() - started:.1f} s\n")
+        names = {"model": "spot.glb", "report": "report.json", "preview": "preview.png"}
+        paths = {part: job.download(OUTPUT / name, part) for part, name in names.items()}
     _print_report(json.loads(paths["report"].read_text()))
-    for kind, path in paths.items():
-        print(f"  {kind:8} {path.resolve()}")
+    for part, path in paths.items():
+        print(f"  {part:8} {path.resolve()}")
     return 0
 
 
+def _print_progress(job: Job) -> None:
+    print(f"  {job.progress:4.0%} {job.stage or job.state}", flush=True)
+
+
 @contextmanager
-def _service(data: Path) -> Iterator[httpx2.Client]:
-    """The embedded service on a free port, up and answering."""
+def _service(data: Path) -> Iterator[str]:
+    """The address of the embedded service on a free port, up and answering."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
@@ -69,17 +57,16 @@ def _service(data: Path) -> Iterator[httpx2.Client]:
     }
     process = subprocess.Popen([sys.executable, "-m", "service"], env=environment)
     try:
-        with httpx2.Client(base_url=f"http://127.0.0.1:{port}", timeout=30) as client:
-            deadline = time.monotonic() + START_TIMEOUT
-            while True:
-                try:
-                    client.get("/healthz").raise_for_status()
-                    break
-                except httpx2.HTTPError:
-                    if process.poll() is not None or time.monotonic() > deadline:
-                        raise
-                    time.sleep(0.1)
-            yield client
+        url, deadline = f"http://127.0.0.1:{port}", time.monotonic() + START_TIMEOUT
+        while True:
+            try:
+                httpx2.get(f"{url}/healthz").raise_for_status()
+                break
+            except httpx2.HTTPError:
+                if process.poll() is not None or time.monotonic() > deadline:
+                    raise
+                time.sleep(0.1)
+        yield url
     finally:
         process.terminate()
         process.wait()

@@ -49,8 +49,9 @@ BELOW = {
         "credentials evaluate report reporting metrics rendering artwork labels formats gltf geometry budgets device "
         "validation"
     ),
+    "explain": "marking stages reporting embossing placement rendering formats gltf geometry budgets parameters",
     "doctor": "pipeline rendering artwork models device",
-    "cli": "doctor lab pipeline preload verify evaluate models labels parameters process processors",
+    "cli": "doctor explain lab pipeline preload verify evaluate models labels parameters process processors",
     "__init__": "process",
 }
 EVERYWHERE = {"arrays", "errors", "notices", "__version__"}
@@ -71,7 +72,7 @@ WIDE_FUNCTIONS = {
     # Commands take a parameter for each option.
     *(
         f"core/cli/{name}.py:{name}"
-        for name in ("apply", "attack", "benchmark", "evaluate", "sizing", "study", "verify")
+        for name in ("apply", "attack", "benchmark", "evaluate", "explain", "sizing", "study", "verify")
     ),
 }
 
@@ -138,6 +139,15 @@ def test_no_two_modules_import_each_other(package: str) -> None:
 def test_the_engine_knows_no_service_and_the_service_no_worker() -> None:
     assert [name for path in sources("core") for name in imported(path) if not name.startswith("core")] == []
     assert [name for path in sources("service") for name in imported(path) if name.startswith("worker")] == []
+
+
+def test_the_client_uses_nothing_of_the_house_and_nothing_there_uses_it() -> None:
+    of_client = {name for path in sources("service") if part(path) == "client" for name in imported(path)}
+    elsewhere = {
+        name for path in sources("service") + sources("worker") if part(path) != "client" for name in imported(path)
+    }
+    assert [name for name in of_client if not name.startswith("service.client.")] == []
+    assert [name for name in elsewhere if name.startswith("service.client")] == []
 
 
 @pytest.mark.parametrize(("package", "allowed"), [("service", OF_SERVICE), ("worker", OF_WORKER)])

@@ -24,6 +24,7 @@ COMMANDS = {
     "apply": ("Watermark files.", MARK),
     "verify": ("Read marks and labels of a file back.", MARK),
     "evaluate": ("Measure a watermarked file against its original.", MARK),
+    "explain": ("Show why marks stand where they stand.", MARK),
     "attack": ("Damage a watermarked file as a thief would.", LAB),
     "benchmark": ("Compare methods over a folder of assets.", LAB),
     "study": ("Ask people about two methods, and count their answers.", LAB),
@@ -103,9 +104,6 @@ def main(arguments: list[str] | None = None) -> int:
         return _failed(_wrong_usage(error), arguments)
     except MeshmarkError as error:
         return _failed(error, arguments)
-    except BrokenPipeError:  # the reader of our output has seen enough
-        sys.stdout = None  # so that the interpreter does not flush it when it ends
-        return Status.SOME_FAILED
     except Exception as error:  # not the user's: the trace is for the report that the remedy asks for
         say(traceback.format_exc(), sys.stderr)
         return _failed(unhandled(error), arguments)

@@ -22,7 +22,7 @@ class Status(IntEnum):
 
 MEANINGS = {
     Status.DONE: "done",
-    Status.SOME_FAILED: "of several files, some failed",
+    Status.SOME_FAILED: "of several files, some failed; or the reader of the output has gone",
     Status.USAGE: "the command line is wrong",
     Status.BAD_INPUT: "a file is damaged, of no use here, or cannot carry the mark",
     Status.NO_INPUT: "a file cannot be read",

@@ -34,7 +34,7 @@ class Explanation:
         marks: boxes of the marks, size-30 units, in the order of the report.
         refused: boxes that were chosen, but could not be cut.
         scene: the asset with its marks; None where there are none.
-        facts: ``meshmark.explanation/1``, see ``service/docs/explain.md``.
+        facts: ``meshmark.explanation/1``, see ``service/docs/command-line.md``.
         error: why there are no marks; None where there are.
     """
 
@@ -157,7 +157,7 @@ def _worth(trace: Trace, candidates: Candidates, shown: Embossed) -> list[dict[s
 
 
 def _place(box: Boxes, surface: Surface) -> dict[str, Any]:
-    """Where a box is, in the world's coordinates, and how wide, size-30 units."""
+    """Place of a box in the world's coordinates, and its width, size-30 units."""
     return {
         "center": [float(value) for value in surface.to_world(box.center)[0]],
         "normal": [float(value) for value in box.axes[0, 2]],

@@ -14,13 +14,13 @@ from core.formats.polygons import Material, PolygonMesh
 from core.geometry.boxes import Boxes
 from core.gltf.colors import hex_linear
 from core.gltf.scene import scene_of
-from core.lab.plain import GREY, plain
 from core.placement.rejection import REASONS, Stage
 from core.rendering.cavity import cavity
 from core.rendering.preview import contact_sheet
 from core.rendering.renderer import Frame, Renderer
 
 PICTURE = 640  # pixels a side of what is rendered; half of it in the pictures
+CLAY = Material("asset", (0.8, 0.8, 0.8, 1.0))
 NEAR = 0.75  # radius of a picture of one mark over its width
 LIFT = 0.06  # size-30 units that a frame stands before its box
 
@@ -76,8 +76,7 @@ def layers(explained: Explanation) -> list[Layer]:
 def model(explained: Explanation, shown: list[Layer]) -> bytes:
     """GLB of the asset in grey clay, in its own coordinates, and a node with the frames of each layer."""
     surface = explained.surface
-    mesh = plain(surface)
-    bodies = [_body(surface.to_world(mesh.positions), mesh.faces, GREY)]
+    bodies = [_body(surface.to_world(surface.positions), surface.faces, CLAY)]
     for layer in shown:
         corners, faces = _frames(layer.boxes, layer.rim)
         red, green, blue = hex_linear(layer.color).tolist()

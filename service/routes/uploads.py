@@ -46,7 +46,12 @@ SENDING = problem_responses(
     ServiceErrorCode.TOO_MANY_UPLOADS,
     ServiceErrorCode.SERVICE_UNAVAILABLE,
 )
-BODY = {"requestBody": {"required": True, "content": {"application/octet-stream": {"schema": {"type": "string"}}}}}
+BODY = {
+    "requestBody": {
+        "required": True,
+        "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}},
+    }
+}
 
 
 class NewUpload(StrictModel):

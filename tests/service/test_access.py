@@ -25,7 +25,8 @@ OPERATIONS = [
     for method, operation in operations.items()
 ]
 OPEN = {"/healthz", "/readyz"}  # what anybody may ask
-UNSIGNED = "/v1/watermarks/{job_id}/credentials"  # of a service that signs nothing
+# Results that no such job has: nothing is signed, and nobody asked for a turntable.
+UNMADE = {f"/v1/watermarks/{{job_id}}/{part}" for part in ("credentials", "turntable", "poster")}
 OWN_TOKEN = {"/v1/hooks/{source}"}  # what asks for a token that is no API key: see tests/service/routes/test_hooks.py
 
 
@@ -159,7 +160,7 @@ def test_a_key_does_what_its_scopes_say_and_nothing_else(client: Client) -> None
             response = call(client, method, path, ids, headers)
             needed = operation["security"][1]["api_key"]
             if needed == [scope]:
-                there = path != UNSIGNED and not path.startswith("/v1/verifications/")
+                there = path not in UNMADE and not path.startswith("/v1/verifications/")
                 assert (response.status_code < 300) if there else (response.status_code == 404), (method, path)
             else:
                 assert needed == [other]

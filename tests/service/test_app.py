@@ -24,7 +24,8 @@ def test_every_error_in_the_openapi_document_is_a_problem() -> None:
     responses = [
         (status, response)
         for path in document["paths"].values()
-        for operation in path.values()
+        for method, operation in path.items()
+        if method != "head"  # whose answers have no content
         for status, response in operation["responses"].items()
     ]
     errors = [response for status, response in responses if int(status) >= 400]

@@ -59,7 +59,8 @@ def test_a_folder_is_marked_file_by_file_and_one_that_fails_stops_no_other(input
 
 
 def test_on_a_terminal_a_table_stays(inputs: Path) -> None:
-    status, shown = on_terminal(inputs.parent, "apply", "in/broken.stl", "in/b.glb", "-o", "out", "--text", "a")
+    asked = ["--text", "a", "--count", "1"]
+    status, shown = on_terminal(inputs.parent, "apply", "in/broken.stl", "in/b.glb", "-o", "out", *asked)
     assert status == 1
     assert "loading" in shown
     assert "embossing" in shown

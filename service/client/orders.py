@@ -1,0 +1,125 @@
+"""Orders for jobs, as their fields are named over HTTP, and the forms that carry them."""
+
+import json
+import os
+import uuid
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, TypedDict
+
+File = str | os.PathLike[str] | bytes  # a path, or the content itself
+Region = dict[str, Any]  # {"node": ...}, {"material": ...} or {"box": {"min": ..., "max": ...}}
+FormFile = tuple[str, Any]  # its name, and its bytes or an open file
+FORM_FIELDS = ("metadata", "webhook", "priority")
+OF_WATERMARKS = (*FORM_FIELDS, "logo", "font", "cache")
+
+
+class Marking(TypedDict, total=False):
+    """Parameters of a watermark but its text: the manual's page on parameters has each."""
+
+    label: Literal["cn", "eu", "us-ca", "kr", "in", "custom"]
+    declaration: dict[str, Any]
+    metadata_only: bool
+    qr: str
+    logo_position: Literal["left", "above"]
+    wrap: Literal["auto", "none"]
+    align: Literal["left", "center", "right"]
+    line_spacing: float
+    letter_spacing: float
+    direction: Literal["horizontal", "vertical", "auto"]
+    language: str
+    preset: Literal["merchandise", "provenance", "paper"]
+    strength: Literal["discreet", "standard", "strong"]
+    mode: Literal["emboss", "deboss"]
+    profile: Literal["soft", "flat"]
+    size: float
+    size_exact: bool
+    relief: float
+    count: int
+    color: str | list[str]
+    seed: int
+    keep_out: list[Region]
+    prefer: list[Region]
+    solver: Literal["levenberg-marquardt", "adam"]
+    unmarked_copies: Literal["leave_out", "keep"]
+    evaluate: Literal["full", "geometry", "none"]
+    turntable: bool
+
+
+class Sending(TypedDict, total=False):
+    """Fields that go with an asset of any kind of job."""
+
+    metadata: Mapping[str, str]
+    webhook: str
+    priority: Literal["high", "normal", "low"]
+
+
+class Order(Marking, Sending, total=False):
+    """Everything that goes with an asset to be watermarked, but its text."""
+
+    logo: File
+    font: File
+    cache: bool
+
+
+@dataclass(frozen=True)
+class Form:
+    """Form of a request: `params` as JSON, text fields, files by their part, and the query."""
+
+    params: dict[str, Any]
+    files: dict[str, tuple[str, File]]
+    fields: Mapping[str, Any] = field(default_factory=dict)
+    query: dict[str, str] = field(default_factory=dict)
+
+    def data(self) -> dict[str, str]:
+        """The text fields, written as the service reads them."""
+        texts = {name: value if isinstance(value, str) else json.dumps(value) for name, value in self.fields.items()}
+        return {"params": json.dumps(self.params), **texts}
+
+    @contextmanager
+    def opened(self) -> Iterator[dict[str, FormFile]]:
+        """The files by their part, those at paths opened at their beginning.
+
+        Raises:
+            OSError: one cannot be opened.
+        """
+        with ExitStack() as stack:
+            yield {
+                part: (name, source if isinstance(source, bytes) else stack.enter_context(Path(source).open("rb")))
+                for part, (name, source) in self.files.items()
+            }
+
+
+def watermark_form(asset: File, text: str | None, filename: str | None, order: Order) -> Form:
+    """The form that orders a watermark."""
+    params = {name: value for name, value in order.items() if name not in OF_WATERMARKS}
+    files: dict[str, Any] = {part: content for part, content in order.items() if part in ("logo", "font")}
+    return Form(
+        params if text is None else {"text": text, **params},
+        {"file": named(asset, filename)} | {part: named(content, part) for part, content in files.items()},
+        {name: value for name, value in order.items() if name in FORM_FIELDS},
+        {} if order.get("cache", True) else {"cache": "false"},
+    )
+
+
+def verification_form(
+    suspect: File, filename: str | None, params: Mapping[str, Any], parts: Mapping[str, File | None], sending: Sending
+) -> Form:
+    """The form that orders a verification."""
+    files = {part: named(content, part) for part, content in parts.items() if content is not None}
+    given = {name: value for name, value in params.items() if value is not None}
+    return Form(given, {"file": named(suspect, filename), **files}, dict(sending))
+
+
+def named(content: File, filename: str | None) -> tuple[str, File]:
+    """A file with its name: the given one, else that of its path."""
+    if isinstance(content, bytes):
+        return filename or "asset", content
+    return filename or Path(content).name, content
+
+
+def new_key() -> str:
+    """An idempotency key that no other request has."""
+    return str(uuid.uuid4())
