@@ -21,7 +21,8 @@ for group in "$@"; do
             command -v redis-server >/dev/null || need redis-server
             command -v initdb >/dev/null || ls /usr/lib/postgresql/*/bin/initdb >/dev/null 2>&1 || need postgresql
             command -v curl >/dev/null || need curl
-            command -v node >/dev/null && command -v npm >/dev/null || need nodejs npm ;;
+            command -v node >/dev/null && command -v npm >/dev/null || need nodejs npm
+            command -v chromium >/dev/null || command -v google-chrome >/dev/null || need chromium ;;
         docker) [ -x /usr/bin/dockerd ] || command -v dockerd >/dev/null || need docker.io ;;
         standins) command -v mmdebstrap >/dev/null || need mmdebstrap ;;
         *) echo "unknown group: $group" >&2; exit 2 ;;

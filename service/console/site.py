@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
+from urllib.parse import urlsplit
 
 from service.config import Settings
 
@@ -38,6 +39,7 @@ BESIDE = (
 )
 MEDIA_TYPES = {
     ".css": "text/css; charset=utf-8",
+    ".glb": "model/gltf-binary",
     ".html": "text/html; charset=utf-8",
     ".js": "text/javascript; charset=utf-8",
     ".mjs": "text/javascript; charset=utf-8",
@@ -46,6 +48,7 @@ MEDIA_TYPES = {
 FOREVER = "public, max-age=31536000, immutable"
 LINK = re.compile(rf'"({PREFIX}[\w./-]+)"')  # of the page to one of the files
 MAP = '<script type="importmap"></script>'  # its place in the page
+LATER = ("viewer.js", "models.js")  # of our modules those that need three.js, which come once the page stands
 
 
 @dataclass(frozen=True)
@@ -97,7 +100,9 @@ def site(libraries: Path = LIBRARIES) -> Site:
     imports |= {name: hashed[f"{PREFIX}lib/{path}"] for name, path in NAMED.items()}
     import_map = json.dumps({"imports": imports})
     page = LINK.sub(lambda link: f'"{hashed[link[1]]}"', (STATIC / "index.html").read_text())
-    page = page.replace(MAP, MAP.replace("><", f">{import_map}<"))
+    at_once = [url for name, url in imports.items() if name.startswith(PREFIX) and not name.endswith(LATER)]
+    preloads = [f'<link rel="modulepreload" href="{url}">' for url in at_once if "/three/" not in url]
+    page = page.replace(MAP, "\n".join([MAP.replace("><", f">{import_map}<"), *preloads]))
     # Models and pictures that a user opens, and the textures in them, are blobs.
     policy = (
         "default-src 'none'; "
@@ -106,6 +111,14 @@ def site(libraries: Path = LIBRARIES) -> Site:
         "form-action 'none'; require-trusted-types-for 'script'"
     )
     return Site(_file(page.encode(), ".html", "no-cache"), policy, files)
+
+
+def allowing(policy: str, link: str | None) -> str:
+    """Policy of the page where results are fetched from the host of a ``link``: from a bucket, by presigned links."""
+    if link is None:
+        return policy
+    parts = urlsplit(link)
+    return re.sub("(connect-src|img-src) 'self'", rf"\g<0> {parts.scheme}://{parts.netloc}", policy)
 
 
 def require_console(settings: Settings) -> None:

@@ -3,19 +3,23 @@
 from fastapi import APIRouter, Request, Response, status
 
 from core.errors import MeshmarkError
-from service.console.site import PREFIX, SiteFile, site
+from service.console.site import PREFIX, SiteFile, allowing, site
 from service.delivery import is_not_modified
 from service.errors import ServiceErrorCode
+from service.state import State
 
 router = APIRouter(include_in_schema=False)
 
 METHODS = ["GET", "HEAD"]
+ANY = "0" * 64  # the name of a content that need not be there
 
 
 @router.api_route("/", methods=METHODS)
-async def read_console(request: Request) -> Response:
+def read_console(request: Request, state: State) -> Response:
     """The page; whatever it shows it asks the API for."""
     response = _send(request, site().page)
+    policy = allowing(site().policy, state.artifacts.link(ANY))
+    response.headers["Content-Security-Policy"] = policy
     response.headers["Cross-Origin-Opener-Policy"] = "same-origin"
     return response
 
