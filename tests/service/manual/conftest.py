@@ -4,6 +4,7 @@ import pytest
 from filelock import FileLock
 
 from service.manual.build import build
+from tests.service.console.conftest import browser as browser  # a fixture
 
 
 @pytest.fixture(scope="session")
