@@ -12,10 +12,12 @@ from service.delivery import is_not_modified
 
 MEDIA_TYPES = {
     ".css": "text/css; charset=utf-8",
+    ".glb": "model/gltf-binary",
     ".html": "text/html; charset=utf-8",
     ".js": "text/javascript; charset=utf-8",
     ".json": "application/json",
     ".md": "text/markdown; charset=utf-8",
+    ".mjs": "text/javascript; charset=utf-8",
     ".svg": "image/svg+xml",
     ".txt": "text/plain; charset=utf-8",
     ".webp": "image/webp",
@@ -32,12 +34,24 @@ class StaticFile:
         compressed: the same by gzip.
         media_type: by its suffix.
         tag: its entity tag.
+        cache_control: the header.
     """
 
     content: bytes
     compressed: bytes
     media_type: str
     tag: str
+    cache_control: str
+
+
+def as_sent(content: bytes, suffix: str, cache_control: str = "no-cache") -> StaticFile:
+    """A file with this content, whose name ends in ``suffix``; by default a client asks each time whether it changed.
+
+    Raises:
+        KeyError: there is no media type for its suffix.
+    """
+    tag = f'"{sha256(content).hexdigest()[:32]}"'
+    return StaticFile(content, gzip.compress(content, 9, mtime=0), MEDIA_TYPES[suffix], tag, cache_control)
 
 
 @cache
@@ -48,16 +62,14 @@ def static_file(path: Path) -> StaticFile:
         KeyError: there is no media type for its suffix.
         FileNotFoundError: there is no such file.
     """
-    content = path.read_bytes()
-    tag = f'"{sha256(content).hexdigest()[:32]}"'
-    return StaticFile(content, gzip.compress(content, 6, mtime=0), MEDIA_TYPES[path.suffix], tag)
+    return as_sent(path.read_bytes(), path.suffix)
 
 
 def send(request: Request, file: StaticFile, policy: str) -> Response:
     """The answer to GET or HEAD for a file, with a content security policy; 304 where the client has it."""
     headers = {
         "ETag": file.tag,
-        "Cache-Control": "no-cache",
+        "Cache-Control": file.cache_control,
         "Content-Security-Policy": policy,
         "X-Content-Type-Options": "nosniff",
         "Referrer-Policy": "no-referrer",

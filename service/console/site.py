@@ -1,6 +1,5 @@
 """Files of the console: our modules and those of its libraries, under names that change with their content."""
 
-import gzip
 import json
 import re
 import sys
@@ -12,6 +11,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from service.config import Settings
+from service.static_file import StaticFile, as_sent
 
 FOLDER = Path(__file__).parent
 STATIC = FOLDER / "static"
@@ -37,14 +37,6 @@ BESIDE = (
     f"{ADDONS}utils/BufferGeometryUtils.js",
     f"{ADDONS}utils/SkeletonUtils.js",
 )
-MEDIA_TYPES = {
-    ".css": "text/css; charset=utf-8",
-    ".glb": "model/gltf-binary",
-    ".html": "text/html; charset=utf-8",
-    ".js": "text/javascript; charset=utf-8",
-    ".mjs": "text/javascript; charset=utf-8",
-    ".svg": "image/svg+xml",
-}
 FOREVER = "public, max-age=31536000, immutable"
 LINK = re.compile(rf'"({PREFIX}[\w./-]+)"')  # of the page to one of the files
 MAP = '<script type="importmap"></script>'  # its place in the page
@@ -52,28 +44,12 @@ LATER = ("viewer.js", "models.js")  # of our modules those that need three.js, w
 
 
 @dataclass(frozen=True)
-class SiteFile:
-    """A file as it is sent."""
-
-    content: bytes
-    compressed: bytes  # by gzip
-    media_type: str
-    cache_control: str
-    tag: str
-
-
-@dataclass(frozen=True)
 class Site:
     """The page, the policy that it is sent with, and all other files by their paths."""
 
-    page: SiteFile
+    page: StaticFile
     policy: str
-    files: dict[str, SiteFile]
-
-
-def _file(content: bytes, suffix: str, cache_control: str) -> SiteFile:
-    tag = f'"{sha256(content).hexdigest()[:32]}"'
-    return SiteFile(content, gzip.compress(content, 9, mtime=0), MEDIA_TYPES[suffix], cache_control, tag)
+    files: dict[str, StaticFile]
 
 
 def sources(libraries: Path = LIBRARIES) -> dict[str, Path]:
@@ -95,7 +71,7 @@ def site(libraries: Path = LIBRARIES) -> Site:
     for name, path in sorted(sources(libraries).items()):
         content = path.read_bytes()
         hashed[name] = f"{name.removesuffix(path.suffix)}.{sha256(content).hexdigest()[:12]}{path.suffix}"
-        files[hashed[name]] = _file(content, path.suffix, FOREVER)
+        files[hashed[name]] = as_sent(content, path.suffix, FOREVER)
     imports = {name: url for name, url in hashed.items() if name.endswith(("js", "mjs"))}
     imports |= {name: hashed[f"{PREFIX}lib/{path}"] for name, path in NAMED.items()}
     import_map = json.dumps({"imports": imports})
@@ -110,7 +86,7 @@ def site(libraries: Path = LIBRARIES) -> Site:
         "style-src 'self'; img-src 'self' blob:; connect-src 'self' blob:; frame-ancestors 'none'; base-uri 'none'; "
         "form-action 'none'; require-trusted-types-for 'script'"
     )
-    return Site(_file(page.encode(), ".html", "no-cache"), policy, files)
+    return Site(as_sent(page.encode(), ".html"), policy, files)
 
 
 def allowing(policy: str, link: str | None) -> str:
