@@ -28,6 +28,20 @@ def report(asset: Asset, output: Output, run: Run) -> Report:
     return result
 
 
+def explain(asset: Asset, candidates: Candidates | None, output: Output, run: Run) -> None:
+    """Publish why marks stand where they stand, where somebody asked for it: figures and a model with layers."""
+    if candidates is None or not run.request.parameters.explain:
+        return
+    from core.explain.explain import explanation
+    from core.explain.layers import layers, model
+    from core.explain.trace import Trace
+
+    assert isinstance(run.request.watch, Trace)
+    explained = explanation(asset, candidates, output, run.request.watch)
+    run.publish("explanation", json.dumps(explained.facts, allow_nan=False).encode())
+    run.publish("layers", model(explained, layers(explained)))
+
+
 def as_json(report: Report, run: Run) -> dict[str, Any]:
     """The report with the fonts, notices, times and memory of the stages so far, as JSON has it."""
     fonts = [FontFacts(name=face.name, version=face.version, thickened=face.offset) for face in run.faces]

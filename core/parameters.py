@@ -262,6 +262,12 @@ class Parameters(Wording):
         ),
     ] = UnmarkedCopies.LEAVE_OUT
     evaluate: Annotated[Evaluate, Field(description="Which metrics the report carries.")] = Evaluate.FULL
+    explain: Annotated[
+        bool,
+        Field(
+            description="Also tell why marks stand where they stand: figures, and a model with the boxes of each step."
+        ),
+    ] = False
     turntable: Annotated[
         bool,
         Field(description="Render the result as it turns once: an animated WebP, and its first frame."),
@@ -295,7 +301,8 @@ class Parameters(Wording):
     def require_content(self, logo: bool) -> None:
         """Refuse a request for nothing, without a text, a QR code and a ``logo``; for both a QR code and a logo; for a
         code with a soft profile; for an exact size that is not given; for another strength than the paper's; for the
-        place of a logo that is not there; or for a label that its text does not say.
+        place of a logo that is not there; for a label that its text does not say; or for reasons of marks that it does
+        not ask for.
 
         Raises:
             MeshmarkError: ``empty_text``, ``invalid_parameters``.
@@ -331,6 +338,12 @@ class Parameters(Wording):
                 ErrorCode.INVALID_PARAMETERS,
                 f'The request has the preset "paper", whose size and number are the paper\'s, and a `strength` of '
                 f'"{self.strength}".',
+                "Leave one of them out.",
+            )
+        if self.explain and self.metadata_only:
+            raise MeshmarkError(
+                ErrorCode.INVALID_PARAMETERS,
+                "The request has `explain` and `metadata_only`, which places no marks that could be explained.",
                 "Leave one of them out.",
             )
         if self.logo_position is not LogoPosition.LEFT and not (logo or self.qr):

@@ -5,7 +5,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from core import marking, measuring
@@ -94,10 +94,14 @@ def run_stages(
         data: the content of a file.
         request: the wishes.
         progress: called with the stage's name and the share done of the whole run, 0 to 1.
-        publish: called with the name of each result ("model", "report", "preview", "turntable", "poster") and its bytes
-            as soon as it exists, before the run ends. The report is the final one if the run breaks off afterwards: its
-            metrics are still missing.
+        publish: called with the name of each result ("model", "report", "explanation", "layers", "preview",
+            "turntable", "poster") and its bytes as soon as it exists, before the run ends. The report is the final one
+            if the run breaks off afterwards: its metrics are still missing.
     """
+    if request.parameters.explain:
+        from core.explain.trace import Trace
+
+        request = replace(request, watch=Trace())
     run = Run(request, lambda _share: None, publish or (lambda _name, _bytes: None))
 
     @contextmanager
@@ -132,6 +136,7 @@ def run_stages(
             output = marking.write_model(asset, candidates, embossed, run)
     with stage("reporting"):
         report = measuring.report(asset, output, run)
+        measuring.explain(asset, candidates, output, run)
     with stage("rendering"):
         seen = measuring.render(asset, output, run)
     with stage("evaluating"):

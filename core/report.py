@@ -219,6 +219,14 @@ class AssetUtility(Section):
     ss: Annotated[Score, Field(description="Similarity of pictures before and after, -1 to 1.")]
 
 
+class ViewFacts(Section):
+    """One of the paper's views, and how far the text is read from there."""
+
+    direction: Annotated[Vector, Field(description="From the asset to the camera, a unit vector.")]
+    up: Annotated[Vector, Field(description="Upwards in the picture, a unit vector.")]
+    ocr: Annotated[float, Field(description="Best ratio of the text to a reading, 0 to 1; `ocr` is the mean.")]
+
+
 class Metrics(Section):
     """Measurements on the file as it was written."""
 
@@ -230,6 +238,9 @@ class Metrics(Section):
         Field(description="By metric, of the size-30 frame; others are shares, similarities or counts."),
     ]
     semantics: Annotated[str | None, Field(description="What extracted the features of `ss`; null: nothing did.")]
+    views: Annotated[
+        list[ViewFacts] | None, Field(description="The paper's 24 views; null where nothing was read.")
+    ] = None
     missing: Annotated[dict[str, Notice], Field(description="Why a metric is null, by metric.")]
     seconds: Annotated[dict[str, float], Field(description="How long each group of metrics took.")]
 

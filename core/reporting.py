@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core import __version__
+from core.arrays import Float
 from core.device import device
 from core.embossing.emboss import Mark
 from core.embossing.refusal import Refusal
@@ -30,6 +31,7 @@ from core.report import (
     LabelFacts,
     Metrics,
     Report,
+    ViewFacts,
     Watermark,
     WatermarkQuality,
 )
@@ -143,9 +145,19 @@ def metrics_of(measured: Measurement) -> Metrics:
         higher_is_better={name: better for names in HIGHER_IS_BETTER.values() for name, better in names.items()},
         units=UNITS,
         semantics=measured.semantics or None,
+        views=None if measured.read is None else _views(measured.read),
         missing=measured.missing,
         seconds=measured.seconds,
     )
+
+
+def _views(read: Float) -> list[ViewFacts]:
+    """The paper's views, in which the text was ``read`` (24,) so far."""
+    directions, ups = (np.round(each, 6) + 0.0 for each in view_directions())
+    return [
+        ViewFacts(direction=direction, up=up, ocr=round(ratio, 4))
+        for direction, up, ratio in zip(directions.tolist(), ups.tolist(), read.tolist(), strict=True)
+    ]
 
 
 def _watermarks(surface: Surface, embossed: Embossed, output: Output, parameters: Parameters) -> list[Watermark]:

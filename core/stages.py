@@ -63,8 +63,8 @@ class Run:
     Attributes:
         request: the wishes.
         progress: called with the share of the present stage that is done, 0 to 1.
-        publish: called with the name of each result ("model", "report", "preview", "turntable", "poster") and its
-            bytes as soon as it exists.
+        publish: called with the name of each result ("model", "report", "explanation", "layers", "preview",
+            "turntable", "poster") and its bytes as soon as it exists.
         notices: losses and doubts so far.
         timings: seconds by stage.
         memory: the most resident bytes the process had held up to the end of each stage.

@@ -37,8 +37,8 @@ BELOW = {
     "preload": "rendering",
     "stages": "embossing placement analysis artwork formats gltf labels budgets parameters",
     "marking": "stages embossing placement analysis artwork formats gltf geometry labels parameters",
-    "measuring": "stages report reporting metrics rendering analysis parameters",
-    "pipeline": "marking measuring stages formats budgets parameters preload",
+    "measuring": "explain stages report reporting metrics rendering analysis parameters",
+    "pipeline": "explain marking measuring stages formats budgets parameters preload",
     "evaluate": "report reporting metrics rendering analysis formats gltf geometry budgets parameters",
     "lab": (
         "pipeline stages report metrics rendering placement analysis artwork formats gltf geometry budgets parameters "

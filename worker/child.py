@@ -35,6 +35,8 @@ SUFFIXES = {
     "preview": ".png",
     "turntable": ".webp",
     "poster": ".webp",
+    "explanation": ".json",
+    "layers": ".glb",
     "evidence": ".html",
 }
 

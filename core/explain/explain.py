@@ -18,7 +18,7 @@ from core.parameters import Parameters
 from core.placement.cost import prices
 from core.placement.rejection import REASONS, Stage
 from core.reporting import boxes_of
-from core.stages import Candidates, Embossed, Request, Run
+from core.stages import Asset, Candidates, Embossed, Output, Request, Run
 
 SCHEMA = "meshmark.explanation/1"
 PROGRESS = {"reading": 0.05, "lettering": 0.05, "placing": 0.6, "embossing": 0.25, "writing": 0.05}  # shares of all
@@ -91,7 +91,12 @@ def explain(
     except MeshmarkError as error:
         facts = _facts(trace) | {"error": {"code": error.code, "message": error.message, "remedy": error.remedy}}
         return Explanation(surface, trace, Boxes.empty(), Boxes.empty(), None, facts, error)
-    shown = output.embossed
+    return explanation(asset, candidates, output, trace)
+
+
+def explanation(asset: Asset, candidates: Candidates, output: Output, trace: Trace) -> Explanation:
+    """The explanation of a placement that was watched from its beginning."""
+    surface, shown = asset.analysis.surface, output.embossed
     assert shown is not None
     boxes, _ = boxes_of(shown.marks)
     refused = shown.placement.boxes[_numbers(shown.refusals)]

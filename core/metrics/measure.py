@@ -247,6 +247,7 @@ def _readability(pair: Pair, found: Measurement) -> Values:
         found.missing |= dict.fromkeys(READABILITY, reason)
         return {}
     read = ocr(pair.watermarked.views, pair.settings or (pair.text,), _reader())
+    found.read = read.per_view
     return dict(zip(READABILITY, (read.ratio, read.ge_08, read.exact), strict=True))
 
 

@@ -54,6 +54,7 @@ class Measurement:
         seconds: by group of metrics.
         semantics: what extracted the features of ``ss``; empty where it was not measured.
         warnings: what was measured otherwise than it could have been.
+        read: (24,) how far the text was read in each of the paper's views; None where it was not measured.
         box_saliency: (B,) mean saliency under each mark; None where it was not measured.
     """
 
@@ -62,4 +63,5 @@ class Measurement:
     seconds: dict[str, float] = field(default_factory=dict)
     semantics: str = ""
     warnings: list[Notice] = field(default_factory=list)
+    read: Float | None = None
     box_saliency: Float | None = None

@@ -45,6 +45,7 @@ class Marking(TypedDict, total=False):
     solver: Literal["levenberg-marquardt", "adam"]
     unmarked_copies: Literal["leave_out", "keep"]
     evaluate: Literal["full", "geometry", "none"]
+    explain: bool
     turntable: bool
 
 

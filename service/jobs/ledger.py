@@ -61,7 +61,7 @@ EXCLUSIVE = {"sqlite": text("BEGIN IMMEDIATE"), "postgresql": text("SELECT pg_ad
 MIGRATION = 7239017  # key of that lock for migrations: an arbitrary constant
 OUTPUTS = (
     *(ArtifactKind.MODEL, ArtifactKind.REPORT, ArtifactKind.PREVIEW, ArtifactKind.TURNTABLE, ArtifactKind.POSTER),
-    *(ArtifactKind.CREDENTIALS, ArtifactKind.EVIDENCE),
+    *(ArtifactKind.EXPLANATION, ArtifactKind.LAYERS, ArtifactKind.CREDENTIALS, ArtifactKind.EVIDENCE),
 )
 SIGNING = "signing"  # stage of a job that waits for its credentials
 PUBLIC_RETENTION = timedelta(hours=1)  # the most that the files of jobs without a key are kept

@@ -113,6 +113,8 @@ class ArtifactKind(StrEnum):
     PREVIEW = "preview"
     TURNTABLE = "turntable"
     POSTER = "poster"
+    EXPLANATION = "explanation"
+    LAYERS = "layers"
     CREDENTIALS = "credentials"
     EVIDENCE = "evidence"
     ORIGINAL = "original"

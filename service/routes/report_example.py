@@ -51,6 +51,7 @@ REPORT: JsonDict = {
         "solver": "levenberg-marquardt",
         "unmarked_copies": "leave_out",
         "evaluate": "geometry",
+        "explain": False,
         "turntable": False,
         "label": None,
         "declaration": None,
@@ -145,6 +146,7 @@ REPORT: JsonDict = {
             "ipe": "parts",
         },
         "semantics": None,
+        "views": None,
         "missing": {
             "ocr": {
                 "code": "not_requested",

@@ -43,6 +43,8 @@ EXAMPLE: JsonDict = {
         "preview": None,
         "turntable": None,
         "poster": None,
+        "explanation": None,
+        "layers": None,
         "credentials": None,
     },
 }
@@ -97,6 +99,8 @@ class LinksView(BaseModel):
     preview: str | None
     turntable: str | None
     poster: str | None
+    explanation: str | None
+    layers: str | None
     credentials: str | None
 
 

@@ -56,6 +56,8 @@ MEDIA_TYPES = {
     ArtifactKind.PREVIEW: "image/png",
     ArtifactKind.TURNTABLE: "image/webp",
     ArtifactKind.POSTER: "image/webp",
+    ArtifactKind.EXPLANATION: "application/json",
+    ArtifactKind.LAYERS: "model/gltf-binary",
     ArtifactKind.CREDENTIALS: "application/c2pa",
 }
 CONTENT: dict[ArtifactKind, dict[str, Any]] = {
@@ -67,6 +69,8 @@ CONTENT: dict[ArtifactKind, dict[str, Any]] = {
     ArtifactKind.PREVIEW: {"type": "string", "format": "binary"},
     ArtifactKind.TURNTABLE: {"type": "string", "format": "binary"},
     ArtifactKind.POSTER: {"type": "string", "format": "binary"},
+    ArtifactKind.EXPLANATION: {"type": "object", "description": "`meshmark.explanation/1`."},
+    ArtifactKind.LAYERS: {"type": "string", "format": "binary"},
     ArtifactKind.CREDENTIALS: {"type": "string", "format": "binary"},
 }
 SUFFIXES = {
@@ -75,6 +79,8 @@ SUFFIXES = {
     ArtifactKind.PREVIEW: ".png",
     ArtifactKind.TURNTABLE: ".turntable.webp",
     ArtifactKind.POSTER: ".poster.webp",
+    ArtifactKind.EXPLANATION: ".explanation.json",
+    ArtifactKind.LAYERS: ".explanation.glb",
     ArtifactKind.CREDENTIALS: ".c2pa",
 }
 
@@ -245,6 +251,18 @@ async def read_turntable(request: Request, state: State, client: Admitted, job_i
 async def read_poster(request: Request, state: State, client: Admitted, job_id: str) -> Response:
     """The first frame of the turntable, a WebP; where `turntable` asked for it."""
     return await _deliver(request, state, client, job_id, ArtifactKind.POSTER)
+
+
+@_offer(ArtifactKind.EXPLANATION, "the explanation")
+async def read_explanation(request: Request, state: State, client: Admitted, job_id: str) -> Response:
+    """Why marks stand where they stand: boxes by step, and what each mark adds and costs; where `explain` asked."""
+    return await _deliver(request, state, client, job_id, ArtifactKind.EXPLANATION)
+
+
+@_offer(ArtifactKind.LAYERS, "the explanation's model")
+async def read_layers(request: Request, state: State, client: Admitted, job_id: str) -> Response:
+    """GLB of the asset in grey clay with a node for the boxes of each step; where `explain` asked for it."""
+    return await _deliver(request, state, client, job_id, ArtifactKind.LAYERS)
 
 
 @_offer(ArtifactKind.CREDENTIALS, "the Content Credentials")

@@ -215,6 +215,7 @@ def test_a_label_brings_its_words_and_marks_as_large_as_its_rule_asks_for() -> N
     [
         ({"label": "cn", "text": "AI"}, ErrorCode.INVALID_PARAMETERS),
         ({"metadata_only": True}, ErrorCode.INVALID_PARAMETERS),
+        ({"metadata_only": True, "label": "eu", "explain": True}, ErrorCode.INVALID_PARAMETERS),
         ({"metadata_only": True, "text": "a"}, ErrorCode.INVALID_PARAMETERS),
         ({"label": "custom"}, ErrorCode.EMPTY_TEXT),
         ({"declaration": {"creator": "me"}}, ErrorCode.EMPTY_TEXT),

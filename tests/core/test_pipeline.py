@@ -158,6 +158,10 @@ def test_a_full_report_has_all_eight_metrics_of_the_paper_and_what_each_of_them_
     assert metrics["missing"] == {}
     assert 0.3 < quality["ocr"] <= 1
     assert quality["ocr_exact"] <= quality["ocr_ge_0.8"] <= 1
+    views = metrics["views"]
+    assert len(views) == 24
+    assert np.mean([view["ocr"] for view in views]) == pytest.approx(quality["ocr"], abs=1e-3)
+    np.testing.assert_allclose(np.linalg.norm([view["direction"] for view in views], axis=1), 1, atol=1e-5)
     assert 0.5 < utility["ss"] < 1
     assert utility["se"] <= 1
     assert metrics["semantics"]

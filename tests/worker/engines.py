@@ -82,6 +82,9 @@ def directed(
     wait_for(order.get("wait_for_before_the_report"))
     preview = bytes.fromhex(order.get("picture", "89504e47"))
     publish("preview", preview)
+    if parameters.explain:
+        publish("explanation", b"{}")
+        publish("layers", b"glTF of layers")
     if parameters.turntable:
         publish("turntable", bytes.fromhex(order.get("animation", "52494646")))
         publish("poster", bytes.fromhex(order.get("animation", "52494646")))

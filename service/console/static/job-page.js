@@ -1,7 +1,9 @@
 // A job: how it goes, and what came of it.
 import { Problem, follow, getJson, request, save } from "./api.js";
 import { SphereMap } from "./charts.js";
-import { html, useEffect, useMemo, useState } from "./html.js";
+import { ExplainTab, showLayers } from "./explain-tab.js";
+import { Filmstrip } from "./filmstrip.js";
+import { html, useEffect, useMemo, useRef, useState } from "./html.js";
 import { Facts, Icon, Meter, ProblemCard, Sentence, Tabs, useDrop } from "./parts.js";
 import { regionsOf } from "./regions.js";
 import { loadSchema, said } from "./schema.js";
@@ -127,6 +129,18 @@ export function JobPage({ id, go }) {
     return seen.model;
   }, setProblem);
   const report = useContent(job?.state === "succeeded" ? links.report : null, (response) => response.json(), setProblem);
+  const explanation = useContent(tab === "explain" ? links.explanation : null, (response) => response.json(), setProblem);
+  const layers = useContent(tab === "explain" ? links.layers : null, async (response) => {
+    const seen = await look(new File([await response.blob()], "layers.glb"));
+    return seen.model?.object;
+  }, setProblem);
+  const [visible, setVisible] = useState(["marks", "refused"]);
+  const viewer = useRef(null);
+  useEffect(() => {
+    if (!layers) return;
+    showLayers(layers, visible);
+    viewer.current?.invalidate();
+  }, [layers, visible]);
   const preview = usePicture(job?.state === "succeeded" ? links.preview : null);
   const marks = useMemo(() => report?.watermarks ?? [], [report]);
 
@@ -156,11 +170,12 @@ export function JobPage({ id, go }) {
   if (!job) return html`<main class="narrow" id="main" tabindex="-1"><p class="quiet" role="status">${t("loading")}</p></main>`;
 
   const shown = after || original?.model;
+  const explaining = tab === "explain" && layers;
   return html`
     <main class="work" id="main" tabindex="-1">
       <section class="stage" aria-label=${t("view.label")}>
-        <${Stage} before=${original?.model?.object} after=${after?.object} marks=${after ? marks : []} current=${current} onMark=${setCurrent}
-          layout=${layout} onLayout=${setLayout}>
+        <${Stage} before=${explaining ? null : original?.model?.object} after=${explaining || after?.object} marks=${after ? marks : []}
+          current=${current} onMark=${setCurrent} layout=${layout} onLayout=${setLayout} viewerRef=${viewer}>
           ${!shown && html`<div class="card"><${Icon} name="cube" /><p>${missing ? t(missing.key, missing.values) : t(active(job) ? "job.soon" : "job.nothing")}</p></div>`}
         <//>
         <div class="caption">
@@ -178,9 +193,10 @@ export function JobPage({ id, go }) {
           <button type="button" class="primary" onClick=${again}>${t("job.again")}</button><//>`}
         ${["canceled", "expired"].includes(job.state) && html`<p>${t(`job.${job.state}`)}</p>`}
         ${job.state === "succeeded" && html`
-          <${Tabs} tabs=${[["result", t("tab.result")], ["report", t("tab.report")], ["api", t("tab.api")]]} current=${tab} onChange=${setTab}>
+          <${Tabs} tabs=${[["result", t("tab.result")], ["report", t("tab.report")], ...(links.explanation ? [["explain", t("tab.explain")]] : []), ["api", t("tab.api")]]} current=${tab} onChange=${setTab}>
             ${tab === "result" && html`<${Result} job=${job} report=${report} stem=${stem} preview=${preview} current=${current} onMark=${setCurrent} onProblem=${setProblem} />`}
-            ${tab === "report" && report && html`<${Details} job=${job} report=${report} marks=${marks} current=${current} onMark=${setCurrent} />`}
+            ${tab === "report" && report && html`<${Details} job=${job} report=${report} marks=${marks} current=${current} onMark=${setCurrent} object=${after?.object} viewer=${viewer} />`}
+            ${tab === "explain" && html`<${ExplainTab} facts=${explanation} object=${layers} visible=${visible} onVisible=${setVisible} current=${current} onMark=${setCurrent} />`}
             ${tab === "api" && html`<${ApiTab} call=${{ path: PATH, parts: [["file", name]], params, result: { link: "model", name: `${stem}.watermarked.glb` } }} />`}
           <//>
           <div class="row wrap foot"><button type="button" onClick=${again}>${t("job.change")}</button>
@@ -235,7 +251,7 @@ function Sentences({ report }) {
   return html`<p class="said" data-test="said">${lines.join(t("say.space"))}</p>`;
 }
 
-function Details({ job, report, marks, current, onMark }) {
+function Details({ job, report, marks, current, onMark, object, viewer }) {
   const quality = report.metrics?.watermark_quality ?? {};
   const cost = report.metrics?.asset_utility ?? {};
   const shares = ["ray", "coverage", "ocr", "match", "crop_survival"].filter((name) => typeof quality[name] === "number");
@@ -248,6 +264,7 @@ function Details({ job, report, marks, current, onMark }) {
       ${shares.map((name) => html`<${Meter} label=${t(`metric.${name}`)} share=${quality[name]} text=${percent(quality[name])} tick=${PAPER[name]}
         tickText=${PAPER[name] && t("metric.paper", { share: percent(PAPER[name]) })} />`)}
       <p class="hint">${t("metric.tick")}</p>`}
+    ${report.metrics?.views && html`<${Filmstrip} views=${report.metrics.views} object=${object} viewer=${viewer} />`}
     <h2>${t("cost.title")}</h2>
     <${Facts} rows=${[
       report.asset.faces && report.model.faces && [t("fact.faces"), `${number(report.asset.faces)} → ${number(report.model.faces)}`],

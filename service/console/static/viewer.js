@@ -106,6 +106,37 @@ export class Viewer {
     this.move(this.sphere.center.clone().addScaledVector(direction, this.distance()), this.sphere.center, true);
   }
 
+  /** Look at the whole model from a direction. */
+  lookFrom(direction) {
+    const toward = new Vector3(...direction);
+    // Straight above, the camera would have no up: it comes a little from the front.
+    if (Math.abs(toward.y) > 0.95) toward.add(new Vector3(0, 0, 0.05)).normalize();
+    this.move(this.sphere.center.clone().addScaledVector(toward, this.distance()), this.sphere.center);
+  }
+
+  /** Small pictures of the result from some views ({direction, up}), as they are read: PNG in blobs. */
+  pictures(views, side = 160) {
+    const camera = new PerspectiveCamera(this.camera.fov, 1, this.sphere.radius * 0.5, this.sphere.radius * 12);
+    const away = (this.sphere.radius * 1.04) / Math.sin((camera.fov * Math.PI) / 360);
+    const taken = views.map(({ direction, up }) => {
+      const picture = Object.assign(document.createElement("canvas"), { width: side, height: side });
+      camera.up.set(...up);
+      camera.position.copy(this.sphere.center).addScaledVector(new Vector3(...direction), away);
+      camera.lookAt(this.sphere.center);
+      camera.updateMatrixWorld();
+      for (const light of this.lights) light.quaternion.copy(camera.quaternion);
+      this.renderer.setScissorTest(true);
+      this.renderer.setViewport(0, 0, side, side);
+      this.renderer.setScissor(0, 0, side, side);
+      this.renderer.render(this.scenes.after, camera);
+      const drawn = side * this.renderer.getPixelRatio();
+      picture.getContext("2d").drawImage(this.canvas, 0, this.canvas.height - drawn, drawn, drawn, 0, 0, side, side);
+      return new Promise((done) => picture.toBlob(done));
+    });
+    this.draw();
+    return Promise.all(taken);
+  }
+
   distance() {
     const half = (this.camera.fov * Math.PI) / 360;
     const { width, height } = this.pane();

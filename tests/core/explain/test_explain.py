@@ -44,6 +44,13 @@ def test_the_marks_that_are_explained_are_those_of_the_same_request() -> None:
     assert explained().facts["refused"] == []
 
 
+def test_a_job_that_asks_publishes_the_same() -> None:
+    published: dict[str, bytes] = {}
+    watermark(asset(), ASKED.model_copy(update={"explain": True}), preview=False, publish=published.__setitem__)
+    assert json.loads(published["explanation"]) == json.loads(json.dumps(explained().facts))
+    assert published["layers"] == model(explained(), layers(explained()))
+
+
 def test_every_box_is_left_or_dropped_by_each_filter_for_a_reason() -> None:
     trace = explained().trace
     for before, stage in pairwise(Stage):

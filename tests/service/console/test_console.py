@@ -37,11 +37,11 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
 
 
 def choose_quick_settings(page: Page) -> None:
-    """Two marks, measured by their shape alone."""
+    """Two marks, which are explained."""
     page.get_by_text("Shape and number", exact=True).click()
     page.get_by_label("Most marks").fill("2")
     page.get_by_text("More", exact=True).click()
-    page.get_by_label("Measurement").select_option("geometry")
+    page.get_by_label("Explain the places").select_option("true")
 
 
 def tab_to(page: Page, target: Locator) -> None:
@@ -94,6 +94,16 @@ def test_a_file_is_dropped_looked_at_watermarked_compared_and_downloaded(browser
         assert download.value.suggested_filename == "cow.watermarked.glb"
         page.get_by_role("tab", name="Figures").click()
         expect(page.get_by_role("img", name="Map of the directions that 2 marks face")).to_be_visible()
+        assert barriers(page) == []
+        view = page.get_by_role("button", name="View 1:")
+        expect(view.locator("img")).to_have_attribute("src", re.compile("^blob:"))
+        view.press("Enter")
+        assert barriers(page) == []
+        page.get_by_role("tab", name="Why").click()
+        expect(page.get_by_text("2 marks were chosen among")).to_be_visible()
+        page.get_by_label("Candidates, before fine-tuning").check()
+        page.get_by_text("Mark 2:").click()
+        expect(page.locator("details[open]").get_by_text("Adds, seen from all around")).to_be_visible()
         assert barriers(page) == []
 
         page.get_by_role("link", name="Jobs", exact=True).click()

@@ -203,6 +203,16 @@ def test_a_turntable_and_a_poster_come_where_they_were_asked_for(client: Client)
     assert client.http.get(f"{url}/turntable").json()["code"] == "not_found"
 
 
+def test_why_marks_stand_where_they_stand_is_told_where_it_was_asked_for(client: Client) -> None:
+    url = client.submit(params='{"text": "HI", "explain": true}')
+    client.run(url)
+    links = client.http.get(url).json()["links"]
+    assert client.http.get(links["explanation"]).headers["Content-Type"] == "application/json"
+    layers = client.http.get(links["layers"])
+    assert (layers.content, layers.headers["Content-Type"]) == (b"glTF of layers", "model/gltf-binary")
+    assert ".watermarked.explanation.glb" in layers.headers["Content-Disposition"]
+
+
 def test_a_client_that_has_the_model_is_not_sent_it_again(client: Client) -> None:
     url = client.submit()
     client.run(url)
