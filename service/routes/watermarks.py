@@ -19,6 +19,7 @@ from service.jobs.models import ArtifactKind, Priority
 from service.metadata import parse_metadata, parse_pair
 from service.orders import order_from
 from service.problems import problem_responses
+from service.routes.explanation_example import EXPLANATION
 from service.routes.lists import (
     LISTING,
     CreatedAfterQuery,
@@ -69,7 +70,11 @@ CONTENT: dict[ArtifactKind, dict[str, Any]] = {
     ArtifactKind.PREVIEW: {"type": "string", "format": "binary"},
     ArtifactKind.TURNTABLE: {"type": "string", "format": "binary"},
     ArtifactKind.POSTER: {"type": "string", "format": "binary"},
-    ArtifactKind.EXPLANATION: {"type": "object", "description": "`meshmark.explanation/1`."},
+    ArtifactKind.EXPLANATION: {
+        "type": "object",
+        "description": "`meshmark.explanation/1`, as the manual's page on the command line describes it.",
+        "examples": [EXPLANATION],
+    },
     ArtifactKind.LAYERS: {"type": "string", "format": "binary"},
     ArtifactKind.CREDENTIALS: {"type": "string", "format": "binary"},
 }
