@@ -1,12 +1,13 @@
 """One placement, explained."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from core import marking
+from core.arrays import Int
 from core.budgets import DEFAULT_BUDGETS, Budgets
 from core.embossing.refusal import EXPLAINED
 from core.errors import MeshmarkError
@@ -170,7 +171,7 @@ def _place(box: Boxes, surface: Surface) -> dict[str, Any]:
     }
 
 
-def _numbers(boxes: Any) -> Any:
+def _numbers(boxes: Iterable[int]) -> Int:
     return np.array(list(boxes), dtype=np.int64)
 
 
