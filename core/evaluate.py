@@ -11,6 +11,7 @@ from core import __version__
 from core.analysis.analyse import eye_index
 from core.arrays import Float
 from core.budgets import DEFAULT_BUDGETS, Budgets
+from core.choices import Evaluate
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
 from core.geometry.boxes import Boxes
@@ -18,7 +19,6 @@ from core.geometry.surface import Surface
 from core.geometry.triangles import unit
 from core.gltf.scene import Scene, flatten
 from core.metrics.measure import Pair, Pictures, Subject, measure
-from core.parameters import Evaluate
 from core.rendering.pictures import PICTURE_SIZE, pictures
 from core.rendering.renderer import Renderer
 from core.report import Engine, EvaluationReport, Place, Places

@@ -14,6 +14,7 @@ from core.arrays import Bool, Float
 from core.artwork.advice import plainer, subject
 from core.artwork.layouts import Layouts
 from core.artwork.lettering import layouts_of
+from core.choices import Profile
 from core.embossing.mesh import WorkingMesh
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
@@ -31,7 +32,7 @@ from core.gltf.write import write
 from core.labels.declaration import Declaration
 from core.labels.write import WrittenLabel, write_label
 from core.notices import Notice, NoticeCode
-from core.parameters import Parameters, Profile
+from core.parameters import Parameters
 from core.stages import Asset, Candidates, Embossed, Output, Run
 
 if TYPE_CHECKING:

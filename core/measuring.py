@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from core.choices import Evaluate
 from core.errors import ErrorCode, MeshmarkError
-from core.parameters import Evaluate
 from core.rendering.pictures import PICTURE_SIZE, pictures
 from core.rendering.preview import contact_sheet
 from core.rendering.renderer import Renderer

@@ -1,12 +1,24 @@
 """Parameters of a request. Lengths are in the size-30 frame (see ``core``)."""
 
 import re
-from enum import StrEnum
 from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field, ValidationError, field_validator
 from pydantic_core import PydanticCustomError
 
+from core.choices import (
+    Align,
+    Direction,
+    Evaluate,
+    LogoPosition,
+    Mode,
+    Preset,
+    Profile,
+    Solver,
+    Strength,
+    UnmarkedCopies,
+    Wrap,
+)
 from core.errors import ErrorCode, MeshmarkError
 from core.labels.profiles import Label
 from core.labels.wording import Wording
@@ -27,89 +39,6 @@ AUTO_COLORS = ("#101010", "#f8f8f8", "#d02020", "#ffd400", "#1840d0", "#00a040",
 RELIEF = 0.158
 # Size-30 units; letters of a label that are higher, because its rule says so, rise no more: they are read anyway.
 LABEL_HEIGHT = 0.8
-
-
-class Preset(StrEnum):
-    """Starting values for size, relief and count; anything given explicitly wins."""
-
-    MERCHANDISE = "merchandise"
-    PROVENANCE = "provenance"
-    PAPER = "paper"
-
-
-class Strength(StrEnum):
-    """Size and number of the marks, which go together."""
-
-    DISCREET = "discreet"
-    STANDARD = "standard"
-    STRONG = "strong"
-
-
-class Mode(StrEnum):
-    """Raised letters or sunken ones."""
-
-    EMBOSS = "emboss"
-    DEBOSS = "deboss"
-
-
-class Profile(StrEnum):
-    """How letters rise from the surface."""
-
-    SOFT = "soft"
-    FLAT = "flat"
-
-
-class Align(StrEnum):
-    """Where lines that are shorter than the longest stand."""
-
-    LEFT = "left"
-    CENTER = "center"
-    RIGHT = "right"
-
-
-class Wrap(StrEnum):
-    """Whether a text without line breaks may be set in several lines."""
-
-    AUTO = "auto"
-    NONE = "none"
-
-
-class Direction(StrEnum):
-    """How lines run."""
-
-    HORIZONTAL = "horizontal"
-    VERTICAL = "vertical"
-    AUTO = "auto"
-
-
-class LogoPosition(StrEnum):
-    """Where a logo stands by the text."""
-
-    LEFT = "left"
-    ABOVE = "above"
-
-
-class Evaluate(StrEnum):
-    """Which metrics the report carries."""
-
-    FULL = "full"
-    GEOMETRY = "geometry"
-    NONE = "none"
-
-
-class UnmarkedCopies(StrEnum):
-    """What becomes of other copies of the asset in its file (scenes, levels of detail) that no mark fits into."""
-
-    LEAVE_OUT = "leave_out"
-    KEEP = "keep"
-
-
-class Solver(StrEnum):
-    """How candidate boxes are fitted to the surface."""
-
-    LEVENBERG_MARQUARDT = "levenberg-marquardt"
-    ADAM = "adam"
-
 
 # Text width and whether it is the only one, relief, number, solver, colour, profile. "paper" repeats the supplement's
 # implementation details (extrude strength 0.05, about ten watermarks, Adam). In the other two the relief grows with the

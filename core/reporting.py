@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from core import __version__
 from core.arrays import Float
+from core.choices import Evaluate
 from core.device import device
 from core.embossing.emboss import Mark
 from core.embossing.refusal import Refusal
@@ -18,7 +19,7 @@ from core.metrics.measurement import HIGHER_IS_BETTER, UNITS, Measurement
 from core.metrics.topology import topology
 from core.metrics.wps_area import wps_area
 from core.notices import Notice, NoticeCode
-from core.parameters import Evaluate, Parameters
+from core.parameters import Parameters
 from core.report import (
     AssetFacts,
     AssetUtility,

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from core.budgets import DEFAULT_BUDGETS
+from core.choices import Evaluate
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
 from core.geometry.surface import Surface
@@ -25,7 +26,7 @@ from core.gltf.scene import flatten
 from core.lab.attacks.attack import attack_file
 from core.lab.attacks.plain_file import read_plain
 from core.lab.plain import Mesh, plain_glb
-from core.parameters import Evaluate, Parameters
+from core.parameters import Parameters
 from core.pipeline import watermark
 from core.verify.original import Against, Reference, align, compare, read_reference
 from tests.survey import assets

@@ -19,6 +19,7 @@ from core.analysis.analyse import eye_index
 from core.arrays import Bool, Float, Int
 from core.artwork.outline import text_artwork
 from core.artwork.raster import raster
+from core.choices import Evaluate, Preset
 from core.errors import MeshmarkError
 from core.evaluate import to_boxes
 from core.formats.admission import admit, document_of
@@ -26,7 +27,7 @@ from core.geometry.boxes import Boxes, unit_grid
 from core.geometry.spatial import Eye, SpatialIndex
 from core.geometry.triangles import unit
 from core.gltf.scene import flatten
-from core.parameters import Evaluate, Parameters, Preset
+from core.parameters import Parameters
 from core.pipeline import watermark
 from core.placement.candidates import POLE, upright
 from core.report import Places

@@ -22,13 +22,14 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, TypeAdapter
 
 from core.arrays import Bool, Float
+from core.choices import Evaluate
 from core.errors import MeshmarkError
 from core.formats.admission import admit, document_of
 from core.geometry.boxes import Boxes, unit_grid
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
 from core.gltf.scene import flatten
-from core.parameters import Evaluate, Parameters
+from core.parameters import Parameters
 from core.pipeline import watermark
 from tests.survey import assets
 

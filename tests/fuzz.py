@@ -123,9 +123,10 @@ def outcome(number: int) -> str:
 
     "marked, unjudged" is a result that carries damage of its input by which the judges, unlike viewers, stumble.
     """
+    from core.choices import Evaluate
     from core.errors import MeshmarkError
     from core.formats.admission import admit, document_of
-    from core.parameters import Evaluate, Parameters
+    from core.parameters import Parameters
     from core.pipeline import watermark
     from tests.drawn import undrawn
     from tests.residue import residue

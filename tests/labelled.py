@@ -12,9 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
+from core.choices import Evaluate, Preset
 from core.errors import MeshmarkError
 from core.labels.profiles import Label
-from core.parameters import Evaluate, Parameters, Preset
+from core.parameters import Parameters
 from core.pipeline import watermark
 from tests.survey import assets
 

@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from core.choices import Evaluate
 from core.formats.admission import admit, document_of
 from core.gltf.scene import flatten
-from core.parameters import Evaluate, parse_parameters
+from core.parameters import parse_parameters
 from core.pipeline import watermark
 from core.rendering.cavity import cavity
 from core.rendering.renderer import Frame, Renderer

@@ -14,12 +14,13 @@ import numpy as np
 from manifold3d import triangulate
 
 from core.artwork.outline import text_artwork
+from core.choices import Evaluate
 from core.errors import MeshmarkError
 from core.formats.admission import admit, document_of
 from core.geometry.spatial import SpatialIndex
 from core.gltf.document import Document
 from core.gltf.scene import flatten, scene_of
-from core.parameters import Evaluate, Parameters
+from core.parameters import Parameters
 from core.pipeline import Result, watermark
 from tests.validator import validate
 

@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = ("core", "service", "worker")
 
 # Of each folder, and each file beside the folders of core, all that it imports of core: no more and no less. What every
-# part may use (arrays, errors, notices, and the version) is not listed.
+# part may use (arrays, choices, errors, notices, and the version) is not listed.
 BELOW = {
     "budgets": "",
     "refusals": "",
@@ -31,15 +31,15 @@ BELOW = {
     "embossing": "placement analysis artwork gltf geometry parameters",
     "rendering": "gltf geometry process",
     "models": "",
-    "metrics": "placement analysis artwork rendering geometry models parameters processors",
+    "metrics": "placement analysis artwork rendering geometry models processors",
     "report": "artwork embossing gltf parameters",
     "reporting": "report stages metrics embossing geometry parameters device",
     "preload": "rendering",
     "stages": "embossing placement analysis artwork formats gltf labels budgets parameters",
     "marking": "stages embossing placement analysis artwork formats gltf geometry labels parameters",
-    "measuring": "explain stages report reporting metrics rendering analysis parameters",
+    "measuring": "explain stages report reporting metrics rendering analysis",
     "pipeline": "explain marking measuring stages formats budgets parameters preload",
-    "evaluate": "report reporting metrics rendering analysis formats gltf geometry budgets parameters",
+    "evaluate": "report reporting metrics rendering analysis formats gltf geometry budgets",
     "lab": (
         "pipeline stages report metrics rendering placement analysis artwork formats gltf geometry budgets parameters "
         "processors validation"
@@ -54,11 +54,22 @@ BELOW = {
     "cli": "doctor explain lab pipeline preload verify evaluate models labels parameters process processors",
     "__init__": "process",
 }
-EVERYWHERE = {"arrays", "errors", "notices", "__version__"}
+EVERYWHERE = {"arrays", "choices", "errors", "notices", "__version__"}
 
 # Of core, the service and the worker use these; the worker alone the reading of uploads.
 OF_SERVICE = {
-    *{"errors", "validation", "parameters", "budgets", "artwork", "report", "credentials", "verify", "__version__"}
+    *{
+        "choices",
+        "errors",
+        "validation",
+        "parameters",
+        "budgets",
+        "artwork",
+        "report",
+        "credentials",
+        "verify",
+        "__version__",
+    }
 }
 OF_WORKER = OF_SERVICE | {"doctor", "formats", "pipeline", "preload", "processors"}
 

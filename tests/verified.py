@@ -19,11 +19,12 @@ from pathlib import Path
 from PIL import Image
 
 from core.budgets import DEFAULT_BUDGETS
+from core.choices import Evaluate
 from core.errors import MeshmarkError
 from core.formats.admission import admit, document_of
 from core.gltf.scene import Scene, flatten, scene_of
 from core.lab.attacks.attack import attack_file
-from core.parameters import Evaluate, Parameters
+from core.parameters import Parameters
 from core.pipeline import watermark
 from core.rendering.pictures import DIRECTIONS, UPS, pictures
 from core.rendering.renderer import Renderer

@@ -6,7 +6,7 @@ import numpy as np
 
 from core.artwork.artwork import Artwork
 from core.artwork.rings import normalised
-from core.parameters import LogoPosition
+from core.choices import LogoPosition
 
 GAP = 0.4  # between logo and text, in heights of a line
 # Height of a logo, in heights of a line of the text beside it or below it: at least so many, or all of the text.

@@ -10,9 +10,9 @@ from core.artwork.line import Line, column, enlarged, row
 from core.artwork.shaping import Glyph, Spacing
 from core.artwork.style import PLAIN, TextStyle
 from core.artwork.typeface import Typeface
+from core.choices import Align, Direction
 from core.errors import ErrorCode, MeshmarkError
 from core.labels.wording import MAX_LINES
-from core.parameters import Align, Direction
 
 _JOINERS = "\u200c\u200d"  # zero-width (non-)joiners steer the shaping of Arabic and Indic scripts
 _REFUSED_CATEGORIES = {"Cc": "control", "Cf": "formatting", "Cs": "surrogate", "Zl": "line break", "Zp": "line break"}

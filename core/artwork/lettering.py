@@ -9,9 +9,10 @@ from core.artwork.outline import text_artwork
 from core.artwork.qr import qr_artwork
 from core.artwork.qr_code import check_code, round_up
 from core.artwork.style import style_of
+from core.choices import Direction, LogoPosition, Wrap
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.surface import MODEL_SIZE
-from core.parameters import Direction, LogoPosition, Parameters, Wrap
+from core.parameters import Parameters
 
 
 def layouts_of(parameters: Parameters, font: bytes | None = None, logo: bytes | None = None) -> Layouts:

@@ -13,8 +13,8 @@ from core.artwork.rings import clear_rings, flatten, normalised
 from core.artwork.shaping import Glyph
 from core.artwork.style import PLAIN, TextStyle
 from core.artwork.typeface import Typeface, uploaded_face
+from core.choices import Direction
 from core.errors import ErrorCode, MeshmarkError
-from core.parameters import Direction
 
 MAX_POINTS = 20_000
 

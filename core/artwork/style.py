@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from core.parameters import Align, Direction, Parameters
+from core.choices import Align, Direction
+from core.parameters import Parameters
 
 
 @dataclass(frozen=True)

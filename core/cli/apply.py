@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
+from core.choices import Align, Direction, Evaluate, LogoPosition, Mode, Preset, Profile, Strength, UnmarkedCopies, Wrap
 from core.cli.batch import Folders, mark_many, orders
 from core.cli.files import STANDARD, read_file, require_streams
 from core.cli.options import Json, Quiet
@@ -13,20 +14,7 @@ from core.cli.order import Order, Style, Telling, mark_one
 from core.cli.status import Status
 from core.errors import ErrorCode, MeshmarkError
 from core.labels.profiles import Label
-from core.parameters import (
-    Align,
-    Direction,
-    Evaluate,
-    LogoPosition,
-    Mode,
-    Parameters,
-    Preset,
-    Profile,
-    Strength,
-    UnmarkedCopies,
-    Wrap,
-    parse_parameters,
-)
+from core.parameters import Parameters, parse_parameters
 
 MANY, TEXT, MARKS, LABEL, PLACES, RESULTS = "Many files", "Text and logo", "Marks", "Label", "Places", "Results"
 USAGE = "IN OUT.glb | IN... --out DIR"

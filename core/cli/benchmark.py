@@ -5,11 +5,11 @@ from typing import Annotated
 
 import typer
 
+from core.choices import Evaluate
 from core.cli.evaluate import Level
 from core.cli.options import Json, names, numbers
 from core.cli.terminal import say, say_json
 from core.lab.benchmark.options import OBJECTIVE_METHODS, BenchmarkOptions, attack_requests
-from core.parameters import Evaluate
 
 KNOWN = BenchmarkOptions(Path(), Path())
 LEVEL = Level(KNOWN.level.value)

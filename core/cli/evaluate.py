@@ -6,11 +6,11 @@ from typing import Annotated
 
 import typer
 
+from core.choices import Evaluate
 from core.cli.files import read_file, require_streams, write_json
 from core.cli.options import ACCEPTED, Json, Quiet, Seed
 from core.cli.progress import progress
 from core.cli.terminal import say, say_json
-from core.parameters import Evaluate
 
 
 class Level(StrEnum):

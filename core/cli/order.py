@@ -6,12 +6,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from core.choices import Evaluate
 from core.cli.files import STANDARD, read_file, write_file, write_json
 from core.cli.progress import Progress, progress
 from core.cli.status import STATUS_OF, Status
 from core.cli.terminal import as_json, say, say_error, say_json
 from core.errors import ErrorCode, MeshmarkError
-from core.parameters import Evaluate, Parameters
+from core.parameters import Parameters
 
 LOADING = "loading"  # the stage before the engine's own: its libraries
 

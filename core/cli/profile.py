@@ -5,10 +5,10 @@ from typing import Annotated
 
 import typer
 
+from core.choices import Evaluate
 from core.cli.options import Json, Quiet
 from core.cli.progress import progress
 from core.cli.terminal import say_json
-from core.parameters import Evaluate
 
 
 def profile(

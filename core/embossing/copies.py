@@ -6,6 +6,7 @@ from typing import Literal
 
 from core.analysis.analyse import analyse
 from core.analysis.contrast import Look
+from core.choices import UnmarkedCopies
 from core.embossing.emboss import Mark
 from core.embossing.islands import Letters
 from core.embossing.marks import emboss_boxes
@@ -18,7 +19,7 @@ from core.gltf.document import Document
 from core.gltf.hierarchy import hidden_nodes, scene_nodes
 from core.gltf.write import write
 from core.notices import Notice, NoticeCode
-from core.parameters import Parameters, UnmarkedCopies
+from core.parameters import Parameters
 
 Outcome = Literal["marked", "shared", "unmarked", "left_out"]
 

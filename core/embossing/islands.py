@@ -10,6 +10,7 @@ from core.analysis.contrast import OWN, Look
 from core.arrays import Bool, Float, Int
 from core.artwork.artwork import Artwork
 from core.artwork.layouts import Layouts
+from core.choices import Profile
 from core.embossing.draft import DRAFT, Draft, DraftOptions, draft
 from core.embossing.height_field import PROFILE, HeightField, ProfileOptions, height_field
 from core.embossing.patch import Patch
@@ -17,7 +18,6 @@ from core.embossing.refusal import Refusal
 from core.geometry.boxes import Boxes
 from core.geometry.products import product
 from core.geometry.spatial import Eye, SpatialIndex
-from core.parameters import Profile
 
 Looks = Callable[[Boxes], list[Look]]
 

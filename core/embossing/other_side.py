@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.arrays import Bool
+from core.choices import Mode
 from core.geometry.boxes import Boxes
 from core.geometry.products import product
-from core.parameters import Mode
 from core.placement.context import PlacementContext
 from core.placement.filters import footprint
 

@@ -15,10 +15,11 @@ import numpy as np
 from PIL import Image, ImageDraw
 from pydantic import BaseModel, ConfigDict, TypeAdapter
 
+from core.choices import Evaluate
 from core.errors import MeshmarkError
 from core.formats.admission import admit, document_of
 from core.gltf.scene import Scene, flatten
-from core.parameters import Evaluate, parse_parameters
+from core.parameters import parse_parameters
 from core.pipeline import watermark
 from core.rendering.cavity import cavity
 from core.rendering.renderer import Frame, Renderer

@@ -13,6 +13,7 @@ from core import models
 from core.analysis.saliency import Saliency, saliency
 from core.arrays import Float
 from core.artwork.layouts import Layouts
+from core.choices import Evaluate
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
@@ -37,7 +38,6 @@ from core.metrics.ss import ss
 from core.metrics.wps import wps
 from core.metrics.wps_area import wps_area
 from core.notices import Notice, NoticeCode
-from core.parameters import Evaluate
 
 log = logging.getLogger(__name__)
 

@@ -7,12 +7,13 @@ import numpy as np
 from core.analysis.facts import Carrier, SurfaceFacts
 from core.arrays import Float
 from core.artwork.layouts import Layouts
+from core.choices import Preset
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.directions import cosines_to_cameras
 from core.geometry.products import product
 from core.geometry.surface import Surface
 from core.geometry.surfels import Surfels
-from core.parameters import Parameters, Preset
+from core.parameters import Parameters
 from core.placement.label_height import picture_side
 from core.placement.objective import Targets, targets
 from core.placement.options import PlacementOptions, labelling, tuned

@@ -6,11 +6,11 @@ import numpy as np
 
 from core.arrays import Bool, Float, Int
 from core.artwork.artwork import Artwork
+from core.choices import Mode, Profile, Solver
 from core.geometry.boxes import Boxes
 from core.geometry.directions import cosines_to_cameras, to_cameras
 from core.geometry.sampling import sample
 from core.geometry.spatial import Eye
-from core.parameters import Mode, Profile, Solver
 from core.placement.candidates import along_strips, candidates, right_way_up
 from core.placement.context import PlacementContext
 from core.placement.cost import Terms, cost, curvature_deviation, distance, obstructed, roll

@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass, replace
 
-from core.parameters import Parameters, Preset, Strength
+from core.choices import Preset, Strength
+from core.parameters import Parameters
 from core.placement.arrange import ARRANGE, ArrangeOptions
 from core.placement.candidates import CANDIDATES, PAPER_CANDIDATES, CandidateOptions
 from core.placement.filters import FILTERS, FilterOptions

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from core.choices import Evaluate
 from core.errors import ErrorCode
-from core.parameters import Evaluate, Parameters
+from core.parameters import Parameters
 from core.pipeline import watermark
 from tests.core.formats.samples import OBJ, SAMPLES, png, zipped
 from tests.validator import error_counts

@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from core.choices import Evaluate
 from core.gltf.compression import DRACO
 from core.gltf.document import Document
 from core.gltf.prune import unreferenced_bytes
-from core.parameters import Evaluate, Parameters
+from core.parameters import Parameters
 from core.pipeline import Result, watermark
 from tests.core.formats.meshes import MESHES
 from tests.core.gltf.compressed import MESHOPT, draco, meshopted

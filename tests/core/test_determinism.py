@@ -9,7 +9,8 @@ import hashlib
 from pathlib import Path
 import numpy as np
 import trimesh
-from core.parameters import Evaluate, Parameters
+from core.choices import Evaluate
+from core.parameters import Parameters
 from core.pipeline import watermark
 
 ball = trimesh.creation.icosphere(subdivisions=4)

@@ -7,13 +7,14 @@ from typing import cast
 import pytest
 import trimesh
 
+from core.choices import Evaluate
 from core.cli import main
 from core.errors import MeshmarkError
 from core.evaluate import evaluate, parse_watermarks
 from core.geometry.spatial import SpatialIndex
 from core.metrics.measure import Pair, measure
 from core.metrics.measurement import Measurement
-from core.parameters import Evaluate, Parameters
+from core.parameters import Parameters
 from core.pipeline import Result, watermark
 from core.report import EvaluationReport
 

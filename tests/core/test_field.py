@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from core.choices import Evaluate
 from core.formats.admission import admit, document_of
 from core.gltf.document import Document
 from core.gltf.scene import scene_of
-from core.parameters import Evaluate, Parameters
+from core.parameters import Parameters
 from core.pipeline import Result, watermark
 from tests.core.formats.samples import STL_BINARY
 from tests.core.gltf.builder import CUBE, CUBE_FACES, Builder

@@ -7,9 +7,10 @@ from functools import partial
 import numpy as np
 import pytest
 
+from core.choices import Evaluate, Mode
 from core.formats.admission import admit, document_of
 from core.gltf.document import Document
-from core.parameters import Evaluate, Mode, Parameters
+from core.parameters import Parameters
 from core.pipeline import Result, watermark
 from tests.core.formats.samples import SAMPLES
 from tests.core.gltf.builder import CUBE, CUBE_FACES, Builder, grid, simple

@@ -10,8 +10,9 @@ from PIL import Image
 
 from core import marking
 from core.artwork.lettering import layouts_of
+from core.choices import Direction, Evaluate, Wrap
 from core.errors import ErrorCode, MeshmarkError
-from core.parameters import Direction, Evaluate, Parameters, Wrap
+from core.parameters import Parameters
 from core.pipeline import watermark
 from core.stages import Request, Run
 

@@ -8,10 +8,11 @@ import trimesh
 from numpy.typing import NDArray
 
 from core.arrays import Int
+from core.choices import Evaluate, Mode
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.surface import Surface
 from core.gltf.scene import scene_of
-from core.parameters import Evaluate, Mode, Parameters
+from core.parameters import Parameters
 from core.pipeline import Result, watermark
 from tests.core.gltf.builder import simple
 from tests.core.shapes import box, grid, join, moved, sphere, surface

@@ -3,8 +3,9 @@ from typing import Any
 
 import pytest
 
+from core.choices import Mode, Preset, Profile, Solver, Strength
 from core.errors import ErrorCode, MeshmarkError
-from core.parameters import AUTO_COLORS, Mode, Parameters, Preset, Profile, Solver, Strength, parse_parameters
+from core.parameters import AUTO_COLORS, Parameters, parse_parameters
 
 
 def test_a_text_is_all_one_needs() -> None:

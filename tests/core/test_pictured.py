@@ -15,11 +15,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from core.choices import Evaluate
 from core.errors import MeshmarkError
 from core.geometry.directions import EYE_DISTANCE
 from core.gltf.document import Document
 from core.gltf.scene import scene_of
-from core.parameters import Evaluate, Parameters
+from core.parameters import Parameters
 from core.pipeline import watermark
 from core.rendering.renderer import Frame, Renderer
 from tests.core.gltf.builder import CUBE, CUBE_FACES, Builder

@@ -10,6 +10,7 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
+from core.choices import Evaluate, Mode, Preset, Profile, Wrap
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.format import Format
 from core.gltf.colors import hex_linear
@@ -18,7 +19,7 @@ from core.gltf.prune import unreferenced_bytes
 from core.gltf.scene import scene_of
 from core.labels.profiles import Label
 from core.notices import NoticeCode
-from core.parameters import AUTO_COLORS, Evaluate, Mode, Parameters, Preset, Profile, Wrap
+from core.parameters import AUTO_COLORS, Parameters
 from core.pipeline import STAGES, Result, watermark
 from core.report import Report
 from tests.core.artwork.fontsmith import SQUARE, make_font

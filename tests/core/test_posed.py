@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from core.choices import Evaluate
 from core.geometry.spatial import SpatialIndex
 from core.gltf.document import Document
 from core.gltf.scene import flatten
-from core.parameters import Evaluate, Parameters
+from core.parameters import Parameters
 from core.pipeline import watermark
 from tests.animation import duration, posed
 

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from core.choices import Evaluate
 from core.gltf.accessors import dequantize, read_accessor
 from core.gltf.document import Document
-from core.parameters import Evaluate, Parameters
+from core.parameters import Parameters
 from core.pipeline import watermark
 from tests.core.gltf.builder import CUBE, CUBE_FACES, simple
 from tests.core.gltf.compressed import draco, instanced, meshopted

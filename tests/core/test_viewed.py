@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core.arrays import Float
-from core.parameters import Evaluate, Mode, Parameters
+from core.choices import Evaluate, Mode
+from core.parameters import Parameters
 from core.pipeline import watermark
 from tests.core.rendering.glb import CORNERS, CUBE_FACES, QUAD, QUAD_FACES, QUAD_UV, GlbWriter, plain, png
 from tests.drawn import undrawn

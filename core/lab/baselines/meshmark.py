@@ -4,11 +4,12 @@ from functools import partial
 
 import numpy as np
 
+from core.choices import Evaluate, Profile, Strength
 from core.geometry.boxes import Boxes
 from core.gltf.scene import scene_of
 from core.lab.baselines.strategy import Marked, Prepared, Strategy
 from core.lab.plain import plain
-from core.parameters import Evaluate, Parameters, Profile, Strength
+from core.parameters import Parameters
 from core.pipeline import run_stages
 from core.placement.options import PlacementOptions
 from core.report import Report

@@ -13,6 +13,7 @@ from core.arrays import Float, Int
 from core.artwork.artwork import Artwork
 from core.artwork.outline import text_artwork
 from core.budgets import DEFAULT_BUDGETS, Budgets
+from core.choices import Mode, Preset
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
 from core.geometry.boxes import Boxes
@@ -22,7 +23,7 @@ from core.geometry.surface import Surface
 from core.gltf.scene import Scene, flatten
 from core.lab.baselines.solid import solid
 from core.lab.plain import Mesh
-from core.parameters import PRESETS, Mode, Parameters, Preset
+from core.parameters import PRESETS, Parameters
 from core.placement.candidates import PAPER_CANDIDATES, upright
 from core.placement.finetune import adam, alignment_loss
 

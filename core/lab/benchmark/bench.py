@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from core.arrays import Bool, Float
 from core.budgets import DEFAULT_BUDGETS
+from core.choices import Evaluate
 from core.errors import MeshmarkError
 from core.formats.admission import admit, document_of
 from core.geometry.boxes import Boxes
@@ -36,7 +37,7 @@ from core.lab.plain import Mesh, plain, plain_glb
 from core.metrics.measure import Pair, Subject, measure
 from core.metrics.ocr import ocr
 from core.metrics.recognition import Reader
-from core.parameters import NO_COLOR, Evaluate, Parameters
+from core.parameters import NO_COLOR, Parameters
 from core.rendering.pictures import DIRECTIONS, UPS, pictures
 from core.rendering.relief import relief_pictures
 from core.rendering.renderer import Frame, Renderer

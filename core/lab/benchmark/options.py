@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from core.choices import Evaluate
 from core.errors import ErrorCode, MeshmarkError
-from core.parameters import Evaluate
 
 NO_ATTACK = "none"
 REMOVAL = "removal"

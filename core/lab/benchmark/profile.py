@@ -9,6 +9,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from core.choices import Evaluate
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
 from core.gltf.scene import Scene, flatten
@@ -18,7 +19,7 @@ from core.lab.benchmark.results import environment, write_text
 from core.lab.benchmark.rows import Row
 from core.lab.benchmark.statistics import PowerLaw, power_law
 from core.lab.benchmark.worker import failure, machine
-from core.parameters import Evaluate, Parameters
+from core.parameters import Parameters
 from core.pipeline import STAGES, Progress, watermark
 from core.report import Report
 

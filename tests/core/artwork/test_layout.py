@@ -8,8 +8,8 @@ from core.artwork.artwork import Artwork
 from core.artwork.layout import serving_fonts, set_text
 from core.artwork.outline import text_artwork
 from core.artwork.style import PLAIN, TextStyle
+from core.choices import Align, Direction
 from core.errors import ErrorCode, MeshmarkError
-from core.parameters import Align, Direction
 from tests.core.artwork.fontsmith import SQUARE, make_font
 
 VERTICAL = TextStyle(direction=Direction.VERTICAL)

@@ -8,8 +8,9 @@ import pytest
 from core.artwork.artwork import Artwork
 from core.artwork.lettering import layouts_of
 from core.artwork.qr_code import MIN_MODULE
+from core.choices import Direction, LogoPosition
 from core.errors import ErrorCode, MeshmarkError
-from core.parameters import Direction, LogoPosition, Parameters
+from core.parameters import Parameters
 
 ADDRESS = "https://a.example"  # 35 modules with its frame
 LONG = "https://shop.example/order/4711?" + "x" * 70

@@ -7,8 +7,9 @@ from core.artwork.combine import beside
 from core.artwork.outline import text_artwork
 from core.artwork.qr import qr_artwork
 from core.artwork.qr_code import check_code
+from core.choices import LogoPosition
 from core.errors import ErrorCode, MeshmarkError
-from core.parameters import LogoPosition, Parameters
+from core.parameters import Parameters
 
 
 def read(mark: Artwork, pixels: int = 600, *, light: bool = False) -> str:

@@ -17,7 +17,7 @@ from core.artwork.outline import text_artwork
 from core.artwork.shaping import Spacing
 from core.artwork.style import TextStyle
 from core.artwork.typeface import installed_faces
-from core.parameters import Direction
+from core.choices import Direction
 
 NOTO = Path("/usr/share/fonts/truetype/noto")
 CJK = Path("/usr/share/fonts/opentype/noto/NotoSansCJK-Bold.ttc")

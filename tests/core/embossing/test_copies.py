@@ -5,10 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from core.choices import Evaluate, UnmarkedCopies
 from core.gltf.document import Document
 from core.gltf.prune import unreferenced_bytes
 from core.gltf.scene import flatten
-from core.parameters import Evaluate, Parameters, UnmarkedCopies
+from core.parameters import Parameters
 from core.pipeline import Result, watermark
 from tests.core.gltf.builder import CUBE, CUBE_FACES, Builder
 from tests.validator import error_counts

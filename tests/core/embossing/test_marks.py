@@ -9,6 +9,7 @@ from manifold3d import Manifold, OpType
 
 from core import marking
 from core.arrays import Bool
+from core.choices import Evaluate
 from core.embossing import emboss, marks
 from core.embossing.emboss import Mark
 from core.embossing.islands import letters_of
@@ -17,7 +18,7 @@ from core.embossing.mesh import WorkingMesh
 from core.embossing.refusal import EXPLAINED, Refusal
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.boxes import Boxes
-from core.parameters import Evaluate, Parameters
+from core.parameters import Parameters
 from core.pipeline import run_stages, watermark
 from core.placement import place
 from core.placement.objective import Objective, Placement

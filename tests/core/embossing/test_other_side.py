@@ -6,9 +6,10 @@ import trimesh
 
 from core.analysis.facts import SurfaceFacts
 from core.analysis.saliency import saliency
+from core.choices import Evaluate, Mode
 from core.embossing.other_side import hold_other_side
 from core.geometry.surface import Surface
-from core.parameters import Evaluate, Mode, Parameters
+from core.parameters import Parameters
 from core.pipeline import watermark
 from core.placement.context import PlacementContext, build_context
 from tests.core.placement.shapes import box, carrier, inside_out, layouts, moved, plane

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core.arrays import Float, Int
+from core.choices import Profile
 from core.embossing.emboss import Mark
 from core.embossing.islands import letter_islands
 from core.embossing.refusal import Refusal
@@ -15,7 +16,6 @@ from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
 from core.geometry.triangles import flat_normals
 from core.gltf.edit import Kind, SurfaceEdit
-from core.parameters import Profile
 from tests.core.embossing.bench import TEXT, Bench, box_at
 from tests.core.shapes import box, edge_counts, grid, join, moved, sphere, surface
 

@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from core.choices import Evaluate
 from core.errors import ErrorCode
 from core.explain.explain import Explanation, explain
 from core.explain.layers import layers, model
 from core.explain.page import TERMS, TITLES, explanation_page, write_explanation
 from core.gltf.document import Document
 from core.lab.plain import Mesh, plain_glb
-from core.parameters import Evaluate, Parameters
+from core.parameters import Parameters
 from core.pipeline import watermark
 from core.placement.rejection import REASONS, Stage
 from tests.core.placement.shapes import cuboid, join

@@ -10,6 +10,7 @@ import trimesh
 
 from core.arrays import Bool, Float
 from core.budgets import DEFAULT_BUDGETS
+from core.choices import Evaluate
 from core.formats.admission import admit, document_of
 from core.geometry.boxes import Boxes
 from core.geometry.directions import fibonacci_directions, view_directions
@@ -26,7 +27,7 @@ from core.metrics.ray_origins import above_letters, top_face
 from core.metrics.smse import smse
 from core.metrics.topology import topology
 from core.metrics.wps import wps
-from core.parameters import Evaluate, Parameters
+from core.parameters import Parameters
 from core.pipeline import watermark
 from tests.core.placement.shapes import cuboid, index_of, join, moved, sphere
 

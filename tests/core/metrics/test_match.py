@@ -11,10 +11,11 @@ from core.artwork.artwork import Artwork
 from core.artwork.layouts import Layouts
 from core.artwork.outline import text_artwork
 from core.artwork.raster import raster
+from core.choices import Evaluate
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
 from core.metrics.match import match
-from core.parameters import Evaluate, Parameters
+from core.parameters import Parameters
 from core.pipeline import watermark
 from tests.core.placement.shapes import box, rotation
 

@@ -9,12 +9,12 @@ import pytest
 
 from core.artwork.artwork import Artwork
 from core.artwork.layouts import Layouts
+from core.choices import Evaluate
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.boxes import Boxes
 from core.geometry.surface import Surface
 from core.metrics.measure import READABILITY, Pair, Subject, measure
 from core.metrics.measurement import HIGHER_IS_BETTER, UNITS, Measurement
-from core.parameters import Evaluate
 from core.reporting import metrics_of
 from tests.core.metrics.test_ray import on_all_sides
 from tests.core.placement.shapes import cuboid, index_of, join, moved

@@ -5,10 +5,11 @@ import pytest
 import trimesh
 from PIL import Image, ImageDraw, ImageFont
 
+from core.choices import Evaluate
 from core.gltf.scene import scene_of
 from core.metrics.ocr import Ocr, ocr
 from core.metrics.recognition import Line, Reader
-from core.parameters import Evaluate, Parameters
+from core.parameters import Parameters
 from core.pipeline import watermark
 from core.rendering.pictures import DIRECTIONS, UPS, pictures
 from core.rendering.renderer import Renderer

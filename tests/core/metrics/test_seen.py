@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from core.analysis.analyse import eye_index
 from core.arrays import Float, Int
+from core.choices import Evaluate, Profile
 from core.evaluate import to_boxes
 from core.geometry.boxes import Boxes
 from core.geometry.directions import fibonacci_directions, view_directions
@@ -15,7 +16,7 @@ from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
 from core.gltf.scene import scene_of
 from core.metrics.ray_origins import above_letters
-from core.parameters import Evaluate, Parameters, Profile
+from core.parameters import Parameters
 from core.pipeline import watermark
 from core.placement.selection import visibility
 from core.rendering.renderer import Frame, Renderer

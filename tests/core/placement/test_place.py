@@ -9,11 +9,12 @@ import pytest
 from core.analysis.facts import SurfaceFacts
 from core.analysis.features import FeatureRegions
 from core.analysis.saliency import saliency
+from core.choices import Mode, Preset, Strength
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
 from core.geometry.surface import Surface
 from core.gltf.scene import flatten
-from core.parameters import NO_COLOR, Mode, Parameters, Preset, Strength
+from core.parameters import NO_COLOR, Parameters
 from core.placement.candidates import upright
 from core.placement.context import PlacementContext, build_context
 from core.placement.filters import overlapping

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from core.parameters import Evaluate, Parameters
+from core.choices import Evaluate
+from core.parameters import Parameters
 from core.pipeline import watermark
 from core.placement.candidates import upright
 from tests.core.placement.shapes import rotation

@@ -3,6 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from core.choices import Evaluate
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import MODEL_SIZE
@@ -11,7 +12,7 @@ from core.lab.attacks.plain_file import read_plain
 from core.lab.benchmark.bench import moved_points
 from core.lab.plain import Mesh
 from core.metrics.topology import topology
-from core.parameters import Evaluate, Parameters
+from core.parameters import Parameters
 from core.pipeline import watermark
 from tests.core.formats.meshes import MESHES
 from tests.core.lab.attacks.settings import area, boxes_at, mesh_of, target_of

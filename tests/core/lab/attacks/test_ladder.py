@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from core.choices import Evaluate, Profile
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
 from core.gltf.scene import Scene, scene_of
@@ -15,7 +16,7 @@ from core.lab.attacks.letters import by_edges, by_height, by_material, by_order,
 from core.lab.attacks.target import Target, letter_faces
 from core.lab.benchmark.theft import recovered
 from core.lab.plain import Mesh, plain
-from core.parameters import Evaluate, Parameters, Profile
+from core.parameters import Parameters
 from core.pipeline import watermark
 from core.report import Report
 from tests.core.gltf.builder import Builder

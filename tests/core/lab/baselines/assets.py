@@ -3,11 +3,12 @@
 import numpy as np
 
 from core.arrays import Float
+from core.choices import Preset
 from core.geometry.surface import Surface
 from core.lab.baselines.strategy import Marked, Prepared, prepare
 from core.lab.plain import Mesh, plain, plain_glb
 from core.metrics.topology import topology
-from core.parameters import Parameters, Preset
+from core.parameters import Parameters
 
 
 def asset(shape: Surface, seed: int = 0) -> Prepared:

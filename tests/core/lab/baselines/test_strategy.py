@@ -1,12 +1,13 @@
 import numpy as np
 import pytest
 
+from core.choices import Mode
 from core.errors import ErrorCode, MeshmarkError
 from core.lab.baselines import STRATEGIES
 from core.lab.baselines.strategy import Prepared, prepare, text_width
 from core.lab.benchmark.options import OBJECTIVE_METHODS
 from core.lab.plain import plain, plain_glb
-from core.parameters import Mode, Parameters
+from core.parameters import Parameters
 from tests.core.lab.baselines.assets import asset, wanted
 from tests.core.shapes import box, grid
 

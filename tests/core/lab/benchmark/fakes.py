@@ -6,11 +6,11 @@ import time
 from pathlib import Path
 from typing import Any
 
+from core.choices import Evaluate
 from core.errors import ErrorCode, MeshmarkError
 from core.lab.benchmark.datasets import Asset
 from core.lab.benchmark.options import AttackRequest, BenchmarkOptions
 from core.lab.benchmark.rows import Row, combinations, key
-from core.parameters import Evaluate
 
 
 class FakeBench:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from core.choices import Evaluate
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
 from core.geometry.boxes import Boxes
@@ -24,7 +25,7 @@ from core.lab.benchmark.options import AttackRequest, BenchmarkOptions
 from core.lab.benchmark.run import run
 from core.lab.plain import plain
 from core.metrics.ocr import Ocr
-from core.parameters import Evaluate, Parameters
+from core.parameters import Parameters
 from tests.core.lab.benchmark.fakes import options
 
 SPOT = Path(__file__).parents[3] / "data" / "spot.glb"

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import trimesh
 
+from core.choices import Evaluate
 from core.errors import ErrorCode, MeshmarkError
 from core.lab.benchmark.markdown import number
 from core.lab.benchmark.profile import CLEAR_REFS, EVERY_STAGE, TO_THE_MODEL, markdown, profile, write_profile
 from core.lab.benchmark.statistics import power_law
-from core.parameters import Evaluate
 
 SPOT = Path(__file__).parents[3] / "data" / "spot.glb"
 BALLS = {"coarse.stl": 1, "fine.stl": 3}  # subdivisions: 80 and 1280 faces
