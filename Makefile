@@ -93,7 +93,7 @@ attacks: $(VENV)/.tests ## Attack an API as one tenant, and print what it answer
 docker-test: ## Build the image and put the whole deployment through its faults, as root; CACHE=DIR keeps what it built
 	$(PYTHON) -m tests.docker $(if $(CACHE),--cache $(CACHE))
 
-pictures: $(VENV)/.tests ## Draw the manual's pictures of what parameters do
+pictures: $(VENV)/.tests ## Draw the manual's pictures of what parameters do and metrics measure
 	@sh docker/system-packages.sh service fonts
 	$(BIN)/python -m tests.pictures
 
