@@ -6,7 +6,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 TORCH := torch==2.13.0
-CONSOLE := service/console/node_modules/.package-lock.json
+LIBRARIES := service/console/node_modules/.package-lock.json service/manual/node_modules/.package-lock.json
 MANUAL := service/manual/site/llms.txt
 
 .DEFAULT_GOAL := help
@@ -14,7 +14,7 @@ MANUAL := service/manual/site/llms.txt
 help: ## Show this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-11s %s\n", $$1, $$2}'
 
-install: $(VENV)/.service $(CONSOLE) $(MANUAL) ## Install what the service needs into .venv
+install: $(VENV)/.service $(LIBRARIES) $(MANUAL) ## Install what the service needs into .venv
 	@sh docker/system-packages.sh service fonts
 
 demo: install $(VENV)/.tests ## Watermark a real asset through the service, end to end
@@ -23,9 +23,9 @@ demo: install $(VENV)/.tests ## Watermark a real asset through the service, end 
 run: install ## Start the API and its worker on http://127.0.0.1:8080
 	$(BIN)/python -m service
 
-test: $(VENV)/.tests $(CONSOLE) ## Run the checks and the whole test suite
+test: $(VENV)/.tests $(LIBRARIES) ## Run the checks and the whole test suite
 	@sh docker/system-packages.sh service fonts tests
-	@npm ci --prefix tests --silent --no-audit --no-fund
+	@sh docker/node-packages.sh tests $(BIN)/python
 	$(MAKE) check
 	$(BIN)/python -m pytest -n auto --dist worksteal
 
@@ -36,7 +36,7 @@ check: $(VENV)/.tests ## Lint, check the format and the types
 
 survey: $(VENV)/.tests ## Watermark every file of MESHES=DIR and print a table of facts
 	@sh docker/system-packages.sh service fonts tests
-	@npm ci --prefix tests --silent --no-audit --no-fund
+	@sh docker/node-packages.sh tests $(BIN)/python
 	@$(BIN)/python -m tests.survey $(MESHES)
 
 delivered: $(VENV)/.tests ## Mark every textured file of MESHES=DIR (COLOR=auto, none, ...) and print how far OCR reads it, and as clay
@@ -72,7 +72,7 @@ ablation: $(VENV)/.tests ## The same for placement without one of its objective'
 	$(BIN)/meshmark benchmark $(MESHES) --out $(OUT) --counts 16 --methods objective
 
 fuzz: $(VENV)/.tests ## Run 10,000 mutated files through the engine
-	@npm ci --prefix tests --silent --no-audit --no-fund
+	@sh docker/node-packages.sh tests $(BIN)/python
 	$(BIN)/python -m tests.fuzz
 
 audit: $(VENV)/.tests ## Look the pinned packages up in PyPI's advisories; needs the network
@@ -93,7 +93,7 @@ attacks: $(VENV)/.tests ## Attack an API as one tenant, and print what it answer
 docker-test: ## Build the image and put the whole deployment through its faults, as root; CACHE=DIR keeps what it built
 	$(PYTHON) -m tests.docker $(if $(CACHE),--cache $(CACHE))
 
-pictures: $(VENV)/.tests ## Draw the manual's pictures of what parameters do
+pictures: $(VENV)/.tests ## Draw the manual's pictures of what parameters do and metrics measure
 	@sh docker/system-packages.sh service fonts
 	$(BIN)/python -m tests.pictures
 
@@ -101,7 +101,7 @@ openapi: $(VENV)/.service ## Write openapi.yaml from the application
 	$(BIN)/python -m service openapi > openapi.yaml
 
 clean: ## Remove everything that was installed or written here
-	rm -rf $(VENV) tests/node_modules service/console/node_modules service/manual/site demo-output data *.egg-info
+	rm -rf $(VENV) tests/node_modules service/console/node_modules service/manual/node_modules service/manual/site demo-output data *.egg-info
 
 $(VENV)/.service: pyproject.toml docker/constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -110,11 +110,11 @@ $(VENV)/.service: pyproject.toml docker/constraints.txt
 	$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable '.[docs]'
 	touch $@
 
-$(CONSOLE): service/console/package-lock.json $(VENV)/.service
-	@sh docker/node-packages.sh service/console $(BIN)/python
+service/%/node_modules/.package-lock.json: service/%/package-lock.json $(VENV)/.service
+	@sh docker/node-packages.sh service/$* $(BIN)/python
 	touch $@
 
-$(MANUAL): $(VENV)/.service openapi.yaml core/errors.py service/errors.py \
+$(MANUAL): $(VENV)/.service $(LIBRARIES) openapi.yaml core/errors.py service/errors.py \
 		$(wildcard service/docs/*.md service/docs/pictures/* service/manual/*.* service/manual/assets/*)
 	$(BIN)/python -m service.manual
 

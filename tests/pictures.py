@@ -1,6 +1,7 @@
 """`make pictures`: draws the manual's pictures of what parameters do, by the product itself, from the demo asset.
 
 Each picture is a row of results that differ in one parameter, seen from one side: as a whole, or a mark from near by.
+Those of what metrics measure are in `tests.figures`.
 """
 
 import argparse
@@ -12,7 +13,7 @@ from io import BytesIO
 from typing import Any
 
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image
 
 from core.choices import Evaluate
 from core.formats.admission import admit, document_of
@@ -21,17 +22,12 @@ from core.parameters import parse_parameters
 from core.pipeline import watermark
 from core.rendering.cavity import cavity
 from core.rendering.renderer import Frame, Renderer
+from tests.figures import FIGURES
 from tests.manual import MANUAL, ROOT
+from tests.tiles import SUPERSAMPLING, TILE, row, tile, webp
 
 ASSET = ROOT / "tests" / "data" / "spot.glb"
-FONT = ROOT / "core" / "artwork" / "fonts" / "DejaVuSans-Bold.ttf"
 FOLDER = MANUAL / "pictures"
-TILE = 380  # pixels; side of a picture
-SUPERSAMPLING = 3  # samples a pixel and axis
-CAPTION = 30  # pixels; height of the strip with the value
-GAP = 6  # pixels between pictures
-QUALITY = 82  # of WebP
-GROUND, INK = (235, 235, 235), (60, 60, 60)  # between pictures the page shows through
 SIDE = (0.85, 0.3, -0.5)  # from the asset to the camera: head and flank
 CLOSER = 0.88  # radius of the view of the whole asset over that of its sphere
 LOGO = (
@@ -150,7 +146,7 @@ PICTURES = {
     "labels": Picture(tuple((f"label: {name}", {"label": name}) for name in ("cn", "eu", "us-ca"))),
 }
 RESULT = "result"
-NAMES = [*PICTURES, RESULT]
+NAMES = [*PICTURES, *FIGURES, RESULT]
 
 
 def draw(picture: Picture) -> bytes:
@@ -159,20 +155,8 @@ def draw(picture: Picture) -> bytes:
     Raises:
         MeshmarkError: a case is refused, or nothing can be drawn.
     """
-    tiles = []
     with Renderer(TILE * SUPERSAMPLING) as renderer:
-        for _, asked in picture.cases:
-            tiles.append(_tile(renderer, asked, picture))
-    row = Image.new("RGBA", (len(tiles) * (TILE + GAP) - GAP, TILE + CAPTION))
-    pen, font = ImageDraw.Draw(row), ImageFont.truetype(FONT, 15)
-    for place, (tile, (caption, _)) in enumerate(zip(tiles, picture.cases, strict=True)):
-        left = place * (TILE + GAP)
-        pen.rectangle((left, 0, left + TILE - 1, TILE + CAPTION), GROUND)
-        row.paste(tile, (left, 0))
-        pen.text((left + TILE / 2, TILE + CAPTION / 2), caption, INK, font, anchor="mm")
-    stream = BytesIO()
-    row.save(stream, format="WEBP", quality=QUALITY, method=6)
-    return stream.getvalue()
+        return row([(caption, _tile(renderer, asked, picture)) for caption, asked in picture.cases])
 
 
 def _tile(renderer: Renderer, asked: dict[str, Any], picture: Picture) -> Image.Image:
@@ -191,18 +175,18 @@ def _tile(renderer: Renderer, asked: dict[str, Any], picture: Picture) -> Image.
         across = math.hypot(*mark["size"][:2]) * float(surface.scale) / 2
         renderer.load(scene, Frame((x, y, z), picture.near * across))
         shown = cavity(*renderer.render_with_depth(mark["normal"], up=mark["up"]))
-    return Image.fromarray(shown).reduce(SUPERSAMPLING)
+    return tile(shown)
 
 
 def draw_named(name: str) -> bytes:
     """WebP of a picture by its name; `result` is the preview of the job that the manual begins with."""
-    if name != RESULT:
+    if name in PICTURES:
         return draw(PICTURES[name])
+    if name in FIGURES:
+        return FIGURES[name]()
     preview = watermark(ASSET.read_bytes(), parse_parameters({"text": "watermark", "color": RED})).preview
     assert preview is not None
-    stream = BytesIO()
-    Image.open(BytesIO(preview)).save(stream, format="WEBP", quality=QUALITY, method=6)
-    return stream.getvalue()
+    return webp(Image.open(BytesIO(preview)))
 
 
 def main() -> None:

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.figures import FIGURES, HEAT, PAPER, heat, sphere
 from tests.manual import MANUAL
-from tests.pictures import CAPTION, FOLDER, NAMES, PICTURES, TILE, Picture, draw
+from tests.pictures import FOLDER, NAMES, PICTURES, Picture, draw
+from tests.tiles import CAPTION, TILE
 
 SHOWN = re.findall(
     r"!\[([^\]]*)\]\(pictures/([\w-]+)\.webp\)", "".join(page.read_text() for page in MANUAL.glob("*.md"))
@@ -32,6 +34,26 @@ def test_a_picture_has_a_tile_for_each_case() -> None:
     for name, picture in PICTURES.items():
         with Image.open(FOLDER / f"{name}.webp") as shown:
             assert shown.width // TILE == len(picture.cases), name
+
+
+def test_there_is_a_figure_for_each_kind_of_metric() -> None:
+    assert len(FIGURES) == 7
+    for name in FIGURES:
+        with Image.open(FOLDER / f"{name}.webp") as shown:
+            assert shown.width // TILE in (2, 3), name
+
+
+def test_on_the_map_of_the_sphere_the_front_is_in_the_middle_and_what_sees_nothing_is_grey() -> None:
+    directions = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+    shown = np.asarray(sphere(directions, np.array([4, 0])), dtype=int)
+    red, _, blue = shown[TILE // 2, TILE // 2]
+    assert red - blue > 80
+    assert np.ptp(shown[TILE // 2, TILE // 2 + round(0.44 * TILE / 2**0.5)]) < 10
+    assert tuple(shown[0, 0]) == PAPER
+
+
+def test_the_colours_of_values_go_from_the_first_to_the_last() -> None:
+    np.testing.assert_array_equal(heat(np.array([0.0, 1.0, 7.0])), HEAT[[0, -1, -1]])
 
 
 @pytest.mark.parametrize("near", [0, 1.2])

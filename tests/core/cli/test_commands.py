@@ -118,7 +118,9 @@ def test_a_preview_that_cannot_be_rendered_is_said_whatever_else_there_was_to_wa
     asset.write_bytes(document.to_glb())
     arguments = ["apply", str(asset), str(model), "--text", "a", "--preview", str(tmp_path / "preview.png")]
     assert main(arguments) == 69
-    assert "\nmeshmark: rendering_unavailable: No EGL here.\nInstall it.\n" in capsys.readouterr().err
+    *stages, said, remedy = capsys.readouterr().err.splitlines()
+    assert all(stage.startswith(f"{asset}: ") for stage in stages)
+    assert [said, remedy] == ["meshmark: rendering_unavailable: No EGL here.", "Install it."]
     assert model.exists()
 
 
@@ -137,7 +139,10 @@ def test_an_attack_that_cannot_be_made_says_so_and_writes_nothing(
 ) -> None:
     name, *options = arguments
     assert main(["attack", name, str(SPOT), str(tmp_path / "left.glb"), *options]) == 2
-    assert "\nmeshmark: invalid_parameters: " in capsys.readouterr().err
+    progress, said, _remedy = capsys.readouterr().err.splitlines()
+    assert progress == f"{SPOT}: {name}"
+    assert said.startswith("meshmark: invalid_parameters: ")
+    assert list(tmp_path.iterdir()) == []
     assert list(tmp_path.iterdir()) == []
 
 

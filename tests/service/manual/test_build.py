@@ -13,7 +13,7 @@ import pytest
 
 from service.errors import CODES
 from service.manual import catalogue
-from service.manual.build import CONFIG, BuildError, build, groups, llms
+from service.manual.build import CONFIG, BuildError, build, groups, llms, write_types
 from service.manual.catalogue import error_pages
 from service.routes.manual import SEARCH_STYLE
 from service.static_file import MEDIA_TYPES
@@ -133,6 +133,34 @@ def test_links_between_pages_lead_to_pages_and_their_headings(site: Path) -> Non
             assert target.is_file(), (name, link)
             if fragment and target.suffix == ".html":
                 assert fragment in names[target.relative_to(site.resolve()).as_posix()], (name, link)
+
+
+def test_the_types_of_the_api_for_typescript_lie_beside_the_pages(site: Path) -> None:
+    text = (site / "meshmark.d.ts").read_text()
+    assert '"/v1/watermarks/{job_id}/model": {' in text
+    assert "export type Parameters = " in text
+    assert "file?: Blob;" in text
+
+
+@pytest.mark.parametrize("missing", ["packages", "Node.js"])
+def test_types_that_cannot_be_written_stop_the_build_with_what_to_do(
+    missing: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if missing == "packages":
+        monkeypatch.setattr("service.manual.build.LIBRARIES", tmp_path / "none")
+    else:
+        monkeypatch.setenv("PATH", str(tmp_path))
+        monkeypatch.setattr("service.manual.build.find_spec", lambda _: None)
+    with pytest.raises(BuildError, match="Run `make install`"):
+        write_types(tmp_path / "meshmark.d.ts")
+
+
+def test_a_fault_in_the_openapi_document_stops_the_build(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    document = tmp_path / "openapi.yaml"
+    document.write_text("openapi: 3.1.0\npaths: {/a: {$ref: '#/nowhere'}}\n")
+    monkeypatch.setattr("service.manual.build.OPENAPI", document)
+    with pytest.raises(BuildError, match=r"(?s)not written\. .*Can't resolve \$ref at #/paths/~1a$"):
+        write_types(tmp_path / "meshmark.d.ts")
 
 
 def test_search_finds_parameters_errors_and_settings(site: Path) -> None:

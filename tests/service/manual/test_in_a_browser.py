@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
 import pytest
@@ -25,11 +26,11 @@ def edge(site: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Edge]
 
 
 @contextmanager
-def opened(browser: Browser, edge: Edge, path: str) -> Iterator[Page]:
+def opened(browser: Browser, edge: Edge, path: str, **options: Any) -> Iterator[Page]:
     """A page; afterwards nothing was logged as an error and no other host was asked for anything."""
     home = f"http://127.0.0.1:{edge.port}"
     faults: list[str] = []
-    page = browser.new_page()
+    page = browser.new_page(**options)
     page.set_default_timeout(PATIENCE * 1000)
     page.on("console", lambda message: faults.append(message.text) if message.type == "error" else None)
     page.on("pageerror", lambda error: faults.append(str(error)))
@@ -70,3 +71,18 @@ def test_a_request_is_tried_in_the_reference(browser: Browser, edge: Edge) -> No
         expect(operation.locator(".live-responses-table .response-col_status").nth(1)).to_have_text(
             "200", timeout=PATIENCE * 1000
         )
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_small_words_of_the_reference_are_as_dark_or_as_light_as_wcag_asks(
+    scheme: str, browser: Browser, edge: Edge
+) -> None:
+    with opened(browser, edge, "/reference", color_scheme=scheme) as page:
+        operation = page.locator("#operations-watermarks-create_watermark")
+        operation.get_by_role("button").first.click()
+        operation.get_by_role("button", name="Try it out").click()
+        expect(operation.locator(".response-col_status").filter(has_text="202")).to_be_visible()
+        page.get_by_role("button", name="Schemas").click()
+        page.get_by_role("button", name="Expand all").nth(1).click()
+        expect(page.locator(".json-schema-2020-12-property").first).to_be_visible()
+        assert [found for found in barriers(page) if found.startswith("color-contrast")] == []
