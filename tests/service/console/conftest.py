@@ -1,5 +1,6 @@
 """A browser, and pages of it that fail their test where anything is wrong that nobody would see."""
 
+import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -60,6 +61,12 @@ def opened(browser: Browser, url: str, refused: bool = False, **options: Any) ->
         assert faults == []
     finally:
         context.close()
+
+
+def keep(page: Page, name: str) -> None:
+    """A picture of the page as it stands, in the folder that the variable SCREENSHOTS names, if it does."""
+    if folder := os.environ.get("SCREENSHOTS"):
+        page.screenshot(path=Path(folder) / f"{name}.png", animations="disabled")
 
 
 def barriers(page: Page) -> list[str]:
