@@ -37,10 +37,8 @@ router = APIRouter(**PLACE, route_class=GuardedRoute)
 sending = APIRouter(**PLACE, route_class=AssetRoute)
 
 AssetPart = Annotated[
-    UploadFile | None,
-    File(
-        description="The asset: GLB, glTF, OBJ, STL, PLY, OFF, 3MF or DAE; with its other files as a ZIP.",
-    ),
+    UploadFile,
+    File(description="The asset: GLB, glTF, OBJ, STL, PLY, OFF, 3MF or DAE; with its other files as a ZIP."),
 ]
 
 
@@ -56,7 +54,7 @@ async def create_conversion(
     background: BackgroundTasks,
     state: State,
     client: Admitted,
-    file: AssetPart = None,
+    file: AssetPart,
     prefer: PreferHeader = None,
 ) -> ConversionView:
     """Accept an asset to be shown: its geometry decoded, its textures as they are, KTX2 as PNG. It goes before the

@@ -109,6 +109,10 @@ def test_the_gate_refuses_what_it_refuses_of_watermarks(client: Client, content:
     refused(client, post(client, content, "asset"), status, code)
 
 
+def test_a_request_without_a_file_is_told_so(client: Client) -> None:
+    refused(client, client.http.post(PLACE, files={"else": ("cube.off", OFF)}), 422, "missing_file")
+
+
 def test_it_is_on_no_list_and_no_other_kind_of_job(client: Client) -> None:
     place = post(client).headers["Location"]
     job_id = place.rpartition("/")[2]
