@@ -177,6 +177,8 @@ def test_what_the_browser_cannot_show_is_shown_by_the_service_once_it_may_be_sen
         page.get_by_label("Text", exact=True).fill("HI")
         page.get_by_text("Shape and number", exact=True).click()
         page.get_by_label("Most marks").fill("1")
+        page.get_by_text("More", exact=True).click()
+        page.get_by_label("Measurement").select_option("geometry")
         page.get_by_role("button", name="Watermark", exact=True).click()
         expect(page.locator("[data-shown='before after']")).to_be_attached()
         expect(page.locator("[data-test=said]")).to_be_visible()
