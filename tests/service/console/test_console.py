@@ -111,9 +111,9 @@ def test_a_file_is_dropped_looked_at_watermarked_compared_and_downloaded(browser
         page.get_by_role("tab", name="Why").click()
         expect(page.get_by_text("2 marks were chosen among")).to_be_visible()
         page.get_by_label("Candidates, before fine-tuning").check()
+        keep(page, "why")
         page.get_by_text("Mark 2:").click()
         expect(page.locator("details[open]").get_by_text("Adds, seen from all around")).to_be_visible()
-        keep(page, "why")
         assert barriers(page) == []
 
         page.get_by_role("link", name="Jobs", exact=True).click()
