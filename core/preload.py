@@ -18,7 +18,7 @@ LATER = (
     *("core.embossing.copies", "core.embossing.drawn", "core.embossing.marks", "core.embossing.islands"),
     *("core.embossing.unmarked", "core.reporting", "core.metrics.measure"),
     *("core.explain.explain", "core.explain.layers", "core.explain.trace"),
-    *("core.verify.verify", "core.verify.evidence"),
+    *("core.verify.verify", "core.verify.evidence", "core.conversion"),
     *("opengl_basisu", "DracoPy", "meshopt", "manifold3d", "trimesh.exchange.dae", "rapidocr"),
     *("PIL.BmpImagePlugin", "PIL.GifImagePlugin", "PIL.JpegImagePlugin", "PIL.PngImagePlugin", "PIL.PpmImagePlugin"),
     "PIL.WebPImagePlugin",

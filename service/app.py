@@ -37,8 +37,20 @@ from service.present_or_absent import without_null
 from service.problems import Problem, install_problem_handlers, problem_response, upload_too_large
 from service.readiness import Readiness
 from service.request_id import RequestId
-from service.routes import batch, console, events, health, hooks, uploads, verifications, watermarks, webhook_endpoints
+from service.routes import (
+    batch,
+    console,
+    conversions,
+    events,
+    health,
+    hooks,
+    uploads,
+    verifications,
+    watermarks,
+    webhook_endpoints,
+)
 from service.routes.batch import BatchResults
+from service.routes.conversion_schemas import ConversionView
 from service.routes.hooks import HOOK_SCHEME
 from service.routes.manual import manual_router
 from service.routes.reference import reference_router
@@ -55,11 +67,14 @@ MAX_FIELD_BYTES = 2**16  # of one form field
 JSON_BYTES = 2**16  # of a request body that is neither an asset nor a list
 LIST_BYTES = 2**20  # of a batch, or of a notification about objects
 WITH_TWO = re.compile("/v1/verifications")
-WITH_ASSET = re.compile("/v1/watermarks|/v1/uploads/[^/]+")
+WITH_ASSET = re.compile("/v1/watermarks|/v1/conversions|/v1/uploads/[^/]+")
 WITH_LIST = re.compile("/v1/watermarks/batch|/v1/hooks/[^/]+")
 FORM_FIELDS = 6  # text fields of POST /v1/watermarks
 # Answers whose examples have nulls.
-EXEMPLARY = (JobPage, VerificationPage, BatchResults, WebhookEndpoints, WebhookEndpointWithSecret, DeliveryPage)
+EXEMPLARY = (
+    *(JobPage, VerificationPage, ConversionView, BatchResults),
+    *(WebhookEndpoints, WebhookEndpointWithSecret, DeliveryPage),
+)
 # Bytes of a form beside its asset, font and logo: fields, part headers, boundaries.
 FORM_OVERHEAD = (FORM_FIELDS + 1) * MAX_FIELD_BYTES
 
@@ -174,6 +189,8 @@ def create_app(settings: Settings, gate: Template | None = None) -> FastAPI:
     app.include_router(verifications.sending, max_body_size=both_limit)
     app.include_router(verifications.open_router, max_body_size=JSON_BYTES)
     app.include_router(verifications.router, max_body_size=JSON_BYTES)
+    app.include_router(conversions.sending, max_body_size=body_limit)
+    app.include_router(conversions.router, max_body_size=JSON_BYTES)
     app.include_router(batch.router, max_body_size=LIST_BYTES)
     app.include_router(uploads.router, max_body_size=JSON_BYTES)
     app.include_router(uploads.sending, max_body_size=body_limit)

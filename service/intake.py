@@ -128,7 +128,15 @@ class Intake:
         if suspect:
             self._look(tenant, {}, {"pictures": True}, asset=suspect)
         if original:
-            self._look(tenant, {}, {}, asset=original)
+            self.check_asset(tenant, original)
+
+    def check_asset(self, tenant: str, asset: Staged) -> None:
+        """Refuse an asset that cannot be read, as far as its headers tell.
+
+        Raises:
+            MeshmarkError: as :meth:`check` does.
+        """
+        self._look(tenant, {}, {}, asset=asset)
 
     def _look(self, tenant: str, known: Verdicts, more: Mapping[str, object], **files: Staged | None) -> None:
         """Refuse files, or what is to be done with them, by the verdict of the gate, which is asked once."""

@@ -20,7 +20,7 @@ from service.webhooks.endpoints import check_job_webhook
 def order_from(
     state: AppState,
     tenant: str,
-    parameters: Parameters | VerificationParameters,
+    parameters: Parameters | VerificationParameters | None,
     metadata: dict[str, str],
     *,
     file: UploadFile | None = None,

@@ -38,7 +38,7 @@ class Order:
     Attributes:
         tenant: owner of the job.
         filename: the client's name of the asset.
-        parameters: of a watermark, or of a verification.
+        parameters: of a watermark, or of a verification; None for a conversion, which has none.
         metadata: the client's notes about the job.
         asset: stages the asset while it is entered; None where a worker downloads it later.
         origin: source of that download, as part of the request's fingerprint.
@@ -55,7 +55,7 @@ class Order:
 
     tenant: str
     filename: str
-    parameters: Parameters | VerificationParameters
+    parameters: Parameters | VerificationParameters | None
     metadata: Mapping[str, str]
     asset: AbstractContextManager[Staged] | None
     origin: Mapping[str, str] = field(default_factory=dict)
@@ -110,10 +110,12 @@ def submit(state: AppState, order: Order, known: Verdicts | None = None) -> Acce
         asset, font, logo = map(staged.get, (ArtifactKind.INPUT, ArtifactKind.FONT, ArtifactKind.LOGO))
         if isinstance(order.parameters, Parameters):
             state.intake.check(order.tenant, order.parameters, asset, font, known, logo)
-        else:
+        elif order.parameters:
             state.intake.check_suspect(order.tenant, asset, staged.get(ArtifactKind.ORIGINAL))
+        elif asset:
+            state.intake.check_asset(order.tenant, asset)
         shared = _marked(state, order)
-        wanted = order.parameters.model_dump(mode="json")
+        wanted = order.parameters.model_dump(mode="json") if order.parameters else {}
         reservation: idempotency.Reservation | None = None
         if order.key is not None:
             content: dict[str, Any] = {
@@ -163,7 +165,7 @@ def _marked(state: AppState, order: Order) -> dict[ArtifactKind, Content]:
     Raises:
         MeshmarkError: ``not_found``, ``not_ready``; ``invalid_request``, there is an original too.
     """
-    job_id = None if isinstance(order.parameters, Parameters) else order.parameters.watermark
+    job_id = order.parameters.watermark if isinstance(order.parameters, VerificationParameters) else None
     if job_id is None:
         return {}
     if order.original is not None:
@@ -188,8 +190,10 @@ def _marked(state: AppState, order: Order) -> dict[ArtifactKind, Content]:
     return found
 
 
-def kind_of(parameters: Parameters | VerificationParameters) -> JobKind:
+def kind_of(parameters: Parameters | VerificationParameters | None) -> JobKind:
     """Kind of the jobs with such parameters."""
+    if parameters is None:
+        return JobKind.CONVERSION
     return JobKind.WATERMARK if isinstance(parameters, Parameters) else JobKind.VERIFICATION
 
 

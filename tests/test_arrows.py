@@ -39,6 +39,7 @@ BELOW = {
     "marking": "stages embossing placement analysis artwork formats gltf geometry labels parameters",
     "measuring": "explain stages report reporting metrics rendering analysis",
     "pipeline": "explain marking measuring stages formats budgets parameters preload",
+    "conversion": "formats gltf budgets",
     "evaluate": "report reporting metrics rendering analysis formats gltf geometry budgets",
     "lab": (
         "pipeline stages report metrics rendering placement analysis artwork formats gltf geometry budgets parameters "
@@ -71,7 +72,7 @@ OF_SERVICE = {
         "__version__",
     }
 }
-OF_WORKER = OF_SERVICE | {"doctor", "formats", "pipeline", "preload", "processors"}
+OF_WORKER = OF_SERVICE | {"conversion", "doctor", "formats", "pipeline", "preload", "processors"}
 
 FILE_LINES = 400
 PARAMETERS = 7

@@ -134,6 +134,24 @@ def run_verification(request: dict[str, Any], say: Say) -> None:
     outputs.publish("report", json.dumps(result.report, allow_nan=False).encode())
 
 
+def run_conversion(request: dict[str, Any], say: Say) -> None:
+    """Decode an asset, and send the path of the plain GLB.
+
+    Args:
+        request: ``input`` as a path, ``budgets``, ``folder``.
+        say: sends one message.
+
+    Raises:
+        MeshmarkError: as :func:`core.conversion.plain_glb` does.
+    """
+    from core.budgets import Budgets
+    from core.conversion import plain_glb
+
+    say(stage="reading", progress=0.0)
+    model = plain_glb(Path(request["input"]).read_bytes(), Budgets(**request["budgets"]))
+    Outputs(Path(request["folder"]), say).publish("model", model)
+
+
 def limit(seconds: float) -> None:
     """Set resource limits: CPU time, file size, no core dumps.
 
@@ -186,6 +204,8 @@ def main(engine: Engine, parent: int, *files: int) -> NoReturn:
             raise RuntimeError(f"the sandbox is not whole: {in_force}")
         if request["verification"]:
             run_verification(request, say)
+        elif request["conversion"]:
+            run_conversion(request, say)
         else:
             run(engine, request, say)
         say(done=True)

@@ -43,6 +43,7 @@ class Work:
     sandbox: str = "required"
     logo: Path | None = None
     verification: "Verification | None" = None
+    conversion: bool = False  # of the input into a plain GLB, and nothing else
 
 
 @dataclass(frozen=True)
@@ -128,6 +129,7 @@ def _request(work: Work, limits: Limits) -> str:
             "sandbox": work.sandbox,
             "seconds": limits.seconds,
             "verification": work.verification and asdict(work.verification),
+            "conversion": work.conversion,
         }
     )
 

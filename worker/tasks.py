@@ -186,6 +186,7 @@ class Worker:
             private=private_folders(self.settings),
             sandbox=self.settings.sandbox,
             verification=verification,
+            conversion=job.kind is JobKind.CONVERSION,
         )
         limits = Limits(self.settings.job_time_limit, self.settings.job_memory_limit)
         report = folder / ("report" + SUFFIXES["report"])
@@ -202,7 +203,8 @@ class Worker:
                 written = file.read(LARGEST_REPORT)
             with writing():
                 replace_result(report, _explained(written, error))
-        self._publish(job.lease, Published(ArtifactKind.REPORT, report), heartbeat)
+        if not work.conversion:
+            self._publish(job.lease, Published(ArtifactKind.REPORT, report), heartbeat)
 
     def _anchors(self) -> str | None:
         """The root certificates that are trusted.

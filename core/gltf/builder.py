@@ -59,7 +59,7 @@ class Builder:
         columns, height = ELEMENT_TYPES[source["type"]]
         used = np.flatnonzero(rows.any(axis=1))
         if "bufferView" in source or like in self.document.draco or len(used) > SPARSE * len(rows):
-            accessor = {"bufferView": self._add_vertex_view(rows, columns, height), **accessor}
+            accessor = {"bufferView": self.add_vertex_view(rows, columns, height), **accessor}
         elif len(used):
             packed = rows[used] if columns == 1 else _column_aligned(rows[used], columns, height)[0]
             accessor["sparse"] = {
@@ -108,7 +108,8 @@ class Builder:
         """The edited document without unreferenced entries: see :func:`core.gltf.prune.prune`."""
         return prune(self.json, self.document, self._payloads)
 
-    def _add_vertex_view(self, rows: NDArray[Any], columns: int, height: int) -> int:
+    def add_vertex_view(self, rows: NDArray[Any], columns: int, height: int) -> int:
+        """A buffer view over the rows (N, n) of a vertex attribute, with every column (a vector is one) aligned."""
         aligned, padded = _column_aligned(rows, columns, height)
         stride = {"byteStride": aligned.itemsize * aligned.shape[1]} if padded and columns == 1 else {}
         return self.add_view(aligned.tobytes(), stride | {"target": ARRAY_BUFFER})

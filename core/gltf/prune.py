@@ -35,7 +35,7 @@ def prune(json: Json, document: Document, payloads: dict[int, bytes]) -> Documen
     renumber(json, "accessors", len(document.json.get("accessors", [])), accessor_references)
     _cut_views(json, document, payloads)
     old = len(document.json.get("bufferViews", []))
-    moved = renumber(json, "bufferViews", old, _all_view_references)
+    moved = renumber(json, "bufferViews", old, all_view_references)
     source = {new: number for number, new in moved.items()}
     parts: list[bytes] = []
     offset = 0
@@ -56,7 +56,7 @@ def prune(json: Json, document: Document, payloads: dict[int, bytes]) -> Documen
 def unreferenced_bytes(document: Document) -> int:
     """Number of bytes other than 0 in a document's own buffers that nothing refers to; a reference to a view covers
     all of its bytes."""
-    views = {container[key] for container, key in _all_view_references(document.json)}
+    views = {container[key] for container, key in all_view_references(document.json)}
     covered: dict[int, list[tuple[int, int]]] = defaultdict(list)
     for number in views:
         view = document.entry("bufferViews", number)
@@ -80,7 +80,8 @@ def unreferenced_bytes(document: Document) -> int:
     return count
 
 
-def _all_view_references(json: Json) -> Iterator[Reference]:
+def all_view_references(json: Json) -> Iterator[Reference]:
+    """Every reference to a buffer view: of accessors, images, Draco streams and other extensions."""
     for accessor in json.get("accessors", []):
         yield from accessor_views(accessor)
     yield from view_references(json)

@@ -17,7 +17,8 @@ from service.jobs.models import Change, EventType, Job, JobEvent, JobKind, JobSt
 
 KEPT = timedelta(days=30)  # retention of events
 ENDED = (JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELED, JobState.EXPIRED)
-ENDINGS = tuple(EventType.of(kind, state) for kind in JobKind for state in ENDED)  # types sent by webhooks
+TOLD = (JobKind.WATERMARK, JobKind.VERIFICATION)  # kinds whose ends are told; who converts is there, and waits
+ENDINGS = tuple(EventType.of(kind, state) for kind in TOLD for state in ENDED)  # types sent by webhooks
 
 
 def record(session: Session, job_id: str, change: Change, moment: datetime) -> Job:

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from typing import Any, NamedTuple
 
-from sqlalchemy import ColumnElement, Connection, case, delete, literal, select, text, update
+from sqlalchemy import ColumnElement, Connection, case, delete, literal, or_, select, text, update
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import DatabaseError, OperationalError
 from sqlalchemy.orm import Session, sessionmaker
@@ -64,7 +64,8 @@ OUTPUTS = (
     *(ArtifactKind.EXPLANATION, ArtifactKind.LAYERS, ArtifactKind.CREDENTIALS, ArtifactKind.EVIDENCE),
 )
 SIGNING = "signing"  # stage of a job that waits for its credentials
-PUBLIC_RETENTION = timedelta(hours=1)  # the most that the files of jobs without a key are kept
+PASSING = or_(Job.tenant_id == PUBLIC_TENANT, Job.kind == JobKind.CONVERSION)  # jobs of which nothing stays
+SHORT_RETENTION = timedelta(hours=1)  # the most that the files of conversions, and of jobs without a key, are kept
 
 
 class Content(NamedTuple):
@@ -302,13 +303,14 @@ class Ledger:
     def drop_artifacts(self, job_id: str, erase: bool = False) -> set[str]:
         """Forget an ended job's files (succeeded -> expired); returns their hashes: other jobs may have the same.
 
-        With `erase`, and of those without a key, its client's data too: see :mod:`service.jobs.erasure`.
+        With `erase`, and of conversions and jobs without a key, its client's data too: see
+        :mod:`service.jobs.erasure`.
         """
         with self._session.begin() as session:
             self._move(session, job_id, (Job.state == JobState.SUCCEEDED,), JobState.EXPIRED, clock(session))
             if not self._set(session, (Job.id == job_id, Job.state.not_in(ACTIVE)), purge_at=None):
                 return set()
-            if erase or _tenant_of(session, job_id) == PUBLIC_TENANT:
+            if erase or session.scalar(select(Job.id).where(Job.id == job_id, PASSING)):
                 erase_job(session, job_id)
             return self._drop(session, job_id)
 
@@ -415,9 +417,9 @@ class Ledger:
         return moment + timedelta(seconds=self._retention) if self._retention else None
 
     def _finished(self, moment: datetime, error: MeshmarkError | None = None) -> dict[str, Any]:
-        usual, public = self._expiry(moment), moment + PUBLIC_RETENTION
-        sooner = literal(min(usual or public, public), UtcDateTime)
-        expiry = case((Job.tenant_id == PUBLIC_TENANT, sooner), else_=literal(usual, UtcDateTime))
+        usual, short = self._expiry(moment), moment + SHORT_RETENTION
+        sooner = literal(min(usual or short, short), UtcDateTime)
+        expiry = case((PASSING, sooner), else_=literal(usual, UtcDateTime))
         values: dict[str, Any] = {
             "stage": None,
             "finished_at": moment,

@@ -31,6 +31,7 @@ class JobKind(StrEnum):
 
     WATERMARK = "watermark"
     VERIFICATION = "verification"
+    CONVERSION = "conversion"
 
 
 class JobState(StrEnum):
@@ -61,6 +62,13 @@ class EventType(StrEnum):
     VERIFICATION_FAILED = "verification.failed"
     VERIFICATION_CANCELED = "verification.canceled"
     VERIFICATION_EXPIRED = "verification.expired"
+    CONVERSION_QUEUED = "conversion.queued"
+    CONVERSION_RUNNING = "conversion.running"
+    CONVERSION_STAGE = "conversion.stage"
+    CONVERSION_SUCCEEDED = "conversion.succeeded"
+    CONVERSION_FAILED = "conversion.failed"
+    CONVERSION_CANCELED = "conversion.canceled"
+    CONVERSION_EXPIRED = "conversion.expired"
 
     @classmethod
     def of(cls, kind: JobKind, change: "Change") -> "EventType":
@@ -261,8 +269,9 @@ class Job(Base):
 
     @property
     def keeps_input(self) -> bool:
-        """True where its inputs outlive its end: those of a verification do only where that was asked for."""
-        return self.kind is not JobKind.VERIFICATION or bool(self.parameters.get("keep"))
+        """True where its inputs outlive its end: those of a verification do only where that was asked for, those of a
+        conversion never."""
+        return self.kind is JobKind.WATERMARK or bool(self.parameters.get("keep"))
 
     @property
     def lease(self) -> Lease:

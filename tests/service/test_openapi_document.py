@@ -54,7 +54,7 @@ def test_files_are_bytes_to_every_generator_of_clients() -> None:
     forms = [schema for name, schema in DOCUMENT["components"]["schemas"].items() if name.startswith("Body_")]
     parts = [part for form in forms for part in form["properties"].values()]
     files = [part for part in parts if part.get("contentMediaType") == "application/octet-stream"]
-    assert len(files) == 6
+    assert len(files) == 7
     assert {part["format"] for part in files} == {"binary"}
 
 

@@ -65,6 +65,25 @@ export async function upload(path, form, progress, signal, retried = false) {
   return JSON.parse(answer.responseText);
 }
 
+/** A file as the plain GLB that the service makes of it; `tell` is called with what it is at: {step, share}. */
+export async function convert(file, tell, signal) {
+  const form = new FormData();
+  form.set("file", file);
+  let job = await upload("/v1/conversions", form, (share) => tell({ step: share < 1 ? "sending" : "checking", share }), signal);
+  const { self } = job.links;
+  try {
+    for (let pause = 250; ["queued", "running"].includes(job.state); pause = Math.min(pause * 1.5, 2000)) {
+      tell({ step: job.state === "queued" ? "notshown.waiting" : "notshown.reading", share: null });
+      await new Promise((resolve) => setTimeout(resolve, pause));
+      job = await getJson(self, { signal });
+    }
+    if (job.state !== "succeeded") throw new Problem(job.error ?? { code: "unexpected_answer", local: true });
+    return await (await request(job.links.model, { signal })).blob();
+  } finally {
+    request(self, { method: "DELETE" }).catch(() => {}); // if that is lost, it is deleted within the hour
+  }
+}
+
 /** Follow a job's events until it has ended; EventSource would send no key. `heard` gets each job as it stood. */
 export async function follow(path, heard, signal) {
   let last = "";

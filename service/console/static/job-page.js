@@ -4,14 +4,15 @@ import { SphereMap } from "./charts.js";
 import { ExplainTab, showLayers } from "./explain-tab.js";
 import { Filmstrip } from "./filmstrip.js";
 import { html, useEffect, useMemo, useRef, useState } from "./html.js";
-import { Facts, Icon, Meter, ProblemCard, Sentence, Tabs, useDrop } from "./parts.js";
+import { Facts, Icon, Meter, Notice, ProblemCard, Sentence, Tabs, useDrop } from "./parts.js";
 import { regionsOf } from "./regions.js";
 import { loadSchema, said } from "./schema.js";
+import { ACCEPT, look, useSeen } from "./seen.js";
 import { ApiTab } from "./snippets.js";
 import { Stage } from "./stage.js";
-import { draft, originals, resetDraft } from "./store.js";
+import { draft, originals } from "./store.js";
 import { bytes, length, moment, number, percent, t } from "./text.js";
-import { ACCEPT, PATH, look } from "./watermark-page.js";
+import { PATH } from "./watermark-page.js";
 
 const STAGES = ["reading", "lettering", "placing", "embossing", "writing", "reporting", "rendering", "evaluating"];
 const PAPER = { ray: 0.74, coverage: 0.71, ocr: 0.62 }; // the paper's method, means over 22 assets: the manual's page "The benchmark"
@@ -115,19 +116,17 @@ export function JobPage({ id, go }) {
   const [tab, setTab] = useState("result");
   const [current, setCurrent] = useState(-1);
   const [original, setOriginal] = useState(() => originals.get(self) ?? null);
+  const wasSent = original !== null && original === originals.get(self);
   const [problem, setProblem] = useState(null);
-  const [missing, setMissing] = useState(null);
   const [schema, setSchema] = useState(null);
   useEffect(() => { loadSchema().then(setSchema, setProblem); }, []);
   const links = job?.links ?? {};
-  const name = job?.input?.filename ?? original?.file.name ?? "";
+  const name = job?.input?.filename ?? original?.name ?? "";
   const stem = name.replace(/\.[^.]*$/, "");
 
-  const after = useContent(links.model, async (response) => {
-    const seen = await look(new File([await response.blob()], "result.glb"));
-    if (seen.notShown) setMissing(seen.notShown);
-    return seen.model;
-  }, setProblem);
+  const result = useContent(links.model, async (response) => new File([await response.blob()], "result.glb"), setProblem);
+  const { model: after, notShown: missing, doing: reading } = useSeen(result, true); // what carries no mark stays compressed
+  const before = useSeen(original, wasSent && result !== null); // behind the job, whose result is waited for
   const report = useContent(job?.state === "succeeded" ? links.report : null, (response) => response.json(), setProblem);
   const explanation = useContent(tab === "explain" ? links.explanation : null, (response) => response.json(), setProblem);
   const layers = useContent(tab === "explain" ? links.layers : null, async (response) => {
@@ -141,6 +140,7 @@ export function JobPage({ id, go }) {
     showLayers(layers, visible);
     viewer.current?.invalidate();
   }, [layers, visible]);
+  useEffect(() => { if (layers) viewer.current?.fit(); }, [layers]); // boxes stand all over it
   const preview = usePicture(job?.state === "succeeded" ? links.preview : null);
   const marks = useMemo(() => report?.watermarks ?? [], [report]);
 
@@ -154,40 +154,38 @@ export function JobPage({ id, go }) {
   };
   const params = schema && job ? said(schema, job.parameters) : {};
   const again = () => {
-    resetDraft();
     const { keep_out: _, prefer: __, ...others } = params;
-    Object.assign(draft, { params: { text: "", ...others }, regions: regionsOf(job.parameters), ...(original ? { file: original.file, model: original.model } : {}) });
+    Object.assign(draft, { file: original, params: { text: "", ...others }, regions: regionsOf(job.parameters) });
     go("#/");
   };
-  const compare = async (file) => {
-    const seen = await look(file);
-    if (seen.model) setOriginal({ file, model: seen.model });
-  };
-
-  useDrop((file) => after && compare(file));
+  useDrop((file) => after && setOriginal(file));
 
   if (loadProblem) return html`<main class="narrow" id="main" tabindex="-1"><${ProblemCard} problem=${loadProblem} /></main>`;
   if (!job) return html`<main class="narrow" id="main" tabindex="-1"><p class="quiet" role="status">${t("loading")}</p></main>`;
 
-  const shown = after || original?.model;
+  const shown = after || before.model;
   const explaining = tab === "explain" && layers;
   return html`
     <main class="work" id="main" tabindex="-1">
       <section class="stage" aria-label=${t("view.label")}>
-        <${Stage} before=${explaining ? null : original?.model?.object} after=${explaining || after?.object} marks=${after ? marks : []}
+        <${Stage} before=${explaining ? null : before.model?.object} after=${explaining || after?.object} marks=${after ? marks : []}
           current=${current} onMark=${setCurrent} layout=${layout} onLayout=${setLayout} viewerRef=${viewer}>
-          ${!shown && html`<div class="card"><${Icon} name="cube" /><p>${missing ? t(missing.key, missing.values) : t(active(job) ? "job.soon" : "job.nothing")}</p></div>`}
+          ${!shown && html`<div class="card"><${Icon} name="cube" /><p>${reading ? t(reading.step) : missing ? t(missing.key, missing.values) : t(active(job) ? "job.soon" : "job.nothing")}</p></div>`}
         <//>
         <div class="caption">
           <strong>${name}</strong>
-          ${after && !original?.model && html`
+          ${after && !before.model && !before.doing && html`
             <label class="button small" for="original">${t("job.original")}</label>
-            <input id="original" class="hidden-input" type="file" accept=${ACCEPT} onChange=${(event) => event.target.files[0] && compare(event.target.files[0])} />`}
+            <input id="original" class="hidden-input" type="file" accept=${ACCEPT} onChange=${(event) => event.target.files[0] && setOriginal(event.target.files[0])} />`}
+          ${after && original && !wasSent && before.show && !before.doing && html`
+            <button type="button" class="small" onClick=${before.show}><${Icon} name="eye" /> ${t("notshown.show")}</button>`}
+          ${after && before.notShown && !before.show && html`<span class="quiet">${t(before.notShown.key, before.notShown.values)}</span>`}
+          ${before.doing && html`<span class="quiet" role="status">${t("job.original.reading")}</span>`}
         </div>
       </section>
       <aside class="panel">
         <div class="row spread head"><h1>${t("job.title")}</h1><${State} state=${job.state} /></div>
-        ${problem && html`<${ProblemCard} problem=${problem} />`}
+        ${(problem ?? before.problem) && html`<${ProblemCard} problem=${problem ?? before.problem} />`}
         ${active(job) && html`<${Progress} job=${job} stages=${STAGES} onCancel=${remove} />`}
         ${job.state === "failed" && html`<${ProblemCard} problem=${job.error}>
           <button type="button" class="primary" onClick=${again}>${t("job.again")}</button><//>`}
@@ -219,10 +217,7 @@ function Result({ job, report, stem, preview, current, onMark, onProblem }) {
     ${!report && html`<p class="quiet" role="status">${t("loading")}</p>`}
     ${report && html`
       <${Sentences} report=${report} />
-      ${report.warnings.map((notice) => html`
-        <section class="notice"><h2><${Icon} name="alert" /> ${t("notice")}</h2><p lang="en"><${Sentence} text=${notice.message} /></p>
-          <p lang="en"><strong>${t("problem.remedy")}</strong> <${Sentence} text=${notice.remedy} /></p>
-          <p class="quiet"><code>${notice.code}</code></p></section>`)}
+      ${report.warnings.map((notice) => html`<${Notice} notice=${notice} />`)}
       <h2>${t("marks.title", { n: report.watermarks.length })}</h2>
       <ol class="marks">
         ${report.watermarks.map((mark, index) => html`
@@ -276,7 +271,7 @@ function Details({ job, report, marks, current, onMark, object, viewer }) {
     ]} />
     ${report.metrics && Object.keys(report.metrics.missing).length > 0 && html`
       <details class="group"><summary>${t("missing.title")}</summary>
-        ${Object.entries(report.metrics.missing).map(([name, notice]) => html`<p class="hint" lang="en"><code>${name}</code> <${Sentence} text=${`${notice.message} ${notice.remedy}`} /></p>`)}</details>`}
+        ${Object.entries(report.metrics.missing).map(([name, notice]) => html`<p class="hint"><code>${name}</code> ${t(`code.${notice.code}`, {}, t("notice"))}: <span lang="en"><${Sentence} text=${`${notice.message} ${notice.remedy}`} /></span></p>`)}</details>`}
     <h2>${t("time.title", { seconds: number(seconds, 1) })}</h2>
     ${Object.entries(report.timings).map(([name, value]) => html`<${Meter} label=${t(`stage.${name}`)} share=${value / longest} text=${`${number(value, 2)} s`} />`)}
     <h2>${t("job.facts")}</h2>

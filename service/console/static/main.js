@@ -37,7 +37,7 @@ function KeyDialog({ asked, onDone }) {
     <dialog ref=${dialog} aria-labelledby="key-title" onCancel=${(event) => (event.preventDefault(), done(null))}>
       <form method="dialog" onSubmit=${(event) => (event.preventDefault(), done(input.current.value.trim()))}>
         <h2 id="key-title">${t("key.title")}</h2>
-        <p>${t(asked === "refused" ? "key.refused" : "key.needed")}</p>
+        <p>${t(`key.${asked ?? "offered"}`)}</p>
         <div class="field"><label for="key">${t("key.label")}</label>
           <input id="key" ref=${input} type="password" autocomplete="off" spellcheck="false" placeholder="mm_…" />
           <p class="hint">${t("key.hint")}</p></div>
@@ -91,7 +91,7 @@ function App() {
       <div class="head-end">
         <a class="docs" href="/docs/">${t("nav.docs")}</a>
         <button type="button" class="plain" lang=${language === "en" ? "zh-Hans" : "en"} onClick=${() => chooseLanguage(currentLanguage() === "en" ? "zh" : "en")}>${language === "en" ? "中文" : "English"}</button>
-        <button type="button" class=${`tool plain ${key() ? "on" : ""}`} onClick=${() => ask("needed")} title=${t("key.title")} aria-label=${t("key.title")}><${Icon} name="key" /></button>
+        <button type="button" class=${`tool plain ${key() ? "on" : ""}`} onClick=${() => ask("offered")} title=${t("key.title")} aria-label=${t("key.title")}><${Icon} name="key" /></button>
       </div>
     </header>
     <${Page} key=${`${section}/${id ?? ""}`} id=${id} go=${go} />

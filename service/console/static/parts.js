@@ -16,6 +16,7 @@ const PATHS = {
   alert: "M12 8v5m0 3v.2M12 3.5 2.8 19.5h18.4L12 3.5Z",
   pick: "M5 4l6.5 15 2-6.5 6.5-2L5 4Z",
   external: "M13 5h6v6m0-6-8.5 8.5M9 6H6a1 1 0 0 0-1 1v11a1 1 0 0 0 1 1h11a1 1 0 0 0 1-1v-3",
+  eye: "M2.5 12S6 5.5 12 5.5 21.5 12 21.5 12 18 18.5 12 18.5 2.5 12 2.5 12Zm9.5-2.8a2.8 2.8 0 1 1 0 5.6 2.8 2.8 0 0 1 0-5.6Z",
   copy: "M9 9h10v11H9zM5 15V4h10",
   cube: "M12 3.5 4.5 7.5v9l7.5 4 7.5-4v-9L12 3.5Zm0 8.5 7.5-4.5M12 12 4.5 7.5M12 12v8.5",
 };
@@ -70,6 +71,11 @@ const Code = ({ problem }) => problem.local
   ? html`<code>${problem.code}</code>`
   : html`<a href=${`/docs/errors/${encodeURIComponent(problem.code)}/`}><code>${problem.code}</code></a>`;
 
+// The service's own words, about this very file; what kind of thing it is stands above them in the page's language.
+const Words = ({ detail, remedy, lang }) => html`
+  <p lang=${lang}><${Sentence} text=${detail} /></p>
+  <p><strong>${t("problem.remedy")}</strong> <span lang=${lang}><${Sentence} text=${remedy} /></span></p>`;
+
 /** An error in sentences: what is wrong, what to do, and the code. */
 export function ProblemCard({ problem, children }) {
   const card = useRef();
@@ -77,14 +83,22 @@ export function ProblemCard({ problem, children }) {
   const text = (part) => (problem.local ? t(`problem.${problem.code}.${part}`) : problem[part]);
   return html`
     <section class="problem" role="alert" ref=${card}>
-      <h2><${Icon} name="alert" /> ${problem.local ? t(`problem.${problem.code}.title`) : t(`code.${problem.code}`, {}, problem.title)}</h2>
-      <p lang=${problem.local ? null : "en"}><${Sentence} text=${text("detail")} /></p>
-      <p lang=${problem.local ? null : "en"}><strong>${t("problem.remedy")}</strong> <${Sentence} text=${text("remedy")} /></p>
+      <h2><${Icon} name="alert" /> ${problem.local ? text("title") : t(`code.${problem.code}`, {}, problem.title)}</h2>
+      <${Words} detail=${text("detail")} remedy=${text("remedy")} lang=${problem.local ? null : "en"} />
       <p class="quiet"><${Code} problem=${problem} />${problem.status ? ` · HTTP ${problem.status}` : ""}</p>
       ${children}
     </section>
   `;
 }
+
+/** A warning of a report, likewise. */
+export const Notice = ({ notice }) => html`
+  <section class="notice">
+    <h2><${Icon} name="alert" /> ${t(`code.${notice.code}`, {}, t("notice"))}</h2>
+    <${Words} detail=${notice.message} remedy=${notice.remedy} lang="en" />
+    <p class="quiet"><code>${notice.code}</code></p>
+  </section>
+`;
 
 /** A place to drop a file on, or to choose one. */
 export function DropZone({ onFile, title, text, formats, accept, id, children }) {

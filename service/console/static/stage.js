@@ -86,7 +86,8 @@ export function Stage({ before, after, marks = [], current, onMark, layout = "si
         `,
       )}
       ${shown === "split" && html`<${Divider} split=${split} onSplit=${setSplit} host=${host} />`}
-      ${shown !== "single" && html`<span class="tag first">${t("view.before")}</span><span class="tag second">${t("view.after")}</span>`}
+      ${shown !== "single" && html`<span class=${`tag first ${shown}`}>${t("view.before")}</span><span class=${`tag second ${shown}`}>${t("view.after")}</span>`}
+      ${shown === "side" && html`<span class="seam"></span>`}
       <div class="tools">
         ${onLayout && before && after && html`
           <div class="tool-group" role="group" aria-label=${t("view.layout")}>

@@ -32,9 +32,12 @@ export function useLanguage() {
 
 export const has = (key) => key in TABLES[language];
 
-/** The text of a key, with {names} filled in; of one that is not in the table, `otherwise` or the key itself. */
+/**
+ * The text of a key, with {names} filled in: of KEY.one for one thing, where there is that; of a key that is not in the
+ * table, `otherwise` or the key itself.
+ */
 export function t(key, values = {}, otherwise = key) {
-  const text = TABLES[language][key] ?? otherwise;
+  const text = (values.n === 1 ? TABLES[language][`${key}.one`] : null) ?? TABLES[language][key] ?? otherwise;
   return text.replace(/\{(\w+)\}/g, (all, name) => String(values[name] ?? all));
 }
 

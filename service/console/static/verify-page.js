@@ -3,16 +3,17 @@ import { Problem, key, request, save, upload } from "./api.js";
 import { Field, FileField, sendsNothing } from "./form.js";
 import { html, useEffect, useMemo, useRef, useState } from "./html.js";
 import { Progress, State, active, useContent, useJob } from "./job-page.js";
-import { DropZone, Facts, Icon, ProblemCard, Sentence, Tabs, useDrop } from "./parts.js";
+import { DropZone, Facts, Icon, Notice, ProblemCard, Tabs, useDrop } from "./parts.js";
+import { ACCEPT, NotShownCard, fileFacts, useSeen } from "./seen.js";
 import { ApiTab } from "./snippets.js";
 import { Stage } from "./stage.js";
 import { originals } from "./store.js";
 import { bytes, length, moment, percent, t } from "./text.js";
-import { ACCEPT, fileFacts, look } from "./watermark-page.js";
 
 const PATH = "/v1/verifications";
 const PICTURES = ".png,.jpg,.jpeg,.webp";
 const isPicture = (file) => /\.(png|jpe?g|webp)$/i.test(file.name);
+const modelOf = (file) => (file && !isPicture(file) ? file : null);
 
 function useObjectUrl(file) {
   const url = useMemo(() => file && URL.createObjectURL(file), [file]);
@@ -33,23 +34,13 @@ function Picture({ file, marks, current }) {
     </div></div>`;
 }
 
-function useSeen(file) {
-  const [seen, setSeen] = useState({});
-  useEffect(() => {
-    let gone = false;
-    setSeen({});
-    if (file && !isPicture(file)) look(file).then((result) => gone || setSeen(result));
-    return () => (gone = true);
-  }, [file]);
-  return seen;
-}
-
 function Shown({ file, seen, marks = [], current = -1, onMark }) {
   const shown = useMemo(() => marks.filter((mark) => mark.center).map((mark) => ({ ...mark, text: mark.text, size: [mark.length ?? 0.1] })), [marks]);
   if (file && isPicture(file)) return html`<${Picture} file=${file} marks=${marks} current=${current} />`;
   return html`
     <${Stage} before=${seen.model?.object} marks=${seen.model ? shown : []} current=${current} onMark=${onMark}>
-      ${!seen.model && html`<div class="card"><${Icon} name="cube" /><p>${!file ? t("verify.notkept") : seen.notShown ? t(seen.notShown.key, seen.notShown.values) : t("loading")}</p></div>`}
+      ${seen.notShown ? html`<${NotShownCard} seen=${seen} />`
+        : !seen.model && html`<div class="card"><${Icon} name="cube" /><p>${t(file ? "loading" : "verify.notkept")}</p></div>`}
     <//>`;
 }
 
@@ -62,7 +53,7 @@ export function VerifyPage({ go }) {
   const [sending, setSending] = useState(null);
   const [tab, setTab] = useState("form");
   const aborter = useRef(null);
-  const seen = useSeen(file);
+  const seen = useSeen(modelOf(file));
   const open = (chosen) => {
     setFile(chosen);
     setProblem(null);
@@ -86,7 +77,7 @@ export function VerifyPage({ go }) {
     setSending(0);
     try {
       const job = await upload(PATH, form, setSending, aborter.current.signal);
-      originals.set(job.links.self, { file });
+      originals.set(job.links.self, file);
       go(`#/verifications/${job.id}`);
     } catch (error) {
       if (error instanceof Problem) setProblem(error);
@@ -118,7 +109,7 @@ export function VerifyPage({ go }) {
                 <textarea id="texts" rows="3" value=${texts} aria-describedby="texts-hint" onInput=${(event) => setTexts(event.target.value)}></textarea><//>
               <${FileField} id="compare" label=${t("verify.original")} hint=${t("verify.original.hint")} accept=${ACCEPT} file=${original} onFile=${setOriginal} />
               <${FileField} id="credentials" label=${t("verify.credentials")} accept=".c2pa" file=${credentials} onFile=${setCredentials} />
-              ${problem && html`<${ProblemCard} problem=${problem} />`}
+              ${(problem ?? seen.problem) && html`<${ProblemCard} problem=${problem ?? seen.problem} />`}
               <div class="submit">
                 ${sending === null
                   ? html`<button type="submit" class="primary wide" disabled=${!file}>${t(file ? "verify.send" : "send.first")}</button>`
@@ -136,8 +127,8 @@ export function VerificationPage({ id, go }) {
   const [job, loadProblem] = useJob(self);
   const [current, setCurrent] = useState(-1);
   const [problem, setProblem] = useState(null);
-  const [file] = useState(() => originals.get(self)?.file ?? null);
-  const seen = useSeen(file);
+  const [file] = useState(() => originals.get(self) ?? null);
+  const seen = useSeen(modelOf(file), Boolean(job?.links.events)); // who has no key cannot ask for a conversion
   const report = useContent(job?.state === "succeeded" ? job.links.report : null, (response) => response.json(), setProblem);
   const marks = useMemo(() => report?.marks ?? [], [report]);
   const remove = async () => {
@@ -159,7 +150,7 @@ export function VerificationPage({ id, go }) {
       </section>
       <aside class="panel">
         <div class="row spread head"><h1>${t("verify.title")}</h1><${State} state=${job.state} /></div>
-        ${problem && html`<${ProblemCard} problem=${problem} />`}
+        ${(problem ?? seen.problem) && html`<${ProblemCard} problem=${problem ?? seen.problem} />`}
         ${active(job) && html`<${Progress} job=${job} stages=${["reading"]} onCancel=${remove} />`}
         ${job.state === "failed" && html`<${ProblemCard} problem=${job.error} />`}
         ${["canceled", "expired"].includes(job.state) && html`<p>${t(`job.${job.state}`)}</p>`}
@@ -190,7 +181,7 @@ function Answers({ report, marks, current, onMark }) {
   const said = label && Object.entries(label).filter(([, value]) => value && !Array.isArray(value));
   const there = original?.marks.filter((mark) => mark.present).length;
   return html`
-    <${Answer} good=${marks.length ? true : null} title=${t("layer.marks")}>
+    <${Answer} good=${marks.length ? true : null} title=${t("layer.surface")}>
       <p data-test="read">${marks.length ? t("layer.marks.read", { n: marks.length, texts: [...new Set(marks.map((mark) => `“${mark.known ?? mark.text}”`))].join(t("list.comma")) }) : t("layer.marks.none")}</p>
       ${texts?.length > 0 && found?.length < texts.length && html`<p>${t("layer.marks.missing", { texts: texts.filter((text) => !found.includes(text)).map((text) => `“${text}”`).join(t("list.comma")) })}</p>`}
       <ol class="marks">
@@ -212,5 +203,5 @@ function Answers({ report, marks, current, onMark }) {
         <p>${t("layer.original.fits", { covered: percent(original.covered), residual: percent(original.residual, 2), scale: length(original.scale) })}</p>
         ${original.marks.length > 0 && html`<p>${t("layer.original.marks", { n: there, all: original.marks.length })}</p>`}
       <//>`}
-    ${warnings.map((notice) => html`<section class="notice"><p lang="en"><${Sentence} text=${`${notice.message} ${notice.remedy}`} /></p><p class="quiet"><code>${notice.code}</code></p></section>`)}`;
+    ${warnings.map((notice) => html`<${Notice} notice=${notice} />`)}`;
 }

@@ -176,9 +176,16 @@ export class Viewer {
     step(began);
   }
 
+  /** Arrange the two; what was seen of the model is seen in its new room too. */
   setLayout(layout) {
+    const before = this.sphere && this.distance();
     this.layout = layout;
     this.resize();
+    if (!before) return;
+    const { target } = this.controls;
+    this.camera.position.sub(target).multiplyScalar(this.distance() / before).add(target);
+    this.controls.update();
+    this.invalidate();
   }
 
   setSplit(split) {

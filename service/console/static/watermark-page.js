@@ -5,41 +5,18 @@ import { html, useEffect, useMemo, useRef, useState } from "./html.js";
 import { Choice, DropZone, Facts, Icon, ProblemCard, Tabs, useDrop } from "./parts.js";
 import { Regions, regionParams } from "./regions.js";
 import { faults as faultsOf, loadSchema } from "./schema.js";
+import { ACCEPT, NotShownCard, fileFacts, useSeen } from "./seen.js";
 import { ApiTab } from "./snippets.js";
 import { Stage } from "./stage.js";
 import { draft, originals } from "./store.js";
-import { bytes, length, number, t } from "./text.js";
+import { t } from "./text.js";
 
-export const ACCEPT = ".glb,.gltf,.obj,.stl,.ply,.off,.3mf,.dae,.zip";
 export const PATH = "/v1/watermarks";
-
-/** Read a file for showing: {model} or {notShown}. */
-export async function look(file) {
-  const { NotShown, readModel } = await import("./models.js");
-  try {
-    return { model: await readModel(file), notShown: null };
-  } catch (error) {
-    if (error instanceof NotShown) return { model: null, notShown: error };
-    throw error;
-  }
-}
-
-const later = ({ key }) => key === "notshown.format" || key === "notshown.compressed";
 
 /** A model to try it with, which comes with the page: Keenan Crane's Spot. */
 async function sample() {
   const response = await request(document.querySelector("meta[name=sample]").content);
   return new File([await response.blob()], "spot.glb");
-}
-
-export function fileFacts(file, facts) {
-  return [
-    [t("fact.size"), bytes(file.size)],
-    facts && [t("fact.faces"), number(facts.faces)],
-    facts && [t("fact.materials"), number(facts.materials)],
-    facts && [t("fact.textures"), number(facts.textures)],
-    facts?.size && [t("fact.extent"), facts.size.map(length).join(" × ")],
-  ];
 }
 
 export function WatermarkPage({ go }) {
@@ -71,16 +48,16 @@ export function WatermarkPage({ go }) {
     return () => aborter.current?.abort();
   }, []);
 
-  const open = async (file) => {
-    change({ file, model: null, notShown: null, regions: draft.regions.filter((region) => !region.min) });
+  const open = (file) => {
+    change({ file, regions: draft.regions.filter((region) => !region.min) });
     select(-1);
     setProblem(null);
-    const seen = await look(file);
-    if (draft.file === file) change(seen);
   };
   const over = useDrop(open);
 
-  const { file, model, notShown, params, regions } = draft;
+  const { file, params, regions } = draft;
+  const seen = useSeen(file);
+  const { model, notShown } = seen;
   const parameters = schema?.components.schemas.Parameters;
   const faults = useMemo(() => (schema ? faultsOf(schema, parameters, params) : {}), [schema, params]);
   const sent = { ...params, ...regionParams(regions) };
@@ -107,7 +84,7 @@ export function WatermarkPage({ go }) {
     setSending(0);
     try {
       const job = await upload(PATH, form, setSending, aborter.current.signal);
-      originals.set(job.links.self, { file, model });
+      originals.set(job.links.self, file);
       go(`#/jobs/${job.id}`);
     } catch (error) {
       if (error instanceof Problem) setProblem(error);
@@ -146,7 +123,7 @@ export function WatermarkPage({ go }) {
               const target = regions.filter((each) => each.min)[at];
               change({ regions: regions.map((each) => (each === target ? { ...each, min: box.min, max: box.max } : each)) });
             }}>
-            ${notShown && html`<div class="card"><${Icon} name="cube" /><p>${t(notShown.key, notShown.values)}</p>${later(notShown) && html`<p class="quiet">${t("notshown.later")}</p>`}</div>`}
+            ${notShown && html`<${NotShownCard} seen=${seen}>${seen.show && html`<p class="hint">${t("notshown.later")}</p>`}<//>`}
           <//>
           <div class="caption">
             <strong>${file.name}</strong>
@@ -197,7 +174,7 @@ export function WatermarkPage({ go }) {
                   <${FileField} id="font" label=${t("file.font")} hint=${t("hint.font")} accept=".ttf,.otf,.ttc" file=${draft.font} onFile=${(font) => change({ font })} />
                 </details>
               </div>
-              ${problem && html`<${ProblemCard} problem=${problem} />`}
+              ${(problem ?? seen.problem) && html`<${ProblemCard} problem=${problem ?? seen.problem} />`}
               <div class="submit">
                 ${sending === null
                   ? html`<button type="submit" class="primary wide" disabled=${!file}>${t(file ? "send" : "send.first")}</button>`

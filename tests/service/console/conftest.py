@@ -1,5 +1,6 @@
 """A browser, and pages of it that fail their test where anything is wrong that nobody would see."""
 
+import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,6 +14,7 @@ from tests.worker.waiting import PATIENCE
 
 SOFTWARE_GL = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 AXE = Path(__file__).parents[2] / "node_modules" / "axe-core" / "axe.min.js"
+FRAMES = "(async () => { for (let n = 0; n < 5; n++) await new Promise(requestAnimationFrame); })()"  # are drawn
 SIZE = {"width": 900, "height": 640}  # small: a processor draws it
 
 
@@ -60,6 +62,13 @@ def opened(browser: Browser, url: str, refused: bool = False, **options: Any) ->
         assert faults == []
     finally:
         context.close()
+
+
+def keep(page: Page, name: str) -> None:
+    """A picture of the page as it stands, in the folder that the variable SCREENSHOTS names, if it does."""
+    if folder := os.environ.get("SCREENSHOTS"):
+        page.evaluate(FRAMES)
+        page.screenshot(path=Path(folder) / f"{name}.png", animations="disabled")
 
 
 def barriers(page: Page) -> list[str]:

@@ -12,7 +12,10 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, FilePayload, Locator, Page, expect
 
-from tests.service.console.conftest import barriers, opened
+from core.gltf.document import Document
+from tests.core.formats.samples import OFF
+from tests.core.gltf.compressed import draco
+from tests.service.console.conftest import barriers, keep, opened
 from tests.service.harness import API_COMMAND, Service
 from tests.worker.waiting import PATIENCE
 
@@ -58,6 +61,7 @@ def test_a_file_is_dropped_looked_at_watermarked_compared_and_downloaded(browser
         sent: list[str] = []
         page.on("request", lambda request: sent.append(request.method))
         expect(page.get_by_role("button", name="Choose a file first")).to_be_disabled()
+        keep(page, "start")
         page.evaluate(DROP, base64.b64encode(SPOT.read_bytes()).decode())
         expect(page.locator("[data-shown=before]")).to_be_attached()
         expect(page.get_by_text("5,856")).to_be_visible()
@@ -67,7 +71,9 @@ def test_a_file_is_dropped_looked_at_watermarked_compared_and_downloaded(browser
         page.get_by_role("button", name="Draw a box").click()
         page.get_by_label("Upper Y").fill("0.123")
         page.get_by_label("Upper Y").press("Enter")
+        keep(page, "form-with-a-box")
         page.get_by_role("tab", name="API").click()
+        keep(page, "api")
         expect(page.locator("pre")).to_contain_text(re.compile(r"-F 'file=@cow.glb'.*keep_out.*0\.123", re.DOTALL))
         assert barriers(page) == []
         page.get_by_role("tab", name="Settings").click()
@@ -79,12 +85,14 @@ def test_a_file_is_dropped_looked_at_watermarked_compared_and_downloaded(browser
         expect(page.locator("[data-test=said]")).to_contain_text("2 marks stand on the model: “SAMPLE”.")
         expect(page.locator("[data-shown='before after']")).to_be_attached()
         divider = page.get_by_role("slider")
+        keep(page, "result-slider")
         divider.press("ArrowLeft")
         expect(divider).to_have_attribute("aria-valuenow", "45")
         mark = page.get_by_role("button", name="Mark 1: SAMPLE")
         mark.press("Enter")
         expect(mark).to_have_class(re.compile(r"\bon\b"))
         page.get_by_role("button", name="Side by side").click()
+        keep(page, "result-side-by-side")
         assert barriers(page) == []
         with page.expect_download() as download:
             page.get_by_role("button", name="Download the model").click()
@@ -98,15 +106,19 @@ def test_a_file_is_dropped_looked_at_watermarked_compared_and_downloaded(browser
         view = page.get_by_role("button", name="View 1:")
         expect(view.locator("img")).to_have_attribute("src", re.compile("^blob:"))
         view.press("Enter")
+        keep(page, "figures")
         assert barriers(page) == []
         page.get_by_role("tab", name="Why").click()
         expect(page.get_by_text("2 marks were chosen among")).to_be_visible()
         page.get_by_label("Candidates, before fine-tuning").check()
+        keep(page, "why")
         page.get_by_text("Mark 2:").click()
         expect(page.locator("details[open]").get_by_text("Adds, seen from all around")).to_be_visible()
         assert barriers(page) == []
 
         page.get_by_role("link", name="Jobs", exact=True).click()
+        expect(page.get_by_role("link", name="cow.glb").locator("img")).to_be_attached()
+        keep(page, "jobs")
         assert barriers(page) == []
         page.get_by_role("link", name="cow.glb").click()
         expect(page.get_by_role("button", name="Mark 2: SAMPLE")).to_be_attached()
@@ -134,9 +146,45 @@ def test_what_is_wrong_is_said_at_once_with_the_remedy(browser: Browser, service
         problem = page.get_by_role("alert")
         expect(problem).to_contain_text("no_faces")
         expect(problem).to_contain_text("What to do:")
+        keep(page, "problem")
         assert barriers(page) == []
         page.goto(service.url + "/#/jobs/none")
         expect(page.get_by_role("alert")).to_contain_text("not_found")
+
+
+def test_what_the_browser_cannot_show_is_shown_by_the_service_once_it_may_be_sent(
+    browser: Browser, service: Service
+) -> None:
+    with opened(browser, service.url + "/", color_scheme="dark") as page:
+        sent: list[str] = []
+        page.on("request", lambda request: sent.append(f"{request.method} {request.url}"))
+        compressed = draco(Document.from_glb(SPOT.read_bytes())).to_glb()
+        page.locator("#asset").set_input_files([FilePayload(name="small.glb", mimeType="", buffer=compressed)])
+        expect(page.get_by_text("compressed with Draco")).to_be_visible()
+        keep(page, "not-shown")
+        assert barriers(page) == []
+        assert not any(line.startswith("POST") for line in sent), "nothing has left the browser"
+        with page.expect_response(lambda response: response.request.method == "DELETE"):
+            page.get_by_role("button", name="Show it (sends the file to the service)").click()
+        expect(page.locator("[data-shown=before]")).to_be_attached()
+        assert page.get_by_label("Text", exact=True).is_visible()
+        expect(page.get_by_role("button", name="Draw a box")).to_be_enabled()
+        assert [line.partition("/v1/")[2] for line in sent if line.startswith("POST")] == ["conversions"]
+
+        # One that is sent unseen stands beside its result.
+        page.locator("#other").set_input_files([FilePayload(name="cube.off", mimeType="", buffer=OFF)])
+        expect(page.get_by_text("OFF files are not shown in the browser.")).to_be_visible()
+        page.get_by_label("Text", exact=True).fill("HI")
+        page.get_by_text("Shape and number", exact=True).click()
+        page.get_by_label("Most marks").fill("1")
+        page.get_by_text("More", exact=True).click()
+        page.get_by_label("Measurement").select_option("geometry")
+        page.get_by_role("button", name="Watermark", exact=True).click()
+        expect(page.locator("[data-shown='before after']")).to_be_attached()
+        expect(page.locator("[data-test=said]")).to_be_visible()
+        page.get_by_role("button", name="Side by side").click()
+        keep(page, "dark-result")
+        assert barriers(page) == []
 
 
 def test_all_can_be_done_by_keyboard(browser: Browser, service: Service) -> None:
@@ -183,15 +231,18 @@ def test_a_picture_is_verified_on_a_phone_in_the_dark_in_chinese(browser: Browse
         expect(page.get_by_role("heading", name="将可疑文件或其图片拖到这里")).to_be_visible()
         page.locator("#asset").set_input_files(SPOT.with_name("spot-watermarked.png"))
         page.get_by_label("要查找的文字").fill("watermark")
+        keep(page, "phone-verify")
         assert barriers(page) == []
         page.get_by_role("button", name="开始核验").click()
         expect(page.locator("[data-test=read]")).to_contain_text("“watermark”")
         expect(page.get_by_role("link", name="打开证据页")).to_be_visible()
+        keep(page, "phone-verified")
         assert barriers(page) == []
         for link in ("添加水印", "任务"):
             page.get_by_role("link", name=link).first.click()
             expect(page.get_by_role("link", name=link).first).to_have_attribute("aria-current", "page")
             assert page.evaluate("document.documentElement.scrollWidth") == 390, link
+            keep(page, f"phone-{page.url.partition('#/')[2] or 'start'}")
             assert barriers(page) == []
         ground = page.evaluate("getComputedStyle(document.body).backgroundColor")
         assert max(map(int, re.findall(r"\d+", ground)[:3])) < 40, ground
@@ -207,6 +258,7 @@ def test_a_key_is_asked_for_and_kept_in_this_tab_alone(browser: Browser, tmp_pat
         with opened(browser, service.url + "/#/jobs", refused=True) as page:
             dialog = page.get_by_role("dialog")
             expect(dialog).to_be_visible()
+            keep(page, "key")
             assert barriers(page) == []
             page.get_by_label("Key", exact=True).fill(made.stdout.strip())
             page.keyboard.press("Enter")

@@ -10,8 +10,11 @@ from pathlib import Path
 
 import pytest
 
+from core.errors import ErrorCode
+from core.notices import NoticeCode
 from service.config import Settings
 from service.console.site import FOLDER, NAMED, PREFIX, STATIC, require_console, site, sources
+from service.errors import ServiceErrorCode
 from tests.service.conftest import Client, client_with
 
 ROOT = Path(__file__).parents[3]
@@ -21,7 +24,9 @@ IMPORT = re.compile(r"""^(?:import|export|\})[^;\n]*\bfrom\s*["']([^"']+)|\bimpo
 
 def table(language: str) -> dict[str, str]:
     text = (STATIC / f"text-{language}.js").read_text()
-    return dict(json.loads(text.removeprefix("export default ").rstrip(";\n")))
+    pairs = json.loads(text.removeprefix("export default ").rstrip(";\n"), object_pairs_hook=list)
+    assert len(pairs) == len({key for key, _ in pairs}), "each key stands there once"
+    return dict(pairs)
 
 
 def test_the_page_says_which_files_it_is_made_of_and_runs_nothing_else(client: Client) -> None:
@@ -109,6 +114,12 @@ def said() -> Iterator[str]:
 
 def test_every_text_that_is_shown_is_in_the_tables() -> None:
     assert set(said()) <= table("en").keys()
+
+
+def test_every_code_of_the_service_has_words_in_both_languages() -> None:
+    codes = {f"code.{code}" for codes in (ErrorCode, ServiceErrorCode, NoticeCode) for code in codes}
+    for language in ("en", "zh"):
+        assert {key for key in table(language) if key.startswith("code.")} == codes
 
 
 def test_the_sample_is_the_demo_asset() -> None:
