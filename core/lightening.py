@@ -111,8 +111,8 @@ def _notices(before: int, after: int, wish: PreviewModel, left_out: list[str]) -
         notices.append(
             Notice(
                 NoticeCode.PREVIEW_MODEL_HEAVY,
-                f"The preview model keeps {after:,} of {before:,} triangles, not the {wish.triangles:,} that were asked "
-                "for: with fewer its shape would be lost, or its texture would tear at seams.",
+                f"The preview model keeps {after:,} of {before:,} triangles, not the {wish.triangles:,} that were "
+                "asked for: with fewer its shape would be lost, or its texture would tear at seams.",
                 "Use it as it is, or send a model with fewer seams and parts.",
             )
         )

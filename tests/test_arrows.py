@@ -20,7 +20,8 @@ BELOW = {
     "languages": "",
     "named_regions": "validation",
     "labels": "validation",
-    "parameters": "labels languages named_regions validation",
+    "preview_model": "validation",
+    "parameters": "labels languages named_regions preview_model validation",
     "geometry": "",
     "device": "geometry",
     "gltf": "geometry budgets refusals",
@@ -37,8 +38,9 @@ BELOW = {
     "preload": "rendering",
     "stages": "embossing placement analysis artwork formats gltf labels budgets parameters",
     "marking": "stages embossing placement analysis artwork formats gltf geometry labels parameters",
+    "lightening": "marking stages placement analysis gltf preview_model",
     "measuring": "explain stages report reporting metrics rendering analysis",
-    "pipeline": "explain marking measuring stages formats budgets parameters preload",
+    "pipeline": "explain lightening marking measuring stages formats budgets parameters preload",
     "evaluate": "report reporting metrics rendering analysis formats gltf geometry budgets",
     "lab": (
         "pipeline stages report metrics rendering placement analysis artwork formats gltf geometry budgets parameters "

@@ -32,7 +32,7 @@ class DecimationOptions:
     passes: int = 3
     turn: float = 0.3
     sliver: float = 0.05
-    error: float = 0.15
+    error: float = 1.0
     stuck: float = 0.002
 
 
@@ -229,7 +229,7 @@ def _round(
     # Of each point the cheapest way to go, and of these the cheapest.
     pairs = pairs[np.lexsort((pairs.into, pairs.cost, pairs.gone))]
     pairs = pairs[np.diff(pairs.gone, prepend=-1) != 0]
-    cheap = np.argsort(pairs.cost, kind="stable")[: max(int(options.candidates * len(pairs.gone)), 64)]
+    cheap = np.argsort(pairs.cost, kind="stable")[: int(np.ceil(options.candidates * len(pairs.gone)))]
     pairs = pairs[cheap]
     ring = _rings(point[faces], pairs.gone, points)
     fine = _keeps_shape(faces, corners, pairs, ring, options) & _keeps_topology(point[faces], pairs, points)

@@ -25,9 +25,9 @@ _OTHERS = ("EXT_texture_avif", "MSFT_texture_dds")
 def smaller_textures(document: Document, limit: int) -> tuple[Document, list[tuple[int, int]], list[int]]:
     """The document with images of at most ``limit`` pixels a side, as PNG or JPEG.
 
-    Images that are small enough keep their bytes. Those that nothing shows become one white pixel, so that the others
-    keep their numbers. A texture that cannot be decoded, or lies in another file, is taken off its materials: it could
-    not be made smaller.
+    Images that are small enough keep their bytes. Of those that nothing shows, the last are left out; others become one
+    white pixel, so that those behind them keep their numbers. A texture that cannot be decoded, or lies in another
+    file, is taken off its materials: it could not be made smaller.
 
     Returns:
         The document, the (width, height) of each image that is left, and the numbers of the textures that were taken
@@ -59,10 +59,13 @@ def smaller_textures(document: Document, limit: int) -> tuple[Document, list[tup
             if key == "emissiveTexture":
                 owner["emissiveFactor"] = [0.0, 0.0, 0.0]
     images = editor.json.get("images", [])
+    del images[max(made, default=-1) + 1 :]
     for number, image in enumerate(images):
         data, _ = made.get(number, (_PIXEL, (1, 1)))
         named = {"name": image["name"]} if "name" in image else {}
         images[number] = named | {"mimeType": mime_type(data), "bufferView": editor.add_view(data, {})}
+    if not images:
+        editor.json.pop("images", None)
     forget(editor.json, WEBP, BASISU, *_OTHERS)
     return editor.to_document(), [size for _, size in made.values()], lost
 
