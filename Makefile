@@ -55,6 +55,10 @@ labels: $(VENV)/.tests ## Label every file of MESHES=DIR (LABEL=cn, eu, ...) and
 	@test -n "$(MESHES)" || { echo "usage: make labels MESHES=DIR [LABEL=cn]"; exit 2; }
 	@$(BIN)/python -m tests.labelled $(MESHES) $(if $(LABEL),--label $(LABEL))
 
+lighter: $(VENV)/.tests ## Mark every file of MESHES=DIR with a preview model (TRIANGLES=20000) and print sizes, marks and OCR of both
+	@test -n "$(MESHES)" || { echo "usage: make lighter MESHES=DIR [TRIANGLES=20000]"; exit 2; }
+	@$(BIN)/python -m tests.lighter $(MESHES) $(if $(TRIANGLES),--triangles $(TRIANGLES))
+
 verified: $(VENV)/.tests ## Mark every file of MESHES=DIR, attack it (ATTACKS="crop,noise") and print how many are read back
 	@test -n "$(MESHES)" || { echo "usage: make verified MESHES=DIR [ATTACKS=...]"; exit 2; }
 	@$(BIN)/python -m tests.verified $(MESHES) $(if $(ATTACKS),--attacks "$(ATTACKS)")

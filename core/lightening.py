@@ -1,5 +1,6 @@
 """The stage that makes the preview model: fewer triangles, smaller images, and then the marks of the model in it."""
 
+import time
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -53,6 +54,7 @@ def lighten(asset: Asset, candidates: Candidates, output: Output, run: Run) -> L
 
 
 def _lightened(asset: Asset, candidates: Candidates, embossed: Embossed, wish: PreviewModel, run: Run) -> LightOutput:
+    start = time.perf_counter()
     shown, left_out = only_shown(asset.scene.document)
     scene = flatten(shown)
     before = after = len(scene.surface.faces)
@@ -79,7 +81,7 @@ def _lightened(asset: Asset, candidates: Candidates, embossed: Embossed, wish: P
     if run.request.parameters.rule is not None:
         output = replace(output, heights=label_heights_of(done, context))
     run.notices += notices
-    return LightOutput(output, before, after, sizes, done.refusals)
+    return LightOutput(output, before, after, sizes, done.refusals, round(time.perf_counter() - start, 4))
 
 
 def _context(light: Asset, candidates: Candidates) -> "PlacementContext":

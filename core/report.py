@@ -257,6 +257,7 @@ class PreviewModelFacts(FileFacts):
     refused: Annotated[
         dict[Refusal, int], Field(description="How many of the model's marks do not fit on it, by reason.")
     ]
+    seconds: Annotated[float, Field(description="How long it took to make; the stage `writing` has them too.")]
     metrics: Annotated[
         Metrics | None,
         Field(

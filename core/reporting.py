@@ -111,6 +111,7 @@ def _preview_model(light: LightOutput, output: Output, parameters: Parameters) -
         textures=light.textures,
         watermarks=[number for number, box in enumerate(output.embossed.marks) if box in carried],
         refused=dict(sorted(refused.items())),
+        seconds=light.seconds,
         metrics=None if alone or parameters.evaluate is Evaluate.NONE else metrics_of(_unmeasured()),
     )
 

@@ -167,6 +167,7 @@ class LightOutput:
         triangles: of them that are left; ``output`` has those of the letters besides.
         textures: (width, height) of its images.
         lacking: the boxes of the model's marks that it does not carry, by their numbers, each with the reason.
+        seconds: that it took to make.
     """
 
     output: Output
@@ -174,6 +175,7 @@ class LightOutput:
     triangles: int
     textures: list[tuple[int, int]]
     lacking: "dict[int, Refusal]"
+    seconds: float
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ from core.errors import ErrorCode, MeshmarkError
 from core.gltf.document import Document
 from core.gltf.images import image_size
 from core.gltf.scene import scene_of
+from core.labels.profiles import Label
 from core.lightening import lighten
 from core.notices import NoticeCode
 from core.parameters import Parameters
@@ -24,7 +25,7 @@ from tests.validator import error_counts
 
 SPOT = Path(__file__).parents[1] / "data" / "spot.glb"
 LIGHT = PreviewModel(triangles=1500, texture=64)
-WISH = Parameters(text="watermark", count=3, evaluate=Evaluate.GEOMETRY, preview_model=LIGHT, label="custom")
+WISH = Parameters(text="watermark", count=3, evaluate=Evaluate.GEOMETRY, preview_model=LIGHT, label=Label.CUSTOM)
 UNMEASURED = WISH.model_copy(update={"evaluate": Evaluate.NONE})
 
 

@@ -17,12 +17,12 @@ from tests.validator import error_counts
 def cubes(nodes: list[dict[str, Any]], primitives: list[dict[str, Any]] | None = None, **objects: Any) -> Document:
     """Meshes of a cube each, one for each node but where it says which; the first with more ``primitives``."""
     builder = Builder()
-    meshes = [
+    meshes: list[dict[str, Any]] = [
         {"name": f"mesh {number}", "primitives": [builder.primitive(np.array(CUBE) * (number + 1), CUBE_FACES)]}
         for number in range(len(nodes))
     ]
     for entry in primitives or []:
-        meshes[0]["primitives"].append({**meshes[0]["primitives"][0], **entry})  # type: ignore[attr-defined]
+        meshes[0]["primitives"].append({**meshes[0]["primitives"][0], **entry})
     drawing = [{"mesh": number, **node} for number, node in enumerate(nodes)]
     return builder.document(**{"meshes": meshes, "nodes": drawing, "scenes": [{"nodes": [0]}]} | objects)
 
