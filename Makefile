@@ -126,4 +126,4 @@ $(VENV)/.tests: $(VENV)/.service
 	$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable '.[test,benchmark]'
 	touch $@
 
-.PHONY: help install demo run test check survey delivered features design labels verified compared benchmark ablation fuzz faults load attacks audit docker-test pictures openapi clean
+.PHONY: help install demo run test check survey delivered features design labels verified compared lighter benchmark ablation fuzz faults load attacks audit docker-test pictures openapi clean

@@ -8,7 +8,7 @@ from core.validation import StrictModel
 
 
 class PreviewModel(StrictModel):
-    """What a preview model may hold of the asset. Part of :class:`core.parameters.Parameters`."""
+    """Limits of a preview model. Part of :class:`core.parameters.Parameters`."""
 
     model_config = ConfigDict(frozen=True)
 

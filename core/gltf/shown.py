@@ -1,6 +1,7 @@
 """A document with nothing in it but what its default scene draws as triangles."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 from core.gltf.builder import Builder
@@ -17,7 +18,7 @@ VARIANTS = "KHR_materials_variants"
 def only_shown(document: Document) -> tuple[Document, list[str]]:
     """The document without other scenes, levels of detail, hidden nodes and unused meshes, without points, lines and
     other meshes that :func:`core.gltf.scene.flatten` leaves out, and without other materials than those that are drawn:
-    variants, levels of detail and unused ones.
+    variants, levels of detail and unused ones; without chunks that nobody has looked into.
 
     Nodes keep their numbers, and those of what is left out draw nothing; materials keep theirs, and those that are left
     out are empty.
@@ -53,7 +54,7 @@ def only_shown(document: Document) -> tuple[Document, list[str]]:
         editor.json["scenes"] = [editor.json["scenes"][editor.json.get("scene", 0)]]
         editor.json["scene"] = 0
     _leave_out_materials(editor.json)
-    return editor.to_document(), left_out
+    return replace(editor.to_document(), chunks=()), left_out
 
 
 def _leave_out_materials(json: Json) -> None:

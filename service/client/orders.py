@@ -17,7 +17,7 @@ OF_WATERMARKS = (*FORM_FIELDS, "logo", "font", "cache")
 
 
 class PreviewModel(TypedDict, total=False):
-    """What a light model for public display may hold."""
+    """Limits of a light model for public display."""
 
     triangles: int
     texture: int
