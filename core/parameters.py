@@ -283,6 +283,13 @@ class Parameters(Wording):
                 "The request has `explain` and `metadata_only`, which places no marks that could be explained.",
                 "Leave one of them out.",
             )
+        if self.preview_model is not None and self.preview_model.alone and self.explain:
+            raise MeshmarkError(
+                ErrorCode.INVALID_PARAMETERS,
+                "The request has `explain`, whose model shows the whole shape, and a `preview_model` that is to be "
+                "`alone`.",
+                "Leave one of them out.",
+            )
         if self.preview_model is not None and self.metadata_only:
             raise MeshmarkError(
                 ErrorCode.INVALID_PARAMETERS,

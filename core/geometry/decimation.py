@@ -8,7 +8,7 @@ import numpy as np
 from core.arrays import Bool, Float, Int
 from core.geometry.edges import edge_table
 from core.geometry.grouping import among
-from core.geometry.products import cross
+from core.geometry.products import cross, product
 
 
 @dataclass(frozen=True)
@@ -163,8 +163,8 @@ class _Quadrics:
         result = np.empty(len(corners))
         for part in _chunks(len(corners)):
             at, x = corners[part], places[part]
-            result[part] = np.einsum("ni,nij,nj->n", x, self.square[at], x) + self.constant[at]
-            result[part] += 2 * np.einsum("ni,ni->n", self.linear[at], x)
+            slope = product(x[:, None], self.square[at]) + 2 * self.linear[at][:, None]
+            result[part] = product(slope, x[:, :, None])[:, 0, 0] + self.constant[at]
         return np.maximum(result, 0.0)
 
     def join(self, gone: Int, into: Int) -> None:

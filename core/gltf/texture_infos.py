@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Any
 
-from core.gltf.document import Document
+from core.gltf.document import Document, malformed, typed
 
 Json = dict[str, Any]
 
@@ -26,11 +26,18 @@ def texture_infos(material: Json) -> Iterator[tuple[Json, str]]:
 
 
 def uv_sets(document: Document, material: int | None) -> set[int]:
-    """The numbers n of the TEXCOORD_n that the textures of a material are looked up by."""
+    """The numbers n of the TEXCOORD_n that the textures of a material are looked up by.
+
+    Raises:
+        MeshmarkError: ``malformed_file``.
+    """
     if material is None:
         return set()
-    found = set()
+    found: set[int] = set()
     for owner, key in texture_infos(document.entry("materials", material)):
-        transform = owner[key].get("extensions", {}).get("KHR_texture_transform", {})
-        found.add(transform.get("texCoord", owner[key].get("texCoord", 0)))
+        transform = typed(typed(owner[key], "extensions", dict), "KHR_texture_transform", dict)
+        number = transform.get("texCoord", owner[key].get("texCoord", 0))
+        if type(number) is not int:
+            raise malformed(f"materials[{material}] has a texture whose texCoord is not an integer.")
+        found.add(number)
     return found
