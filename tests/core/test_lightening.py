@@ -91,7 +91,7 @@ def test_alone_it_is_the_model_and_nothing_else_of_the_asset_is_published(
 
 @dataclass(frozen=True)
 class Made:
-    """What the stages before the preview model made of spot."""
+    """What the stages before the preview model made of spot, for a request without one."""
 
     asset: Asset
     candidates: Candidates
@@ -106,10 +106,15 @@ class Made:
 
 @pytest.fixture(scope="module")
 def made() -> Made:
-    run = Run(Request(UNMEASURED.resolved()), lambda _share: None, lambda _name, _data: None)
+    asked = UNMEASURED.model_copy(update={"preview_model": None})
+    run = Run(Request(asked.resolved()), lambda _share: None, lambda _name, _data: None)
     asset = marking.read(SPOT.read_bytes(), run)
     candidates = marking.place(asset, marking.letter(run), run)
     return Made(asset, candidates, marking.write_model(asset, candidates, marking.emboss(asset, candidates, run), run))
+
+
+def test_the_model_is_what_it_is_without_a_light_one(made: Made, beside: tuple[Result, dict[str, bytes]]) -> None:
+    assert made.output.file.data == beside[0].model
 
 
 def test_more_triangles_than_there_are_leave_the_shape_and_say_so(made: Made) -> None:
