@@ -55,6 +55,10 @@ labels: $(VENV)/.tests ## Label every file of MESHES=DIR (LABEL=cn, eu, ...) and
 	@test -n "$(MESHES)" || { echo "usage: make labels MESHES=DIR [LABEL=cn]"; exit 2; }
 	@$(BIN)/python -m tests.labelled $(MESHES) $(if $(LABEL),--label $(LABEL))
 
+lighter: $(VENV)/.tests ## Mark every file of MESHES=DIR with a preview model (TRIANGLES=20000) and print sizes, marks and OCR of both
+	@test -n "$(MESHES)" || { echo "usage: make lighter MESHES=DIR [TRIANGLES=20000]"; exit 2; }
+	@$(BIN)/python -m tests.lighter $(MESHES) $(if $(TRIANGLES),--triangles $(TRIANGLES))
+
 verified: $(VENV)/.tests ## Mark every file of MESHES=DIR, attack it (ATTACKS="crop,noise") and print how many are read back
 	@test -n "$(MESHES)" || { echo "usage: make verified MESHES=DIR [ATTACKS=...]"; exit 2; }
 	@$(BIN)/python -m tests.verified $(MESHES) $(if $(ATTACKS),--attacks "$(ATTACKS)")
@@ -122,4 +126,4 @@ $(VENV)/.tests: $(VENV)/.service
 	$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable '.[test,benchmark]'
 	touch $@
 
-.PHONY: help install demo run test check survey delivered features design labels verified compared benchmark ablation fuzz faults load attacks audit docker-test pictures openapi clean
+.PHONY: help install demo run test check survey delivered features design labels verified compared lighter benchmark ablation fuzz faults load attacks audit docker-test pictures openapi clean

@@ -237,21 +237,14 @@ def write_model(asset: Asset, candidates: Candidates, embossed: Embossed, run: R
     """
     from core.analysis.contrast import low_contrast, unreadable_codes
     from core.embossing.copies import unmarked
-    from core.embossing.drawn import drawn_marks
     from core.embossing.unmarked import unmarked_parts
     from core.placement.label_height import too_small
 
     analysis, context, parameters = asset.analysis, candidates.context, run.request.parameters
-    output = _written(asset, context, embossed)
-    while True:
-        edit, count = embossed.mesh.edit(), len(embossed.marks)
-        drawn = drawn_marks(edit, count, analysis.surface, analysis.resolution, output.scene, candidates.opaque)
-        if drawn.all():
-            break
-        unseen = {box for box, seen in zip(embossed.marks, drawn.tolist(), strict=True) if not seen}
-        embossed = _without(unseen, asset, context, embossed)
-        output = _written(asset, context, embossed)
-    run.notices += unmarked(output.copies)
+    embossed, output = drawn_alone(asset, context, embossed, candidates.opaque)
+    edit = embossed.mesh.edit()
+    alone = parameters.preview_model is not None and parameters.preview_model.alone
+    run.notices += [] if alone else unmarked(output.copies)
     marked = analysis.surface.face_primitive[edit.source_face[np.unique(edit.mark, return_index=True)[1]]]
     left = unmarked_parts(asset.scene, analysis.surface, context.facts.saliency, context.carrier.index, marked)
     run.notices += [left] if left else []
@@ -260,14 +253,36 @@ def write_model(asset: Asset, candidates: Candidates, embossed: Embossed, run: R
     run.notices += unreadable_codes(looks) if context.layouts.logo == "qr" else []
     run.notices += output.label.notices if output.label else []
     if parameters.rule is not None:
-        heights = _label_heights(embossed, context)
+        heights = label_heights_of(embossed, context)
         run.notices += too_small(heights, parameters.rule)
         output = replace(output, heights=heights)
-    run.publish("model", output.file.data)
+    if not alone:
+        run.publish("model", output.file.data)
     return output
 
 
-def _label_heights(embossed: Embossed, context: "PlacementContext") -> Float:
+def drawn_alone(
+    asset: Asset, context: "PlacementContext", embossed: Embossed, opaque: float
+) -> tuple[Embossed, Output]:
+    """The marks that a viewer draws, and the file with these alone; ``opaque`` is the least of a face under letters.
+
+    Raises:
+        MeshmarkError: ``no_placement`` where there are none.
+    """
+    from core.embossing.drawn import drawn_marks
+
+    analysis = asset.analysis
+    while True:
+        output = _written(asset, context, embossed)
+        edit, count = embossed.mesh.edit(), len(embossed.marks)
+        drawn = drawn_marks(edit, count, analysis.surface, analysis.resolution, output.scene, opaque)
+        if drawn.all():
+            return embossed, output
+        unseen = {box for box, seen in zip(embossed.marks, drawn.tolist(), strict=True) if not seen}
+        embossed = _without(unseen, asset, context, embossed)
+
+
+def label_heights_of(embossed: Embossed, context: "PlacementContext") -> Float:
     """(24,) see :func:`core.placement.label_height.label_heights`."""
     from core.placement.label_height import label_heights
 
@@ -322,28 +337,36 @@ def _without(unseen: set[int], asset: Asset, context: "PlacementContext", emboss
     Raises:
         MeshmarkError: ``no_placement`` where none is left.
     """
-    from core.embossing.emboss import Mark
-    from core.embossing.marks import emboss_boxes
     from core.embossing.refusal import Refusal
 
     refusals = embossed.refusals | dict.fromkeys(sorted(unseen), Refusal.UNDRAWN)
-    mesh, marks = _whole(asset, context), dict[int, Mark]()
-    if kept := {box: mark for box, mark in embossed.marks.items() if box not in unseen}:
-        boxes = Boxes.concat(*(mark.box for mark in kept.values()))
-        looks = [mark.look for mark in kept.values()]
+    kept = {box: mark for box, mark in embossed.marks.items() if box not in unseen}
+    done = embossed_again(asset, context, replace(embossed, marks=kept, refusals=refusals))
+    if not done.marks:
+        raise MeshmarkError(
+            ErrorCode.NO_PLACEMENT,
+            f"All {len(done.refusals)} marks that fit on this asset would be culled, clear or covered by its own "
+            "materials: no viewer would draw them.",
+            "Check which sides of the asset its materials show, and their alpha.",
+        )
+    return done
+
+
+def embossed_again(asset: Asset, context: "PlacementContext", embossed: Embossed) -> Embossed:
+    """The marks of ``embossed`` that can be cut into the surface of an ``asset``, which has none yet."""
+    from core.embossing.emboss import Mark
+    from core.embossing.marks import emboss_boxes
+
+    mesh, marks, refusals = _whole(asset, context), dict[int, Mark](), dict(embossed.refusals)
+    if embossed.marks:
+        boxes = Boxes.concat(*(mark.box for mark in embossed.marks.values()))
+        looks = [mark.look for mark in embossed.marks.values()]
         outcomes = emboss_boxes(mesh, boxes, looks, embossed.letters, context.parameters, context.carrier.index)
-        for box, outcome in zip(kept, outcomes, strict=True):
+        for box, outcome in zip(embossed.marks, outcomes, strict=True):
             if isinstance(outcome, Mark):
                 marks[box] = outcome
             else:
                 refusals[box] = outcome
-    if not marks:
-        raise MeshmarkError(
-            ErrorCode.NO_PLACEMENT,
-            f"All {len(refusals)} marks that fit on this asset would be culled, clear or covered by its own "
-            "materials: no viewer would draw them.",
-            "Check which sides of the asset its materials show, and their alpha.",
-        )
     return replace(embossed, mesh=mesh, marks=marks, refusals=refusals)
 
 

@@ -14,16 +14,19 @@ from core.rendering.preview import contact_sheet
 from core.rendering.renderer import Renderer
 from core.rendering.turntable import turntable
 from core.report import FontFacts, Report
-from core.stages import Asset, Candidates, Output, Pictures, Run
+from core.stages import Asset, Candidates, LightOutput, Output, Pictures, Run
 
 log = logging.getLogger(__name__)
 
+# Groups of metrics that a preview model shares with the model, whose marks it carries, or that cost much.
+SHARED = ("placement", "label height", "curvature", "saliency", "semantics")
 
-def report(asset: Asset, output: Output, run: Run) -> Report:
+
+def report(asset: Asset, output: Output, light: LightOutput | None, run: Run) -> Report:
     """The report without its metrics, published at once, so that the job has one if a later stage fails."""
     from core.reporting import build_report
 
-    result = build_report(asset, output, run.request.parameters)
+    result = build_report(asset, output, run.request.parameters, light)
     run.publish("report", json.dumps(as_json(result, run), allow_nan=False).encode())
     return result
 
@@ -49,7 +52,7 @@ def as_json(report: Report, run: Run) -> dict[str, Any]:
     return report.model_copy(update=account).model_dump(mode="json")
 
 
-def render(asset: Asset, output: Output, run: Run) -> Pictures:
+def render(asset: Asset, output: Output, light: LightOutput | None, run: Run) -> Pictures:
     """The preview and the turntable, published, and the pictures for the metrics, from one OpenGL context.
 
     A machine that cannot render still delivers the asset, and says so.
@@ -63,10 +66,13 @@ def render(asset: Asset, output: Output, run: Run) -> Pictures:
     animation: bytes | None = None
     poster: bytes | None = None
     views: tuple[NDArray[np.uint8], NDArray[np.uint8]] | MeshmarkError | None = None
+    seen: NDArray[np.uint8] | None = None
     try:
         with Renderer(PICTURE_SIZE) as renderer:
             if measured:
                 before = pictures(asset.scene, renderer)
+                if light is not None and light.output is not output:
+                    seen = pictures(light.output.scene, renderer, frame=renderer.frame)
                 views = before, pictures(output.scene, renderer, frame=renderer.frame)
             else:
                 renderer.load(output.scene)
@@ -88,13 +94,19 @@ def render(asset: Asset, output: Output, run: Run) -> Pictures:
         )
     if isinstance(views, MeshmarkError):
         run.notices.append(views.notice())
-    return Pictures(preview, animation, poster, views)
+    return Pictures(preview, animation, poster, views, seen)
 
 
 def evaluate(
-    asset: Asset, candidates: Candidates | None, output: Output, seen: Pictures, result: Report, run: Run
+    asset: Asset,
+    candidates: Candidates | None,
+    output: Output,
+    light: LightOutput | None,
+    seen: Pictures,
+    result: Report,
+    run: Run,
 ) -> Report:
-    """The report ``result`` with its metrics, measured on the file as it was written, rounding included."""
+    """The report ``result`` with its metrics, measured on the files as they were written, rounding included."""
     parameters = run.request.parameters
     if parameters.evaluate is Evaluate.NONE:
         return result
@@ -102,22 +114,24 @@ def evaluate(
     assert output.embossed is not None
     from core.analysis.analyse import eye_index
     from core.metrics.measure import Pair, Subject, measure
-    from core.reporting import boxes_of, with_metrics
+    from core.reporting import boxes_of, with_metrics, with_own_metrics
 
     before, after = seen.views if isinstance(seen.views, tuple) else (seen.views, seen.views)
     context = candidates.context
-    written, index = eye_index(output.scene, asset.scene.surface, through=candidates.opaque > 0)
-    boxes, relief = boxes_of(output.embossed.marks)
-    pair = Pair(
-        Subject(asset.analysis.surface, context.carrier.index, before, parameters.seed, context.facts.saliency),
-        Subject(written, index, after),
-        boxes,
-        relief,
-        parameters.text,
-        parameters.seed,
-        context.layouts,
-        context.layouts.settings(boxes.size),
-    )
-    measured = measure(pair, parameters.evaluate, run.progress)
+    original = Subject(asset.analysis.surface, context.carrier.index, before, parameters.seed, context.facts.saliency)
+
+    def pair(of: Output, pictures: NDArray[np.uint8] | MeshmarkError | None) -> Pair:
+        written, index = eye_index(of.scene, asset.scene.surface, through=candidates.opaque > 0)
+        assert of.embossed is not None
+        boxes, relief = boxes_of(of.embossed.marks)
+        settings = context.layouts.settings(boxes.size)
+        marked = Subject(written, index, pictures)
+        return Pair(original, marked, boxes, relief, parameters.text, parameters.seed, context.layouts, settings)
+
+    measured = measure(pair(output, after), parameters.evaluate, run.progress)
     run.notices += measured.warnings
+    if light is not None and light.output is not output:
+        views = after if seen.light is None else seen.light
+        own = measure(pair(light.output, views), parameters.evaluate, shared=SHARED)
+        result = with_own_metrics(result, own)
     return with_metrics(result, measured)

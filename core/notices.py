@@ -22,6 +22,9 @@ class NoticeCode(StrEnum):
     INCOMPLETE_LABEL = "incomplete_label"
     KEPT_LABEL = "kept_label"
     LABEL_TOO_SMALL = "label_too_small"
+    PREVIEW_MODEL_HEAVY = "preview_model_heavy"
+    PREVIEW_MODEL_LACKS = "preview_model_lacks"
+    NO_PREVIEW_MODEL = "no_preview_model"
     # Why a report has no value of a metric.
     NOT_REQUESTED = "not_requested"
     NOT_MEASURED = "not_measured"

@@ -24,6 +24,7 @@ from core.labels.profiles import Label
 from core.labels.wording import Wording
 from core.languages import language_tag
 from core.named_regions import Region
+from core.preview_model import PreviewModel
 from core.validation import describe
 
 MAX_QR_LENGTH = 300
@@ -201,6 +202,13 @@ class Parameters(Wording):
         bool,
         Field(description="Render the result as it turns once: an animated WebP, and its first frame."),
     ] = False
+    preview_model: Annotated[
+        PreviewModel | None,
+        Field(
+            description="Also make a light model for public display, with fewer triangles and smaller images, and the "
+            "same marks; null: none."
+        ),
+    ] = None
 
     @field_validator("color", mode="before")
     @classmethod
@@ -230,8 +238,8 @@ class Parameters(Wording):
     def require_content(self, logo: bool) -> None:
         """Refuse a request for nothing, without a text, a QR code and a ``logo``; for both a QR code and a logo; for a
         code with a soft profile; for an exact size that is not given; for another strength than the paper's; for the
-        place of a logo that is not there; for a label that its text does not say; or for reasons of marks that it does
-        not ask for.
+        place of a logo that is not there; for a label that its text does not say; or for reasons of marks, or a preview
+        model with marks, that it does not ask for.
 
         Raises:
             MeshmarkError: ``empty_text``, ``invalid_parameters``.
@@ -273,6 +281,19 @@ class Parameters(Wording):
             raise MeshmarkError(
                 ErrorCode.INVALID_PARAMETERS,
                 "The request has `explain` and `metadata_only`, which places no marks that could be explained.",
+                "Leave one of them out.",
+            )
+        if self.preview_model is not None and self.preview_model.alone and self.explain:
+            raise MeshmarkError(
+                ErrorCode.INVALID_PARAMETERS,
+                "The request has `explain`, whose model shows the whole shape, and a `preview_model` that is to be "
+                "`alone`.",
+                "Leave one of them out.",
+            )
+        if self.preview_model is not None and self.metadata_only:
+            raise MeshmarkError(
+                ErrorCode.INVALID_PARAMETERS,
+                "The request has `preview_model` and `metadata_only`, which embosses no marks that it could carry.",
                 "Leave one of them out.",
             )
         if self.logo_position is not LogoPosition.LEFT and not (logo or self.qr):

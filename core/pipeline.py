@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
-from core import marking, measuring
+from core import lightening, marking, measuring
 from core.budgets import DEFAULT_BUDGETS, Budgets
 from core.formats.format import OutputFile
 from core.parameters import Parameters
@@ -40,6 +40,8 @@ class Result:
         preview: a PNG contact sheet; None where none was asked for, or where none could be rendered (then the
             report's ``warnings`` say why).
         turntable, poster: animated WebP of the model as it turns, and its first frame; None as for ``preview``.
+        preview_model: a light GLB beside ``file``; None where none was asked for, where it is ``file`` itself, or where
+            no mark fits on it (then the report's ``warnings`` say so).
     """
 
     file: OutputFile
@@ -47,6 +49,7 @@ class Result:
     preview: bytes | None
     turntable: bytes | None = None
     poster: bytes | None = None
+    preview_model: bytes | None = None
 
     @property
     def model(self) -> bytes:
@@ -94,14 +97,15 @@ def run_stages(
         data: the content of a file.
         request: the wishes.
         progress: called with the stage's name and the share done of the whole run, 0 to 1.
-        publish: called with the name of each result ("model", "report", "explanation", "layers", "preview",
-            "turntable", "poster") and its bytes as soon as it exists, before the run ends. The report is the final one
-            if the run breaks off afterwards: its metrics are still missing.
+        publish: called with the name of each result ("model", "preview_model", "report", "explanation", "layers",
+            "preview", "turntable", "poster") and its bytes as soon as it exists, before the run ends. The report is the
+            final one if the run breaks off afterwards: its metrics are still missing.
     """
     if request.parameters.explain:
         from core.explain.trace import Trace
 
         request = replace(request, watch=Trace())
+    wish = request.parameters.preview_model
     run = Run(request, lambda _share: None, publish or (lambda _name, _bytes: None))
 
     @contextmanager
@@ -121,7 +125,7 @@ def run_stages(
 
     with stage("reading"):
         asset = marking.read(data, run)
-    candidates = None
+    candidates = light = None
     if request.parameters.metadata_only:
         with stage("writing"):
             output = marking.write_label_alone(asset, run)
@@ -134,14 +138,17 @@ def run_stages(
             embossed = marking.emboss(asset, candidates, run)
         with stage("writing"):
             output = marking.write_model(asset, candidates, embossed, run)
+            light = lightening.lighten(asset, candidates, output, run) if wish else None
+            output = light.output if light and wish and wish.alone else output
     with stage("reporting"):
-        report = measuring.report(asset, output, run)
+        report = measuring.report(asset, output, light, run)
         measuring.explain(asset, candidates, output, run)
     with stage("rendering"):
-        seen = measuring.render(asset, output, run)
+        seen = measuring.render(asset, output, light, run)
     with stage("evaluating"):
-        report = measuring.evaluate(asset, candidates, output, seen, report, run)
-    return Result(output.file, measuring.as_json(report, run), seen.preview, seen.turntable, seen.poster)
+        report = measuring.evaluate(asset, candidates, output, light, seen, report, run)
+    beside = light.output.file.data if light and light.output is not output else None
+    return Result(output.file, measuring.as_json(report, run), seen.preview, seen.turntable, seen.poster, beside)
 
 
 def _peak_memory() -> int:

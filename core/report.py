@@ -245,6 +245,28 @@ class Metrics(Section):
     seconds: Annotated[dict[str, float], Field(description="How long each group of metrics took.")]
 
 
+class PreviewModelFacts(FileFacts):
+    """The preview model, and its own marks and metrics."""
+
+    alone: Annotated[bool, Field(description="Whether it took the place of the model.")]
+    triangles_before: Annotated[int, Field(description="Triangles of the asset, counted as they are drawn.")]
+    triangles: Annotated[int, Field(description="Those of them that are left.")]
+    faces: Annotated[int, Field(description="Triangles of the file as they are drawn, letters included.")]
+    textures: Annotated[list[tuple[int, int]], Field(description="Width and height of each of its images, pixels.")]
+    watermarks: Annotated[list[int], Field(description="The marks that it carries, by `id`.")]
+    refused: Annotated[
+        dict[Refusal, int], Field(description="How many of the model's marks do not fit on it, by reason.")
+    ]
+    seconds: Annotated[float, Field(description="How long it took to make; the stage `writing` has them too.")]
+    metrics: Annotated[
+        Metrics | None,
+        Field(
+            description="Its own, against the file that was sent; null with `evaluate: none`, and where it took the "
+            "place of the model, whose `metrics` they are."
+        ),
+    ] = None
+
+
 class Report(Section):
     """The marks of an asset, where they are, and their cost to it. Fields are only added to it."""
 
@@ -264,6 +286,9 @@ class Report(Section):
     copies: Annotated[list[CopyFacts], Field(description="Other copies of the asset in its file.")]
     embossing: Embossing
     label: Annotated[LabelFacts | None, Field(description="Null where no label was asked for.")] = None
+    preview_model: Annotated[
+        PreviewModelFacts | None, Field(description="Null where none was asked for, or none could be made.")
+    ] = None
     metrics: Annotated[Metrics | None, Field(description="Null with `evaluate: none`.")]
     fonts: Annotated[
         list[FontFacts], Field(description="The fonts that the text is set in, in the order of their first letters.")

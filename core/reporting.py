@@ -31,21 +31,23 @@ from core.report import (
     Frame,
     LabelFacts,
     Metrics,
+    PreviewModelFacts,
     Report,
     ViewFacts,
     Watermark,
     WatermarkQuality,
 )
-from core.stages import Asset, Embossed, Output
+from core.stages import Asset, Embossed, LightOutput, Output
 
 
-def build_report(asset: Asset, output: Output, parameters: Parameters) -> Report:
+def build_report(asset: Asset, output: Output, parameters: Parameters, light: LightOutput | None = None) -> Report:
     """The report of what was written, its metrics still missing and without an account of the run.
 
     Args:
         asset: that was read.
         output: the GLB, its marks, and the other copies of the asset in it.
         parameters: resolved.
+        light: the preview model, if there is one.
     """
     surface, embossed = asset.scene.surface, output.embossed
     measured = parameters.evaluate is not Evaluate.NONE
@@ -68,6 +70,7 @@ def build_report(asset: Asset, output: Output, parameters: Parameters) -> Report
         ],
         embossing=Embossing(tried=verified + sum(refused.values()), verified=verified, refused=refused),
         label=_label(output, parameters),
+        preview_model=None if light is None else _preview_model(light, output, parameters),
         metrics=metrics_of(_unmeasured()) if measured else None,
         fonts=[],
         warnings=[],
@@ -89,6 +92,30 @@ def _label(output: Output, parameters: Parameters) -> LabelFacts | None:
     )
 
 
+def _preview_model(light: LightOutput, output: Output, parameters: Parameters) -> PreviewModelFacts:
+    assert parameters.preview_model is not None
+    assert output.embossed is not None
+    assert light.output.embossed is not None
+    file, alone = light.output.file, parameters.preview_model.alone
+    facts = file_facts(file.data, file.format)
+    carried = light.output.embossed.marks.keys()
+    refused = Counter(light.lacking.values())
+    return PreviewModelFacts(
+        sha256=facts.sha256,
+        bytes=facts.bytes,
+        format=facts.format,
+        alone=alone,
+        triangles_before=light.before,
+        triangles=light.triangles,
+        faces=len(light.output.scene.surface.faces),
+        textures=light.textures,
+        watermarks=[number for number, box in enumerate(output.embossed.marks) if box in carried],
+        refused=dict(sorted(refused.items())),
+        seconds=light.seconds,
+        metrics=None if alone or parameters.evaluate is Evaluate.NONE else metrics_of(_unmeasured()),
+    )
+
+
 def with_metrics(report: Report, measured: Measurement) -> Report:
     """The report with its metrics, and the saliency under each mark."""
     saliency = measured.box_saliency
@@ -97,6 +124,13 @@ def with_metrics(report: Report, measured: Measurement) -> Report:
         for number, mark in enumerate(report.watermarks)
     ]
     return report.model_copy(update={"watermarks": watermarks, "metrics": metrics_of(measured)})
+
+
+def with_own_metrics(report: Report, measured: Measurement) -> Report:
+    """The report with the metrics of its preview model."""
+    assert report.preview_model is not None
+    own = report.preview_model.model_copy(update={"metrics": metrics_of(measured)})
+    return report.model_copy(update={"preview_model": own})
 
 
 def boxes_of(marks: dict[int, Mark]) -> tuple[Boxes, NDArray[np.float64]]:

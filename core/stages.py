@@ -63,8 +63,8 @@ class Run:
     Attributes:
         request: the wishes.
         progress: called with the share of the present stage that is done, 0 to 1.
-        publish: called with the name of each result ("model", "report", "explanation", "layers", "preview",
-            "turntable", "poster") and its bytes as soon as it exists.
+        publish: called with the name of each result ("model", "preview_model", "report", "explanation", "layers",
+            "preview", "turntable", "poster") and its bytes as soon as it exists.
         notices: losses and doubts so far.
         timings: seconds by stage.
         memory: the most resident bytes the process had held up to the end of each stage.
@@ -158,6 +158,27 @@ class Output:
 
 
 @dataclass(frozen=True, eq=False)
+class LightOutput:
+    """The watermarked preview model.
+
+    Attributes:
+        output: as of the model itself; its marks are those of the model that fit on fewer triangles.
+        before: triangles of the asset, as they are drawn.
+        triangles: of them that are left; ``output`` has those of the letters besides.
+        textures: (width, height) of its images.
+        lacking: the boxes of the model's marks that it does not carry, by their numbers, each with the reason.
+        seconds: that it took to make.
+    """
+
+    output: Output
+    before: int
+    triangles: int
+    textures: list[tuple[int, int]]
+    lacking: "dict[int, Refusal]"
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False)
 class Pictures:
     """Renderings.
 
@@ -166,9 +187,11 @@ class Pictures:
         turntable, poster: an animated WebP and its first frame, or None.
         views: of the original and of the result from the paper's 24 views, (24, N, N, 3) each; the reason where there
             are none; None where none are needed.
+        light: (24, N, N, 3) of the preview model; None where none are needed, or could be drawn.
     """
 
     preview: bytes | None = None
     turntable: bytes | None = None
     poster: bytes | None = None
     views: tuple[NDArray[np.uint8], NDArray[np.uint8]] | MeshmarkError | None = None
+    light: NDArray[np.uint8] | None = None

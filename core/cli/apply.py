@@ -17,6 +17,7 @@ from core.labels.profiles import Label
 from core.parameters import Parameters, parse_parameters
 
 MANY, TEXT, MARKS, LABEL, PLACES, RESULTS = "Many files", "Text and logo", "Marks", "Label", "Places", "Results"
+LIGHT = "Preview model"
 USAGE = "IN OUT.glb | IN... --out DIR"
 EPILOG = """Examples:
 
@@ -149,6 +150,29 @@ def apply(
         Evaluate | None,
         typer.Option(help="Which metrics to measure; default: full with --report, else none.", rich_help_panel=RESULTS),
     ] = None,
+    preview_model: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="L.glb", help="Write a light model for public display, with the same marks.", rich_help_panel=LIGHT
+        ),
+    ] = None,
+    preview_triangles: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="The most triangles that it keeps; letters come on top; default: 20,000.",
+            rich_help_panel=LIGHT,
+        ),
+    ] = None,
+    preview_texture: Annotated[
+        int | None,
+        typer.Option(
+            metavar="PIXELS", help="The longer side of its images, at most; default: 512.", rich_help_panel=LIGHT
+        ),
+    ] = None,
+    preview_alone: Annotated[
+        bool, typer.Option("--preview-alone", help="Write it in the place of OUT.glb.", rich_help_panel=LIGHT)
+    ] = False,
     quiet: Quiet = False,
     json: Json = False,
 ) -> Status:
@@ -160,7 +184,7 @@ def apply(
     Accepted are GLB, glTF, OBJ, STL, PLY, OFF, 3MF and DAE; with their other files as a ZIP. Results are GLB.
     """
     given = locals()
-    written = [report, preview, turntable, poster]
+    written = [report, preview, turntable, poster, preview_model]
     if out is None:
         source, result = _pair(paths)
         require_streams([source, font, logo, declaration], [result, *written], as_json=json)
@@ -172,8 +196,8 @@ def apply(
     parameters.require_content(logo is not None)
     telling = Telling(quiet, json)
     if out is None:
-        return mark_one(Order(source, result, report, preview, turntable, poster), style, telling)
-    return mark_many(orders(paths, Folders(out, report, preview, turntable, poster)), style, jobs, telling)
+        return mark_one(Order(source, result, *written), style, telling)
+    return mark_many(orders(paths, Folders(out, *written)), style, jobs, telling)
 
 
 def parameters_of(options: dict[str, Any]) -> Parameters:
@@ -191,9 +215,30 @@ def parameters_of(options: dict[str, Any]) -> Parameters:
         given["color"] = given["color"].split(",")
     for name in ("keep_out", "prefer"):
         given[name] = [_region(text) for text in given.get(name, ())]
+    given["preview_model"] = _preview_model(options)
     if "declaration" in given:
         given["declaration"] = _json_of(given["declaration"])
     return parse_parameters(given)
+
+
+def _preview_model(options: dict[str, Any]) -> dict[str, Any] | None:
+    """The preview model that options ask for.
+
+    Raises:
+        MeshmarkError: ``invalid_request`` where it has no name, or two.
+    """
+    path, alone = options["preview_model"], options["preview_alone"]
+    sizes = {name: options[f"preview_{name}"] for name in ("triangles", "texture")}
+    sizes = {name: size for name, size in sizes.items() if size is not None}
+    if path is not None and alone:
+        problem = "With `--preview-alone` the result is the preview model, and `--preview-model` names another."
+    elif sizes and path is None and not alone:
+        problem = "`--preview-triangles` and `--preview-texture` are of a preview model, and none is asked for."
+    else:
+        return sizes | {"alone": alone} if path is not None or alone else None
+    raise MeshmarkError(
+        ErrorCode.INVALID_REQUEST, problem, "Ask for one of `--preview-model L.glb` and `--preview-alone`."
+    )
 
 
 def _region(text: str) -> dict[str, Any]:

@@ -19,13 +19,14 @@ COLUMNS = (Column("file"), Column("marks", right=True), Column("seconds", right=
 
 @dataclass(frozen=True)
 class Folders:
-    """Folders of the results: of models, and where they are wanted of reports and pictures."""
+    """Folders of the results: of models, and where they are wanted of reports, pictures and preview models."""
 
     models: Path
     reports: Path | None = None
     previews: Path | None = None
     turntables: Path | None = None
     posters: Path | None = None
+    preview_models: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,7 @@ def orders(paths: Iterable[Path], folders: Folders) -> list[Order]:
             _beside(folders.previews, name, ".png"),
             _beside(folders.turntables, name, ".webp"),
             _beside(folders.posters, name, ".poster.webp"),
+            _beside(folders.preview_models, name, ".preview.glb"),
         )
         for each, name in zip(found.values(), names, strict=True)
     ]

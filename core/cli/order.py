@@ -12,6 +12,7 @@ from core.cli.progress import Progress, progress
 from core.cli.status import STATUS_OF, Status
 from core.cli.terminal import as_json, say, say_error, say_json
 from core.errors import ErrorCode, MeshmarkError
+from core.notices import NoticeCode
 from core.parameters import Parameters
 
 LOADING = "loading"  # the stage before the engine's own: its libraries
@@ -27,6 +28,7 @@ class Order:
     preview: Path | None = None
     turntable: Path | None = None
     poster: Path | None = None
+    preview_model: Path | None = None
 
     @property
     def pictures(self) -> dict[str, Path]:
@@ -37,7 +39,8 @@ class Order:
     @property
     def results(self) -> list[Path]:
         """All files that are to be written."""
-        return [self.output, *([self.report] if self.report else []), *self.pictures.values()]
+        beside = [path for path in (self.report, self.preview_model) if path is not None]
+        return [self.output, *beside, *self.pictures.values()]
 
 
 @dataclass(frozen=True)
@@ -118,6 +121,11 @@ def mark(order: Order, style: Style, tell: Progress | None) -> Outcome:
     write_file(order.output, result.file.data)
     if order.report:
         write_json(order.report, result.report)
+    if order.preview_model:
+        if result.preview_model is None:
+            warning = next(each for each in warnings if each["code"] == NoticeCode.NO_PREVIEW_MODEL)
+            raise MeshmarkError(ErrorCode.NO_PLACEMENT, warning["message"], warning["remedy"])
+        write_file(order.preview_model, result.preview_model)
     for name, path in order.pictures.items():
         picture: bytes | None = getattr(result, name)
         if picture is None:

@@ -61,7 +61,7 @@ def read_texture(document: Document, index: int, limit: int) -> Texture | None:
         MeshmarkError: ``malformed_file`` for references to objects that do not exist.
     """
     texture = document.entry("textures", index)
-    images = (document.image(source) for source in _sources(texture))
+    images = (document.image(source) for source in sources(texture))
     pixels = next((pixels for image in images if (pixels := _decode(image, limit)) is not None), None)
     if pixels is None:
         document.undecoded.add(index)
@@ -84,7 +84,7 @@ def undecoded_textures(document: Document) -> list[Notice]:
     textures, images = typed(document.json, "textures", list), typed(document.json, "images", list)
     lost = []
     for number in sorted(document.undecoded):
-        named = [images[source] for source in _sources(textures[number])]
+        named = [images[source] for source in sources(textures[number])]
         if not any(is_beside(image) for image in named):
             names = [
                 name for entry in (textures[number], *named) if isinstance(name := entry.get("name"), str) and name
@@ -104,7 +104,7 @@ def undecoded_textures(document: Document) -> list[Notice]:
     ]
 
 
-def _sources(texture: dict[str, Any]) -> list[Any]:
+def sources(texture: dict[str, Any]) -> list[Any]:
     """The images that a texture names, in the order in which they are tried."""
     extensions = typed(texture, "extensions", dict)
     owners = (typed(extensions, WEBP, dict), texture, typed(extensions, BASISU, dict))

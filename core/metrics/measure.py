@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import cache, cached_property
 
@@ -127,18 +127,27 @@ class Pair:
         return self.layouts
 
 
-def measure(pair: Pair, level: Evaluate, progress: Callable[[float], None] = lambda _: None) -> Measurement:
+def measure(
+    pair: Pair,
+    level: Evaluate,
+    progress: Callable[[float], None] = lambda _: None,
+    shared: Collection[str] = (),
+) -> Measurement:
     """Measure what ``level`` asks for. Never raises: a metric that cannot be had is None, with the reason.
 
     Args:
         pair: what to compare.
         level: ``none`` measures nothing, ``geometry`` leaves out what looks at pictures.
         progress: called with the share done.
+        shared: groups that are left out because another measurement of the same marks has them.
     """
     found = Measurement()
-    wanted = [group for group in _GROUPS if level is Evaluate.FULL or level is group.level]
+    asked = [group for group in _GROUPS if level is Evaluate.FULL or level is group.level]
+    wanted = [group for group in asked if group.name not in shared]
     for group in _GROUPS:
-        if group not in wanted:
+        if group.name in shared:
+            found.missing |= dict.fromkeys(group.metrics, _SHARED)
+        elif group not in asked:
             found.missing |= dict.fromkeys(group.metrics, _not_requested(level))
     for number, group in enumerate(wanted):
         progress(number / len(wanted))
@@ -153,6 +162,11 @@ def measure(pair: Pair, level: Evaluate, progress: Callable[[float], None] = lam
         found.seconds[group.name] = round(time.perf_counter() - start, 4)
     progress(1.0)
     return found
+
+
+_SHARED = Notice(
+    NoticeCode.NOT_MEASURED, "It is measured on the model alone.", "See the report's `metrics`, on the same marks."
+)
 
 
 def _not_requested(level: Evaluate) -> Notice:

@@ -16,6 +16,14 @@ FORM_FIELDS = ("metadata", "webhook", "priority")
 OF_WATERMARKS = (*FORM_FIELDS, "logo", "font", "cache")
 
 
+class PreviewModel(TypedDict, total=False):
+    """Limits of a light model for public display."""
+
+    triangles: int
+    texture: int
+    alone: bool
+
+
 class Marking(TypedDict, total=False):
     """Parameters of a watermark but its text: the manual's page on parameters has each."""
 
@@ -47,6 +55,7 @@ class Marking(TypedDict, total=False):
     evaluate: Literal["full", "geometry", "none"]
     explain: bool
     turntable: bool
+    preview_model: PreviewModel
 
 
 class Sending(TypedDict, total=False):

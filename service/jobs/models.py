@@ -117,6 +117,7 @@ class ArtifactKind(StrEnum):
     FONT = "font"
     LOGO = "logo"
     MODEL = "model"
+    PREVIEW_MODEL = "preview_model"
     REPORT = "report"
     PREVIEW = "preview"
     TURNTABLE = "turntable"

@@ -53,6 +53,7 @@ REPORT: JsonDict = {
         "evaluate": "geometry",
         "explain": False,
         "turntable": False,
+        "preview_model": None,
         "label": None,
         "declaration": None,
         "metadata_only": False,
@@ -89,6 +90,7 @@ REPORT: JsonDict = {
     "copies": [],
     "embossing": {"tried": 1, "verified": 1, "refused": {}},
     "label": None,
+    "preview_model": None,
     "metrics": {
         "watermark_quality": {
             "wps": 0.1181,

@@ -53,6 +53,7 @@ sending = APIRouter(prefix="/v1/watermarks", tags=["watermarks"], route_class=As
 
 MEDIA_TYPES = {
     ArtifactKind.MODEL: "model/gltf-binary",
+    ArtifactKind.PREVIEW_MODEL: "model/gltf-binary",
     ArtifactKind.REPORT: "application/json",
     ArtifactKind.PREVIEW: "image/png",
     ArtifactKind.TURNTABLE: "image/webp",
@@ -63,6 +64,7 @@ MEDIA_TYPES = {
 }
 CONTENT: dict[ArtifactKind, dict[str, Any]] = {
     ArtifactKind.MODEL: {"type": "string", "format": "binary"},
+    ArtifactKind.PREVIEW_MODEL: {"type": "string", "format": "binary"},
     ArtifactKind.REPORT: {
         "$ref": "#/components/schemas/Report",
         "description": "`meshmark.report/1`, as the manual's page on the report describes it.",
@@ -80,6 +82,7 @@ CONTENT: dict[ArtifactKind, dict[str, Any]] = {
 }
 SUFFIXES = {
     ArtifactKind.MODEL: ".glb",
+    ArtifactKind.PREVIEW_MODEL: ".preview.glb",
     ArtifactKind.REPORT: ".report.json",
     ArtifactKind.PREVIEW: ".png",
     ArtifactKind.TURNTABLE: ".turntable.webp",
@@ -232,6 +235,12 @@ def _offer(kind: ArtifactKind, title: str) -> Callable[[Endpoint], Endpoint]:
 async def read_model(request: Request, state: State, client: Admitted, job_id: str) -> Response:
     """The watermarked GLB; there from stage `evaluating` on."""
     return await _deliver(request, state, client, job_id, ArtifactKind.MODEL)
+
+
+@_offer(ArtifactKind.PREVIEW_MODEL, "the preview model")
+async def read_preview_model(request: Request, state: State, client: Admitted, job_id: str) -> Response:
+    """A light GLB for public display; where `preview_model` asked for one beside the model and marks fit on it."""
+    return await _deliver(request, state, client, job_id, ArtifactKind.PREVIEW_MODEL)
 
 
 @_offer(ArtifactKind.REPORT, "the report")

@@ -228,6 +228,23 @@ def test_a_label_that_says_nothing_or_something_else_is_refused(asked: dict[str,
     assert caught.value.code is code
 
 
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"text": "a", "preview_model": {"triangles": 499}},
+        {"text": "a", "preview_model": {"texture": 4097}},
+        {"text": "a", "preview_model": {"tris": 1000}},
+        {"text": "a", "preview_model": {"alone": True}, "explain": True},
+        {"metadata_only": True, "label": "eu", "preview_model": {}},
+    ],
+)
+def test_a_preview_model_out_of_range_or_against_the_rest_of_the_request_is_refused(asked: dict[str, Any]) -> None:
+    with pytest.raises(MeshmarkError) as caught:
+        parse_parameters(asked).require_content(logo=False)
+    assert caught.value.code is ErrorCode.INVALID_PARAMETERS
+    assert "preview_model" in caught.value.message
+
+
 def test_a_label_alone_needs_no_text_and_measures_nothing() -> None:
     asked = parse_parameters({"metadata_only": True, "declaration": {"creator": "me"}, "evaluate": "full"})
     asked.require_content(logo=False)

@@ -54,5 +54,14 @@ def test_whoever_reads_by_the_schema_takes_fields_that_are_added_later(model: ty
             return own + [found for value in schema.values() for found in closed(value)]
         return [found for value in schema for found in closed(value)] if isinstance(schema, list) else []
 
-    sent = {"Parameters", "Declaration", "Aigc", "Box", "BoxRegion", "NodeRegion", "MaterialRegion"}  # by a client
+    sent = {
+        "Parameters",
+        "Declaration",
+        "Aigc",
+        "Box",
+        "BoxRegion",
+        "NodeRegion",
+        "MaterialRegion",
+        "PreviewModel",
+    }  # by a client
     assert set(closed(model.model_json_schema(mode="serialization"))) <= sent

@@ -85,6 +85,8 @@ def directed(
     if parameters.explain:
         publish("explanation", b"{}")
         publish("layers", b"glTF of layers")
+    if parameters.preview_model is not None:
+        publish("preview_model", b"glTF in little")
     if parameters.turntable:
         publish("turntable", bytes.fromhex(order.get("animation", "52494646")))
         publish("poster", bytes.fromhex(order.get("animation", "52494646")))

@@ -10,6 +10,7 @@ from core.cli.app import load_command
 from core.cli.apply import parameters_of
 from core.errors import MeshmarkError
 from core.parameters import Parameters
+from core.preview_model import PreviewModel
 
 
 def given(*options: str) -> Parameters:
@@ -54,3 +55,24 @@ def test_statements_that_cannot_be_read_are_refused(tmp_path: Path, content: str
         (tmp_path / "d.json").write_text(content)
     with pytest.raises(MeshmarkError, match="cannot be read"):
         given("--label", "cn", "--declaration", str(tmp_path / "d.json"))
+
+
+def test_a_preview_model_is_asked_for_by_its_name_or_in_the_place_of_the_model() -> None:
+    beside = given("--text", "a", "--preview-model", "l.glb", "--preview-triangles", "900")
+    assert beside.preview_model == PreviewModel(triangles=900)
+    alone = given("--text", "a", "--preview-alone", "--preview-texture", "64")
+    assert alone.preview_model == PreviewModel(texture=64, alone=True)
+    assert given("--text", "a").preview_model is None
+
+
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        (["--preview-alone", "--preview-model", "l.glb"], "names another"),
+        (["--preview-triangles", "900"], "none is asked for"),
+        (["--preview-model", "l.glb", "--preview-triangles", "1"], "preview_model.triangles"),
+    ],
+)
+def test_a_preview_model_of_two_kinds_of_none_or_of_no_triangles_is_refused(options: list[str], problem: str) -> None:
+    with pytest.raises(MeshmarkError, match=problem):
+        given("--text", "a", *options)

@@ -203,6 +203,21 @@ def test_a_turntable_and_a_poster_come_where_they_were_asked_for(client: Client)
     assert client.http.get(f"{url}/turntable").json()["code"] == "not_found"
 
 
+def test_a_light_model_comes_where_it_was_asked_for(client: Client) -> None:
+    url = client.submit(params='{"text": "HI", "preview_model": {"triangles": 5000}}')
+    client.run(url)
+    job = client.http.get(url).json()
+    assert job["links"]["preview_model"] == f"{url}/preview_model"
+    assert job["parameters"]["preview_model"] == {"triangles": 5000, "texture": 512, "alone": False}
+    found = client.http.get(job["links"]["preview_model"])
+    assert (found.content, found.headers["Content-Type"]) == (b"glTF in little", "model/gltf-binary")
+    assert ".watermarked.preview.glb" in found.headers["Content-Disposition"]
+    url = client.submit()
+    client.run(url)
+    assert client.http.get(url).json()["links"]["preview_model"] is None
+    assert client.http.get(f"{url}/preview_model").json()["code"] == "not_found"
+
+
 def test_why_marks_stand_where_they_stand_is_told_where_it_was_asked_for(client: Client) -> None:
     url = client.submit(params='{"text": "HI", "explain": true}')
     client.run(url)
