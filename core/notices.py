@@ -22,6 +22,7 @@ class NoticeCode(StrEnum):
     INCOMPLETE_LABEL = "incomplete_label"
     KEPT_LABEL = "kept_label"
     LABEL_TOO_SMALL = "label_too_small"
+    LEFT_OUT_OF_EXPORT = "left_out_of_export"
     # Why a report has no value of a metric.
     NOT_REQUESTED = "not_requested"
     NOT_MEASURED = "not_measured"

@@ -10,6 +10,7 @@ from core.choices import (
     Align,
     Direction,
     Evaluate,
+    FileFormat,
     LogoPosition,
     Mode,
     Preset,
@@ -190,6 +191,13 @@ class Parameters(Wording):
             "result, or kept as they are."
         ),
     ] = UnmarkedCopies.LEAVE_OUT
+    format: Annotated[
+        FileFormat,
+        Field(
+            description="Format of a further result beside the GLB: that of the upload (same), STL, OBJ in a ZIP, PLY "
+            "or 3MF; glb: none."
+        ),
+    ] = FileFormat.GLB
     evaluate: Annotated[Evaluate, Field(description="Which metrics the report carries.")] = Evaluate.FULL
     explain: Annotated[
         bool,

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
-from core import marking, measuring
+from core import exporting, marking, measuring
 from core.budgets import DEFAULT_BUDGETS, Budgets
 from core.formats.format import OutputFile
 from core.parameters import Parameters
@@ -40,6 +40,7 @@ class Result:
         preview: a PNG contact sheet; None where none was asked for, or where none could be rendered (then the
             report's ``warnings`` say why).
         turntable, poster: animated WebP of the model as it turns, and its first frame; None as for ``preview``.
+        export: the watermarked model in another format; None where none was asked for.
     """
 
     file: OutputFile
@@ -47,6 +48,7 @@ class Result:
     preview: bytes | None
     turntable: bytes | None = None
     poster: bytes | None = None
+    export: OutputFile | None = None
 
     @property
     def model(self) -> bytes:
@@ -94,7 +96,7 @@ def run_stages(
         data: the content of a file.
         request: the wishes.
         progress: called with the stage's name and the share done of the whole run, 0 to 1.
-        publish: called with the name of each result ("model", "report", "explanation", "layers", "preview",
+        publish: called with the name of each result ("model", "export", "report", "explanation", "layers", "preview",
             "turntable", "poster") and its bytes as soon as it exists, before the run ends. The report is the final one
             if the run breaks off afterwards: its metrics are still missing.
     """
@@ -124,7 +126,7 @@ def run_stages(
     candidates = None
     if request.parameters.metadata_only:
         with stage("writing"):
-            output = marking.write_label_alone(asset, run)
+            output = exporting.with_export(asset, marking.write_label_alone(asset, run), run)
     else:
         with stage("lettering"):
             layouts = marking.letter(run)
@@ -133,7 +135,7 @@ def run_stages(
         with stage("embossing"):
             embossed = marking.emboss(asset, candidates, run)
         with stage("writing"):
-            output = marking.write_model(asset, candidates, embossed, run)
+            output = exporting.with_export(asset, marking.write_model(asset, candidates, embossed, run), run)
     with stage("reporting"):
         report = measuring.report(asset, output, run)
         measuring.explain(asset, candidates, output, run)
@@ -141,7 +143,8 @@ def run_stages(
         seen = measuring.render(asset, output, run)
     with stage("evaluating"):
         report = measuring.evaluate(asset, candidates, output, seen, report, run)
-    return Result(output.file, measuring.as_json(report, run), seen.preview, seen.turntable, seen.poster)
+    exported = output.exported.file if output.exported else None
+    return Result(output.file, measuring.as_json(report, run), seen.preview, seen.turntable, seen.poster, exported)
 
 
 def _peak_memory() -> int:

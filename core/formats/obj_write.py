@@ -1,0 +1,215 @@
+"""OBJ with its MTL and textures: groups, objects, materials and names as they came."""
+
+import posixpath
+
+import numpy as np
+
+from core.arrays import Int
+from core.formats.archive import Archive
+from core.formats.drawing import Drawing, Look, Part, bytes_of, draw
+from core.formats.format import Format, Written
+from core.formats.marked import Marked, coordinates, drawn, drawn_again
+from core.formats.mtl import read_mtl
+from core.formats.names import texts
+from core.formats.obj_state import read_states, states_of_faces
+from core.formats.obj_zip import libraries_of, read_obj
+from core.formats.text import Lines, joined_lines
+from core.formats.text_write import lines
+from core.formats.textures import IMAGE_ENDINGS
+from core.formats.vertices import joined
+from core.gltf.colors import srgb
+
+_PICTURES = (*IMAGE_ENDINGS, ".tga", ".bmp", ".tif", ".tiff", ".gif", ".dds", ".exr", ".hdr")
+
+
+def write_obj(marked: Marked) -> Written:
+    """The OBJ, the MTL files and textures of its input beside it as they came, and an MTL of what is new."""
+    frame = coordinates(marked.format, Format.OBJ)
+    if marked.format.inner is not Format.OBJ:
+        drawing = drawn(marked, Format.OBJ)[0]
+        names = [f"o {_word(part.name)}" for part in drawing.parts]
+        states = np.repeat(np.arange(len(names)), [len(part.faces) for part in drawing.parts])
+        files = _files(drawing, [name.encode() for name in names], states, "model", {}, {})
+        return Written(files, frame.unit, frame.up, drawing.left_out)
+    source = marked.source
+    body = read_obj(source, None, marked.budgets).bodies[0]
+    drawing = drawn_again(marked, body.positions, vertex_colors=marked.had_colors)
+    texts_of, states = [b""], np.zeros(sum(len(part.faces) for part in drawing.parts), np.int64)
+    found = read_states(Lines(joined_lines(source.data)))
+    if len(found.texts) > 1:
+        raw = draw(marked.scene, vertex_colors=marked.had_colors)
+        states = states_of_faces(found, body, raw, marked.before, marked.edit)
+        texts_of = [b"\n".join(line for line in state if line) for state in found.texts]
+    beside, libraries = _beside(source.archive, source.name, source.data) if source.archive else ({}, {})
+    name = source.name or "model.obj"
+    files = _files(drawing, texts_of, states, posixpath.splitext(name)[0], beside, libraries)
+    return Written(files, frame.unit, frame.up, drawing.left_out)
+
+
+def _beside(archive: Archive, name: str, data: bytes) -> tuple[dict[str, bytes], dict[str, bytes]]:
+    """The MTL files and pictures of the input by their names, and the names of materials, as bytes, by their text."""
+    libraries = libraries_of(archive, name, data, [])
+    pictures = [entry for entry in archive.names if entry.lower().endswith(_PICTURES)]
+    files = {entry: archive.read(entry) for entry in (*libraries, *pictures)}
+    materials: dict[str, bytes] = {}
+    for library in libraries:
+        known = list(read_mtl(files[library], lambda _path: None)[0])
+        materials = {text: raw for raw, text in texts(known).items()} | materials
+    return files, materials
+
+
+def _files(
+    drawing: Drawing,
+    states: list[bytes],
+    state: Int,
+    stem: str,
+    beside: dict[str, bytes],
+    materials: dict[str, bytes],
+) -> dict[str, bytes]:
+    """The files of an OBJ by name.
+
+    Args:
+        drawing: in its coordinates.
+        states: lines that hold for faces.
+        state: (T,) number of those of each face.
+        stem: of its name.
+        beside: files of the input that stay.
+        materials: in these, by the text of their names.
+    """
+    names, own = _names(drawing, np.unique(np.concatenate([part.look for part in drawing.parts])), materials)
+    images: dict[int, str] = {}
+    files = dict(beside)
+    known = {data: name for name, data in beside.items()}
+    folder = posixpath.dirname(stem)
+    for look in own.values():
+        for number in (look.image, look.normal_map):
+            if number is not None and number not in images:
+                ending, data = drawing.images[number]
+                name = known.get(data) or _free(posixpath.join(folder, f"texture-{number + 1}"), f".{ending}", files)
+                files[name] = data
+                images[number] = posixpath.relpath(name, folder or ".")
+    libraries = [name for name in files if name.lower().endswith(".mtl")]
+    if own:
+        libraries.append(_free(f"{stem}-letters" if libraries else stem, ".mtl", files))
+        files[libraries[-1]] = b"".join(_mtl(name, look, images) for name, look in own.items())
+    named = [posixpath.relpath(name, folder or ".") for name in libraries]
+    head = b"# meshmark\n" + b"".join(f"mtllib {name}\n".encode() for name in named)
+    return {f"{stem}.obj": head + _obj(drawing, states, state, names)} | files
+
+
+def _free(stem: str, ending: str, taken: dict[str, bytes]) -> str:
+    """A name that no file has."""
+    number, name = 1, stem + ending
+    while name in taken:
+        number += 1
+        name = f"{stem}-{number}{ending}"
+    return name
+
+
+def _names(drawing: Drawing, used: Int, materials: dict[str, bytes]) -> tuple[dict[int, bytes], dict[bytes, Look]]:
+    """The name of each look that is used, empty where it is plain; and the looks that need to be described."""
+    names: dict[int, bytes] = {}
+    own: dict[bytes, Look] = {}
+    for number in used.tolist():
+        look = drawing.looks[number]
+        if look.name in materials:
+            names[number] = materials[look.name]
+        elif look.is_neutral:
+            names[number] = b""
+        else:
+            word = _word(look.name) if look.name else f"material-{number + 1}"
+            name, count = word.encode(), 1
+            while name in own or word in materials:
+                count += 1
+                word = f"{word}-{count}"
+                name = word.encode()
+            names[number], own[name] = name, look
+    return names, own
+
+
+def _word(name: str) -> str:
+    """A name on one line."""
+    return " ".join(name.split()) or "model"
+
+
+def _obj(drawing: Drawing, states: list[bytes], state: Int, names: dict[int, bytes]) -> bytes:
+    blocks, faces, layouts = [], [], []
+    counts = np.zeros(3, np.int64)  # of vertices, texture coordinates and normals so far
+    colored = any(part.colors is not None for part in drawing.parts)
+    for part in drawing.parts:
+        vertex, first = _vertices(part)
+        columns = [part.positions[first]]
+        if colored:
+            colors = np.ones((len(part.positions), 4)) if part.colors is None else part.colors
+            columns.append(bytes_of(colors)[first, :3] / 255)
+        blocks.append(lines("v %r %r %r" + " %.6g %.6g %.6g" * colored, np.hstack(columns)))
+        corner = np.zeros((len(part.faces), 3, 3), np.int64)
+        corner[..., 0] = vertex[part.faces] + counts[0] + 1
+        sizes = [len(first), 0, 0]
+        for column, values, pattern in ((1, _flipped(part), "vt %.9g %.9g"), (2, part.normals, "vn %.7g %.7g %.7g")):
+            if values is not None:
+                rows = np.flatnonzero(np.isfinite(values).all(axis=1))
+                unique, number = np.unique(values[rows], axis=0, return_inverse=True)
+                index = np.zeros(len(values), np.int64)
+                index[rows] = number.reshape(-1) + counts[column] + 1
+                corner[..., column] = index[part.faces]
+                sizes[column] = len(unique)
+                blocks.append(lines(pattern, unique))
+        counts += sizes
+        present = np.all(corner > 0, axis=1)
+        layouts.append(present[:, 1] + 2 * present[:, 2])
+        faces.append(corner)
+    return b"".join(blocks) + _faces(np.concatenate(faces), np.concatenate(layouts), drawing, (states, state), names)
+
+
+def _vertices(part: Part) -> tuple[Int, Int]:
+    """The vertices of an OBJ: rows of one point and colour."""
+    if part.colors is None:
+        return joined(part.positions, part.faces)
+    words = bytes_of(part.colors).view("<u4").astype(np.float64)
+    return joined(np.column_stack([part.positions, words]), part.faces)
+
+
+def _flipped(part: Part) -> np.ndarray[tuple[int, int], np.dtype[np.float64]] | None:
+    return None if part.uv is None else np.column_stack([part.uv[:, 0], 1 - part.uv[:, 1]])
+
+
+_PATTERNS = {0: "f %d %d %d", 1: "f %d/%d %d/%d %d/%d", 2: "f %d//%d %d//%d %d//%d", 3: "f" + " %d/%d/%d" * 3}
+_COLUMNS = {0: [0], 1: [0, 1], 2: [0, 2], 3: [0, 1, 2]}
+
+
+def _faces(
+    corner: Int, layout: Int, drawing: Drawing, of_states: tuple[list[bytes], Int], names: dict[int, bytes]
+) -> bytes:
+    """The faces (T, 3, 3) by state and material: those without one come first, since no line ends one."""
+    states, state = of_states
+    look = np.concatenate([part.look for part in drawing.parts])
+    named = np.zeros(len(drawing.looks), np.int64)
+    named[[number for number, name in names.items() if name]] = 1
+    key = ((named[look] * len(states) + state) * len(drawing.looks) + look) * 4 + layout
+    order = np.argsort(key, kind="stable")
+    runs = np.split(order, np.flatnonzero(np.diff(key[order])) + 1)
+    blocks, before = [], (b"", b"")
+    for rows in runs:
+        first = rows[0]
+        now = (states[state[first]], names[int(look[first])])
+        if now[0] != before[0]:
+            blocks.append(now[0] + b"\n" if now[0] else b"g\n")
+        if now[1] != before[1]:
+            blocks.append(b"usemtl " + now[1] + b"\n")
+        kind = int(layout[first])
+        blocks.append(lines(_PATTERNS[kind], corner[rows][:, :, _COLUMNS[kind]].reshape(len(rows), -1)))
+        before = now
+    return b"".join(blocks)
+
+
+def _mtl(name: bytes, look: Look, images: dict[int, str]) -> bytes:
+    color = " ".join(f"{value:.6g}" for value in srgb(np.array(look.color[:3])))
+    rows = [f"Kd {color}", f"d {look.color[3]:.6g}", f"Pm {look.metallic:.6g}", f"Pr {look.roughness:.6g}", "illum 2"]
+    if any(look.emissive):
+        rows.append("Ke " + " ".join(f"{value:.6g}" for value in srgb(np.array(look.emissive))))
+    if look.image is not None:
+        rows += [f"{use} {images[look.image]}" for use in ("map_Kd", *(["map_d"] if look.masked else []))]
+    if look.normal_map is not None:
+        rows.append(f"norm {images[look.normal_map]}")
+    return b"newmtl " + name + b"\n" + "".join(f"{row}\n" for row in rows).encode() + b"\n"

@@ -1,0 +1,180 @@
+"""PLY, binary little endian: the vertices of a marked scene with normals, texture coordinates and colours."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.arrays import Float, Int
+from core.formats.drawing import Drawing, Part, base_colors, bytes_of
+from core.formats.format import Format, Written
+from core.formats.marked import Marked, coordinates, drawn, drawn_again
+from core.formats.ply import COLOR_NAMES, FACE_LISTS, UV_NAMES, check_ply, read_ply
+from core.formats.ply_header import Header
+from core.geometry.grouping import float_words, group_rows
+
+_KNOWN = {
+    *("x", "y", "z", "nx", "ny", "nz", "texnumber", "texcoord", "alpha", "diffuse_alpha", *FACE_LISTS),
+    *(name for names in (*UV_NAMES, *COLOR_NAMES) for name in names),
+}
+_TYPES = {"float": "<f4", "double": "<f8", "uchar": "u1"}
+_PLAIN = np.array([[255, 255, 255, 255], [231, 231, 231, 255]], np.uint8)  # of surface without a colour
+
+
+def write_ply(marked: Marked) -> Written:
+    """All parts as one mesh. Where the input is a PLY, with its properties: doubles where it has them, texture
+    coordinates of corners where it has those, the names of its textures, which lie beside it in the same archive.
+
+    What the looks of a scene say is in the colours of vertices.
+    """
+    frame = coordinates(marked.format, Format.PLY)
+    if marked.format.inner is Format.PLY:
+        header = check_ply(marked.source, marked.budgets)
+        before = read_ply(marked.source, header, marked.budgets).bodies[0]
+        drawing = drawn_again(marked, before.positions, vertex_colors=True)
+        style = _style(header, any(material.texture for material in before.materials))
+    else:
+        drawing, style = drawn(marked, Format.PLY, vertex_colors=True)[0], _Style()
+    files = {"model.ply": b""}
+    images = [f"texture-{number + 1}.{ending}" for number, (ending, _) in enumerate(drawing.images)]
+    if style.textured:
+        files |= {name: data for name, (_, data) in zip(images, drawing.images, strict=True)}
+    files["model.ply"] = _ply(drawing, style, images)
+    lost = {
+        "textures": bool(drawing.images) and not style.textured,
+        "names of materials": any(look.name for look in drawing.looks),
+        "names and parts": len(drawing.parts) > 1,
+        f"properties: {', '.join(style.others)}": bool(style.others),
+    }
+    left_out = [*(what for what, there in lost.items() if there), *drawing.left_out]
+    return Written(files, frame.unit, frame.up, left_out)
+
+
+@dataclass(frozen=True)
+class _Style:
+    """The way a PLY is written: its positions are of the ``kind`` float or double, its texture coordinates are those of
+    ``corners``, vertices have them by these names, its textures are beside it, and ``others`` are properties that no
+    GLB has."""
+
+    kind: str = "float"
+    corners: bool = False
+    uv: tuple[str, str] = ("s", "t")
+    textured: bool = False
+    others: tuple[str, ...] = ()
+
+
+def _style(header: Header, textured: bool) -> _Style:
+    vertex, surface = header.element("vertex"), header.surface
+    assert vertex is not None
+    assert surface is not None, "the gate refuses a PLY without"
+    kinds = {column.name: column.kind for column in vertex.properties}
+    uv = next((names for names in UV_NAMES if set(names) <= kinds.keys()), None)
+    columns = [column.name for element in (vertex, surface) for column in element.properties]
+    others = tuple(name for name in columns if name not in _KNOWN)
+    elements = tuple(element.name for element in header.elements if element not in (vertex, surface) and element.count)
+    return _Style(
+        kind="double" if kinds["x"] == "d" else "float",
+        corners=uv is None and any(column.name == "texcoord" for column in surface.properties),
+        uv=(uv[0], uv[1]) if uv else ("s", "t"),
+        textured=textured,
+        others=others + elements,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Corners:
+    """Corners of all faces: their points (T, 3); their normals (3T, 3), texture coordinates (3T, 2) and sRGB colours
+    (3T, 4), or None; the texture (T,) of each face, or -1."""
+
+    points: Int
+    normals: NDArray[np.float32] | None
+    uv: NDArray[np.float32] | None
+    colors: NDArray[np.uint8] | None
+    texture: Int
+
+
+def _ply(drawing: Drawing, style: _Style, images: list[str]) -> bytes:
+    positions = np.concatenate([part.positions for part in drawing.parts])
+    corners = _corners(drawing)
+    points = corners.points.reshape(-1)
+    words = [points[:, None].astype(np.uint32)]
+    if corners.normals is not None:
+        words.append(float_words(corners.normals))
+    if corners.uv is not None and not style.corners:
+        words.append(float_words(corners.uv))
+    if corners.colors is not None:
+        words.append(corners.colors.view("<u4").astype(np.uint32))
+    _, first, vertex = np.unique(group_rows(np.hstack(words)), return_index=True, return_inverse=True)
+    in_order = np.argsort(points[first], kind="stable")
+    rank = np.empty(len(first), dtype=np.int64)
+    rank[in_order] = np.arange(len(first))
+    first, vertex = first[in_order], rank[vertex].reshape(-1, 3)
+
+    columns: list[tuple[str, str, NDArray[Any]]] = list(
+        zip("xyz", [style.kind] * 3, positions[points[first]].T, strict=True)
+    )
+    if corners.normals is not None:
+        columns += zip(("nx", "ny", "nz"), ["float"] * 3, corners.normals[first].T, strict=True)
+    if corners.uv is not None and not style.corners:
+        columns += zip(style.uv, ["float"] * 2, corners.uv[first].T, strict=True)
+    if corners.colors is not None:
+        channels = ["red", "green", "blue", *(["alpha"] if (corners.colors[:, 3] < 255).any() else [])]
+        columns += zip(channels, ["uchar"] * len(channels), corners.colors[first].T[: len(channels)], strict=True)
+    table = np.zeros(len(first), [(name, _TYPES[kind]) for name, kind, _ in columns])
+    for name, _, values in columns:
+        table[name] = values
+
+    fields: list[tuple[str, str, tuple[int, ...]]] = [("count", "u1", ()), ("corners", "<i4", (3,))]
+    lists = ["property list uchar int vertex_indices"]
+    if corners.uv is not None and style.corners:
+        fields += [("values", "u1", ()), ("uv", "<f4", (6,))]
+        lists.append("property list uchar float texcoord")
+    if several := style.textured and len(images) > 1:
+        fields.append(("texnumber", "<i4", ()))
+        lists.append("property int texnumber")
+    faces = np.zeros(len(vertex), fields)
+    faces["count"], faces["corners"] = 3, vertex
+    if corners.uv is not None and style.corners:
+        faces["values"], faces["uv"] = 6, corners.uv.reshape(-1, 6)
+    if several:
+        faces["texnumber"] = corners.texture
+    head = [
+        *("ply", "format binary_little_endian 1.0", "comment meshmark"),
+        *(f"comment TextureFile {name}" for name in (images if style.textured else [])),
+        f"element vertex {len(table)}",
+        *(f"property {kind} {name}" for name, kind, _ in columns),
+        f"element face {len(faces)}",
+        *lists,
+        "end_header",
+    ]
+    return "\n".join(head).encode() + b"\n" + table.tobytes() + faces.tobytes()
+
+
+def _corners(drawing: Drawing) -> _Corners:
+    sizes = [len(part.positions) for part in drawing.parts]
+    starts = np.cumsum(sizes) - sizes
+    images = np.array([-1 if look.image is None else look.image for look in drawing.looks])
+    colors = np.concatenate([bytes_of(base_colors(drawing, part)).reshape(-1, 4) for part in drawing.parts])
+    is_plain = (colors == colors[0]).all() and any((colors[0] == plain).all() for plain in _PLAIN)
+    uv = _of_corners(drawing.parts, [part.uv for part in drawing.parts], 2)
+    if uv is not None:
+        uv[:, 1] = 1 - uv[:, 1]
+    return _Corners(
+        points=np.concatenate([part.faces + start for part, start in zip(drawing.parts, starts, strict=True)]),
+        normals=_of_corners(drawing.parts, [part.normals for part in drawing.parts], 3),
+        uv=uv,
+        colors=None if is_plain else colors,
+        texture=np.concatenate([images[part.look] for part in drawing.parts]),
+    )
+
+
+def _of_corners(parts: list[Part], values: list[Float | None], width: int) -> NDArray[np.float32] | None:
+    """(3T, n) values at the corners, 0 where there are none."""
+    if all(item is None for item in values):
+        return None
+    found = [
+        np.zeros((3 * len(part.faces), width)) if item is None else item[part.faces.reshape(-1)]
+        for part, item in zip(parts, values, strict=True)
+    ]
+    return np.nan_to_num(np.concatenate(found)).astype(np.float32)
