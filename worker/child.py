@@ -31,6 +31,7 @@ CPU_MARGIN = 60  # seconds beyond all cores' time within the job's limit: in cas
 CHANNEL = 3  # the descriptor of its answers, after stdin, stdout and stderr
 SUFFIXES = {
     "model": ".glb",
+    "export": ".bin",
     "report": ".json",
     "preview": ".png",
     "turntable": ".webp",

@@ -207,12 +207,12 @@ def _uv(document: Document, drawn: DrawnPrimitive) -> Float | None:
     values = _attribute(document, drawn, f"TEXCOORD_{material.uv_set}", 2)
     if values is None or np.array_equal(material.uv_transform, np.eye(2, 3)):
         return values
-    return product(values[:, :2], material.uv_transform[:, :2].T) + material.uv_transform[:, 2]
+    return np.asarray(product(values[:, :2], material.uv_transform[:, :2].T) + material.uv_transform[:, 2])
 
 
 def _rgba(colors: Float) -> Float:
-    opaque = np.ones((len(colors), 4 - colors.shape[1])))
-    return np.clip(np.nan_to_num(np.column_stack([colors, opaque])), 0, 1)
+    opaque = np.ones((len(colors), 4 - colors.shape[1]))
+    return np.asarray(np.clip(np.nan_to_num(np.column_stack([colors, opaque])), 0, 1))
 
 
 def _stacked(values: list[Float | None], sizes: list[int], width: int, missing: float) -> Float | None:

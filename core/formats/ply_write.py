@@ -6,20 +6,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.arrays import Float, Int
-from core.formats.drawing import Drawing, Part, base_colors, bytes_of
+from core.formats.corners import corners_of
+from core.formats.drawing import Drawing
 from core.formats.format import Format, Written
 from core.formats.marked import Marked, coordinates, drawn, drawn_again
 from core.formats.ply import COLOR_NAMES, FACE_LISTS, UV_NAMES, check_ply, read_ply
 from core.formats.ply_header import Header
-from core.geometry.grouping import float_words, group_rows
 
 _KNOWN = {
     *("x", "y", "z", "nx", "ny", "nz", "texnumber", "texcoord", "alpha", "diffuse_alpha", *FACE_LISTS),
     *(name for names in (*UV_NAMES, *COLOR_NAMES) for name in names),
 }
 _TYPES = {"float": "<f4", "double": "<f8", "uchar": "u1"}
-_PLAIN = np.array([[255, 255, 255, 255], [231, 231, 231, 255]], np.uint8)  # of surface without a colour
 
 
 def write_ply(marked: Marked) -> Written:
@@ -82,35 +80,11 @@ def _style(header: Header, textured: bool) -> _Style:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Corners:
-    """Corners of all faces: their points (T, 3); their normals (3T, 3), texture coordinates (3T, 2) and sRGB colours
-    (3T, 4), or None; the texture (T,) of each face, or -1."""
-
-    points: Int
-    normals: NDArray[np.float32] | None
-    uv: NDArray[np.float32] | None
-    colors: NDArray[np.uint8] | None
-    texture: Int
-
-
 def _ply(drawing: Drawing, style: _Style, images: list[str]) -> bytes:
     positions = np.concatenate([part.positions for part in drawing.parts])
-    corners = _corners(drawing)
+    corners = corners_of(drawing)
+    first, vertex = corners.vertices(mapped=not style.corners)
     points = corners.points.reshape(-1)
-    words = [points[:, None].astype(np.uint32)]
-    if corners.normals is not None:
-        words.append(float_words(corners.normals))
-    if corners.uv is not None and not style.corners:
-        words.append(float_words(corners.uv))
-    if corners.colors is not None:
-        words.append(corners.colors.view("<u4").astype(np.uint32))
-    _, first, vertex = np.unique(group_rows(np.hstack(words)), return_index=True, return_inverse=True)
-    in_order = np.argsort(points[first], kind="stable")
-    rank = np.empty(len(first), dtype=np.int64)
-    rank[in_order] = np.arange(len(first))
-    first, vertex = first[in_order], rank[vertex].reshape(-1, 3)
-
     columns: list[tuple[str, str, NDArray[Any]]] = list(
         zip("xyz", [style.kind] * 3, positions[points[first]].T, strict=True)
     )
@@ -149,32 +123,3 @@ def _ply(drawing: Drawing, style: _Style, images: list[str]) -> bytes:
         "end_header",
     ]
     return "\n".join(head).encode() + b"\n" + table.tobytes() + faces.tobytes()
-
-
-def _corners(drawing: Drawing) -> _Corners:
-    sizes = [len(part.positions) for part in drawing.parts]
-    starts = np.cumsum(sizes) - sizes
-    images = np.array([-1 if look.image is None else look.image for look in drawing.looks])
-    colors = np.concatenate([bytes_of(base_colors(drawing, part)).reshape(-1, 4) for part in drawing.parts])
-    is_plain = (colors == colors[0]).all() and any((colors[0] == plain).all() for plain in _PLAIN)
-    uv = _of_corners(drawing.parts, [part.uv for part in drawing.parts], 2)
-    if uv is not None:
-        uv[:, 1] = 1 - uv[:, 1]
-    return _Corners(
-        points=np.concatenate([part.faces + start for part, start in zip(drawing.parts, starts, strict=True)]),
-        normals=_of_corners(drawing.parts, [part.normals for part in drawing.parts], 3),
-        uv=uv,
-        colors=None if is_plain else colors,
-        texture=np.concatenate([images[part.look] for part in drawing.parts]),
-    )
-
-
-def _of_corners(parts: list[Part], values: list[Float | None], width: int) -> NDArray[np.float32] | None:
-    """(3T, n) values at the corners, 0 where there are none."""
-    if all(item is None for item in values):
-        return None
-    found = [
-        np.zeros((3 * len(part.faces), width)) if item is None else item[part.faces.reshape(-1)]
-        for part, item in zip(parts, values, strict=True)
-    ]
-    return np.nan_to_num(np.concatenate(found)).astype(np.float32)

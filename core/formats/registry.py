@@ -15,6 +15,7 @@ from core.formats.obj import OBJ_SIGNS, check_obj
 from core.formats.obj_write import write_obj
 from core.formats.obj_zip import read_obj
 from core.formats.off import check_off, read_off
+from core.formats.off_write import write_off
 from core.formats.pack import check_gltf
 from core.formats.ply import check_ply, read_ply
 from core.formats.ply_write import write_ply
@@ -71,7 +72,9 @@ FORMATS: dict[Format, FormatSpec[Any]] = {
     ),
     Format.PLY: FormatSpec(sniff=(begins(rb"ply[ \t]*[\r\n]"),), check=check_ply, read=read_ply, write=write_ply),
     Format.THREEMF: FormatSpec(part=".model", check=check_3mf, read=read_3mf, write=write_3mf),
-    Format.OFF: FormatSpec(sniff=(begins(rb"(?:\s|#[^\n]*\n)*(?:ST)?C?N?4?n?OFF\b"),), check=check_off, read=read_off),
+    Format.OFF: FormatSpec(
+        sniff=(begins(rb"(?:\s|#[^\n]*\n)*(?:ST)?C?N?4?n?OFF\b"),), check=check_off, read=read_off, write=write_off
+    ),
     Format.STL: FormatSpec(sniff=STL_SIGNS, check=check_stl, read=read_stl, write=write_stl),
 }
 

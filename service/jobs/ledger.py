@@ -62,6 +62,7 @@ MIGRATION = 7239017  # key of that lock for migrations: an arbitrary constant
 OUTPUTS = (
     *(ArtifactKind.MODEL, ArtifactKind.REPORT, ArtifactKind.PREVIEW, ArtifactKind.TURNTABLE, ArtifactKind.POSTER),
     *(ArtifactKind.EXPLANATION, ArtifactKind.LAYERS, ArtifactKind.CREDENTIALS, ArtifactKind.EVIDENCE),
+    ArtifactKind.EXPORT,
 )
 SIGNING = "signing"  # stage of a job that waits for its credentials
 PUBLIC_RETENTION = timedelta(hours=1)  # the most that the files of jobs without a key are kept

@@ -39,6 +39,7 @@ EXAMPLE: JsonDict = {
         "self": "/v1/watermarks/6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11",
         "events": "/v1/watermarks/6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11/events",
         "model": "/v1/watermarks/6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11/model",
+        "export": None,
         "report": None,
         "preview": None,
         "turntable": None,
@@ -95,6 +96,7 @@ class LinksView(BaseModel):
     self: str
     events: str
     model: str | None
+    export: str | None
     report: str | None
     preview: str | None
     turntable: str | None
