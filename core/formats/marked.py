@@ -43,6 +43,11 @@ class Marked:
     label: Mapping[str, str]
 
     @property
+    def label_lines(self) -> list[str]:
+        """The label for the comments of a text."""
+        return [f"{name.rpartition('/')[2]}: {' '.join(text.split())}" for name, text in self.label.items()]
+
+    @property
     def had_colors(self) -> bool:
         """True where vertices of the input have colours."""
         return any("COLOR_0" in drawn.primitive.attributes for drawn in self.before.primitives)

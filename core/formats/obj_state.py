@@ -25,11 +25,11 @@ class States:
 
     Attributes:
         texts: of each state; the first has none.
-        of_polygon: (P,) int64 state of each face of the file.
+        of_face: (P,) int64, the state of each face.
     """
 
     texts: list[tuple[bytes, ...]]
-    of_polygon: Int
+    of_face: Int
 
 
 def read_states(lines: Lines) -> States:
@@ -77,7 +77,7 @@ def states_of_faces(
     )
     drawn, made = others[: len(drawing.parts)], others[len(drawing.parts) :]
     state = np.full(max(int(keys.max(initial=-1)) for keys in (file, whole, *others)) + 1, -1)
-    state[file[::-1]] = states.of_polygon[polygon][::-1]  # the first of faces that lie on each other
+    state[file[::-1]] = states.of_face[polygon][::-1]  # the first of faces that lie on each other
     of_source = state[whole]
     for cut, keys in zip(cuts, made, strict=True):
         assert edit is not None

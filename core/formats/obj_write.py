@@ -1,6 +1,7 @@
 """OBJ with its MTL and textures: groups, objects, materials and names as they came."""
 
 import posixpath
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from core.formats.format import Format, Written
 from core.formats.marked import Marked, coordinates, drawn, drawn_again
 from core.formats.mtl import read_mtl
 from core.formats.names import texts
-from core.formats.obj_state import read_states, states_of_faces
+from core.formats.obj_state import States, read_states, states_of_faces
 from core.formats.obj_zip import libraries_of, read_obj
 from core.formats.text import Lines, joined_lines
 from core.formats.text_write import lines
@@ -27,59 +28,65 @@ def write_obj(marked: Marked) -> Written:
     frame = coordinates(marked.format, Format.OBJ)
     if marked.format.inner is not Format.OBJ:
         drawing = drawn(marked, Format.OBJ)[0]
-        names = [f"o {_word(part.name)}" for part in drawing.parts]
-        states = np.repeat(np.arange(len(names)), [len(part.faces) for part in drawing.parts])
-        files = _files(drawing, [name.encode() for name in names], states, "model", {}, {})
+        nodes = np.repeat(np.arange(len(drawing.parts)), [len(part.faces) for part in drawing.parts])
+        states = States([(f"o {_word(part.name)}".encode(),) for part in drawing.parts], nodes)
+        files = _files(drawing, states, marked.label_lines, "model", _Beside())
         return Written(files, frame.unit, frame.up, drawing.left_out)
     source = marked.source
     body = read_obj(source, None, marked.budgets).bodies[0]
     drawing = drawn_again(marked, body.positions, vertex_colors=marked.had_colors)
-    texts_of, states = [b""], np.zeros(sum(len(part.faces) for part in drawing.parts), np.int64)
-    found = read_states(Lines(joined_lines(source.data)))
-    if len(found.texts) > 1:
+    states = read_states(Lines(joined_lines(source.data)))
+    if len(states.texts) > 1:
         raw = draw(marked.scene, vertex_colors=marked.had_colors)
-        states = states_of_faces(found, body, raw, marked.before, marked.edit)
-        texts_of = [b"\n".join(line for line in state if line) for state in found.texts]
-    beside, libraries = _beside(source.archive, source.name, source.data) if source.archive else ({}, {})
-    name = source.name or "model.obj"
-    files = _files(drawing, texts_of, states, posixpath.splitext(name)[0], beside, libraries)
+        faces = states_of_faces(states, body, raw, marked.before, marked.edit)
+    else:
+        faces = np.zeros(sum(len(part.faces) for part in drawing.parts), np.int64)
+    beside = _beside(source.archive, source.name, source.data) if source.archive else _Beside()
+    stem = posixpath.splitext(source.name or "model.obj")[0]
+    files = _files(drawing, States(states.texts, faces), marked.label_lines, stem, beside)
     return Written(files, frame.unit, frame.up, drawing.left_out)
 
 
-def _beside(archive: Archive, name: str, data: bytes) -> tuple[dict[str, bytes], dict[str, bytes]]:
-    """The MTL files and pictures of the input by their names, and the names of materials, as bytes, by their text."""
+@dataclass(frozen=True, eq=False)
+class _Beside:
+    """MTL files and their pictures by name, and the names of the materials in them, as bytes, by their text."""
+
+    files: dict[str, bytes] = field(default_factory=dict)
+    materials: dict[str, bytes] = field(default_factory=dict)
+
+
+def _beside(archive: Archive, name: str, data: bytes) -> _Beside:
+    """The MTL files of the input, and the pictures that they name."""
     libraries = libraries_of(archive, name, data, [])
-    pictures = [entry for entry in archive.names if entry.lower().endswith(_PICTURES)]
-    files = {entry: archive.read(entry) for entry in (*libraries, *pictures)}
+    files = {entry: archive.read(entry) for entry in libraries}
+    named = b"\n".join(files.values()).lower()
     materials: dict[str, bytes] = {}
     for library in libraries:
         known = list(read_mtl(files[library], lambda _path: None)[0])
         materials = {text: raw for raw, text in texts(known).items()} | materials
-    return files, materials
+    for entry in archive.names:
+        last = posixpath.basename(entry).lower()
+        # The MTL may write a name in any code page; other pictures show the model without its marks.
+        if last.endswith(_PICTURES) and (not last.isascii() or last.encode() in named):
+            files[entry] = archive.read(entry)
+    return _Beside(files, materials)
 
 
-def _files(
-    drawing: Drawing,
-    states: list[bytes],
-    state: Int,
-    stem: str,
-    beside: dict[str, bytes],
-    materials: dict[str, bytes],
-) -> dict[str, bytes]:
+def _files(drawing: Drawing, states: States, comments: list[str], stem: str, beside: _Beside) -> dict[str, bytes]:
     """The files of an OBJ by name.
 
     Args:
         drawing: in its coordinates.
-        states: lines that hold for faces.
-        state: (T,) number of those of each face.
+        states: lines that hold for faces, in the order of the drawing.
+        comments: at its beginning.
         stem: of its name.
-        beside: files of the input that stay.
-        materials: in these, by the text of their names.
+        beside: files of the input, which stay.
     """
-    names, own = _names(drawing, np.unique(np.concatenate([part.look for part in drawing.parts])), materials)
+    used = np.unique(np.concatenate([part.look for part in drawing.parts]))
+    names, own = _names(drawing, used, beside.materials)
     images: dict[int, str] = {}
-    files = dict(beside)
-    known = {data: name for name, data in beside.items()}
+    files = dict(beside.files)
+    known = {data: name for name, data in beside.files.items()}
     folder = posixpath.dirname(stem)
     for look in own.values():
         for number in (look.image, look.normal_map):
@@ -92,9 +99,10 @@ def _files(
     if own:
         libraries.append(_free(f"{stem}-letters" if libraries else stem, ".mtl", files))
         files[libraries[-1]] = b"".join(_mtl(name, look, images) for name, look in own.items())
-    named = [posixpath.relpath(name, folder or ".") for name in libraries]
-    head = b"# meshmark\n" + b"".join(f"mtllib {name}\n".encode() for name in named)
-    return {f"{stem}.obj": head + _obj(drawing, states, state, names)} | files
+    head = [f"# {line}" for line in ("meshmark", *comments)]
+    head += [f"mtllib {posixpath.relpath(name, folder or '.')}" for name in libraries]
+    text = "".join(f"{line}\n" for line in head).encode() + _obj(drawing, states, names)
+    return {f"{stem}.obj": text} | files
 
 
 def _free(stem: str, ending: str, taken: dict[str, bytes]) -> str:
@@ -132,7 +140,7 @@ def _word(name: str) -> str:
     return " ".join(name.split()) or "model"
 
 
-def _obj(drawing: Drawing, states: list[bytes], state: Int, names: dict[int, bytes]) -> bytes:
+def _obj(drawing: Drawing, states: States, names: dict[int, bytes]) -> bytes:
     blocks, faces, layouts = [], [], []
     counts = np.zeros(3, np.int64)  # of vertices, texture coordinates and normals so far
     colored = any(part.colors is not None for part in drawing.parts)
@@ -159,7 +167,7 @@ def _obj(drawing: Drawing, states: list[bytes], state: Int, names: dict[int, byt
         present = np.all(corner > 0, axis=1)
         layouts.append(present[:, 1] + 2 * present[:, 2])
         faces.append(corner)
-    return b"".join(blocks) + _faces(np.concatenate(faces), np.concatenate(layouts), drawing, (states, state), names)
+    return b"".join(blocks) + _faces(np.concatenate(faces), np.concatenate(layouts), drawing, states, names)
 
 
 def _vertices(part: Part) -> tuple[Int, Int]:
@@ -178,21 +186,19 @@ _PATTERNS = {0: "f %d %d %d", 1: "f %d/%d %d/%d %d/%d", 2: "f %d//%d %d//%d %d//
 _COLUMNS = {0: [0], 1: [0, 1], 2: [0, 2], 3: [0, 1, 2]}
 
 
-def _faces(
-    corner: Int, layout: Int, drawing: Drawing, of_states: tuple[list[bytes], Int], names: dict[int, bytes]
-) -> bytes:
+def _faces(corner: Int, layout: Int, drawing: Drawing, states: States, names: dict[int, bytes]) -> bytes:
     """The faces (T, 3, 3) by state and material: those without one come first, since no line ends one."""
-    states, state = of_states
+    state = states.of_face
     look = np.concatenate([part.look for part in drawing.parts])
     named = np.zeros(len(drawing.looks), np.int64)
     named[[number for number, name in names.items() if name]] = 1
-    key = ((named[look] * len(states) + state) * len(drawing.looks) + look) * 4 + layout
+    key = ((named[look] * len(states.texts) + state) * len(drawing.looks) + look) * 4 + layout
     order = np.argsort(key, kind="stable")
     runs = np.split(order, np.flatnonzero(np.diff(key[order])) + 1)
     blocks, before = [], (b"", b"")
     for rows in runs:
         first = rows[0]
-        now = (states[state[first]], names[int(look[first])])
+        now = (b"\n".join(filter(None, states.texts[state[first]])), names[int(look[first])])
         if now[0] != before[0]:
             blocks.append(now[0] + b"\n" if now[0] else b"g\n")
         if now[1] != before[1]:

@@ -38,7 +38,7 @@ def write_ply(marked: Marked) -> Written:
     images = [f"texture-{number + 1}.{ending}" for number, (ending, _) in enumerate(drawing.images)]
     if style.textured:
         files |= {name: data for name, (_, data) in zip(images, drawing.images, strict=True)}
-    files["model.ply"] = _ply(drawing, style, images)
+    files["model.ply"] = _ply(drawing, style, images, ["meshmark", *filter(str.isascii, marked.label_lines)])
     lost = {
         "textures": bool(drawing.images) and not style.textured,
         "names of materials": any(look.name for look in drawing.looks),
@@ -80,7 +80,7 @@ def _style(header: Header, textured: bool) -> _Style:
     )
 
 
-def _ply(drawing: Drawing, style: _Style, images: list[str]) -> bytes:
+def _ply(drawing: Drawing, style: _Style, images: list[str], comments: list[str]) -> bytes:
     positions = np.concatenate([part.positions for part in drawing.parts])
     corners = corners_of(drawing)
     first, vertex = corners.vertices(mapped=not style.corners)
@@ -114,7 +114,7 @@ def _ply(drawing: Drawing, style: _Style, images: list[str]) -> bytes:
     if several:
         faces["texnumber"] = corners.texture
     head = [
-        *("ply", "format binary_little_endian 1.0", "comment meshmark"),
+        *("ply", "format binary_little_endian 1.0", *(f"comment {line}" for line in comments)),
         *(f"comment TextureFile {name}" for name in (images if style.textured else [])),
         f"element vertex {len(table)}",
         *(f"property {kind} {name}" for name, kind, _ in columns),
