@@ -1,8 +1,11 @@
 """Marks every file of a folder, writes the result in each format and prints what of the GLB is still there when that
 is read again: ``python -m tests.exported FOLDER``."""
 
+import html
+import io
 import sys
 import time
+import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,7 +14,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from core import exporting, marking
-from core.arrays import Float
+from core.arrays import Bool, Float
 from core.choices import Evaluate, FileFormat
 from core.errors import MeshmarkError
 from core.formats.admission import admit, document_of
@@ -33,18 +36,20 @@ INSIDE = np.full((3, 3), 0.05) + 0.85 * np.eye(3)  # near each corner of a face,
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """Points near the corners of all faces: positions (P, 3) over the asset's side, sRGB (P, 3) and UVs (P, 2)."""
+    """Points near the corners of all faces: positions (P, 3) over the asset's side, sRGB (P, 3), UVs (P, 2) and whether
+    a texture is drawn there (P,)."""
 
     positions: Float
     colors: Float
     uv: Float
+    textured: Bool
 
 
 def seen(scene: Scene, turn: Float) -> Seen:
     """The points of a scene whose axes are turned by a matrix (3, 3)."""
     surface, read = scene.surface, texture_reader(scene.document)
     world = product(surface.positions, turn.T)
-    found: list[tuple[Float, Float, Float]] = []
+    found: list[Seen] = []
     for drawn in scene.primitives:
         material, attributes = drawn.primitive.material, drawn.primitive.attributes
         rows = np.repeat(drawn.triangles, 3, axis=0)
@@ -52,11 +57,16 @@ def seen(scene: Scene, turn: Float) -> Seen:
         texture = None if material.texture is None else read(material.texture)
         colors = srgb(base_color(scene.document, material, texture, attributes, points)[:, :3])
         uv = np.full((len(rows), 2), np.nan)
-        if material.texture is not None and "TEXCOORD_0" in attributes:
+        if "TEXCOORD_0" in attributes:
             uv = interpolate_attribute(scene.document, "TEXCOORD_0", attributes["TEXCOORD_0"], points)
         at = Points(rows + drawn.first_vertex, points.barycentric).interpolate(world)
-        found.append((at / 30, colors, uv))
-    return Seen(*(np.concatenate(column) for column in zip(*found, strict=True)))
+        found.append(Seen(at / 30, colors, uv, np.full(len(rows), texture is not None)))
+    return Seen(
+        np.concatenate([each.positions for each in found]),
+        np.concatenate([each.colors for each in found]),
+        np.concatenate([each.uv for each in found]),
+        np.concatenate([each.textured for each in found]),
+    )
 
 
 @dataclass
@@ -66,7 +76,7 @@ class Tally:
     files: int = 0
     seconds: list[float] = field(default_factory=list)
     moved: list[float] = field(default_factory=list)  # the farthest point, over the asset's side
-    uv: list[float] = field(default_factory=list)
+    uv: list[float] = field(default_factory=list)  # share of points of the same ones, to 1e-6
     colors: list[float] = field(default_factory=list)  # share of points of the same colour, to 2 of 255
     materials: list[float] = field(default_factory=list)  # share of names
     names: list[float] = field(default_factory=list)
@@ -83,25 +93,33 @@ def compare(tally: Tally, asset: Asset, output: Output, exported: Exported, seco
         turn = coordinates(Format.GLB, Format.THREEMF).matrix[:3, :3] / 1000
     one, two = seen(before, np.eye(3)), seen(after, turn)
     near, which = KDTree(two.positions).query(one.positions)
-    mapped = ~np.isnan(one.uv[:, 0])
+    mapped = one.textured & ~np.isnan(one.uv[:, 0])
     tally.files += 1
     tally.seconds.append(seconds)
     tally.moved.append(float(near.max()))
     if mapped.any():
         off = np.abs(one.uv - two.uv[which])[mapped].max(axis=1)
-        tally.uv.append(float(np.nan_to_num(off, nan=np.inf).max()))
+        tally.uv.append(float((off <= 1e-6).mean()))
     alike = (np.abs(one.colors - two.colors[which]) <= 2 / 255 + 1e-9).all(axis=1)
     tally.colors.append(float(alike.mean()))
-    for shares, names in ((tally.materials, _materials), (tally.names, _nodes)):
-        if given := names(before):
-            kept = names(after)
-            shares.append(len(given & kept) / len(given))
+    text = _text(exported.file.data)
+    for shares, names in ((tally.materials, _materials(before)), (tally.names, _nodes(before))):
+        if names:
+            shares.append(sum(" ".join(name.split()) in text for name in names) / len(names))
     edges = topology(after.surface).nonmanifold_edges - topology(before.surface).nonmanifold_edges
     tally.edges += max(edges, 0)
     return (
         f"  {exported.file.format:8} {seconds:6.2f} s {len(exported.file.data):12,} bytes  moved {near.max():.0e}  "
         f"colours {alike.mean():6.1%}  non-manifold {edges:+d}  left out: {', '.join(exported.left_out) or 'nothing'}"
     )
+
+
+def _text(data: bytes) -> str:
+    """All text in a file, or in those of an archive."""
+    if not data.startswith(b"PK"):
+        return data.decode("latin-1")
+    archive = zipfile.ZipFile(io.BytesIO(data))
+    return "".join(html.unescape(archive.read(name).decode("utf-8", "replace")) for name in archive.namelist())
 
 
 def _materials(scene: Scene) -> set[str]:
@@ -128,7 +146,7 @@ def _run(asked: FileFormat) -> Run:
 def exports(asset: Asset, output: Output) -> Iterator[tuple[str, Exported, float]]:
     """The result in each format, by a name that tells the input's own, with the seconds that writing took."""
     for asked in (FileFormat.SAME, FileFormat.STL, FileFormat.OBJ, FileFormat.PLY, FileFormat.THREEMF):
-        if asked is not FileFormat.SAME and asked == asset.format.inner:
+        if asked is not FileFormat.SAME and str(asked) == str(asset.format.inner):
             continue
         start = time.process_time()
         try:
@@ -158,19 +176,13 @@ def main() -> None:
     for name, tally in sorted(tallies.items()):
         cells = (
             f"{max(tally.moved):.0e}",
-            _most(tally.uv),
+            f"{np.mean(tally.uv):.1%}" if tally.uv else "-",
             f"{np.mean(tally.colors):.1%}",
             *(f"{np.mean(shares):.0%}" if shares else "-" for shares in (tally.materials, tally.names)),
             f"{tally.edges}",
             f"{np.median(tally.seconds):.2f}, at most {max(tally.seconds):.2f}",
         )
         print(f"| {name} | {tally.files} | {' | '.join(cells)} |")
-
-
-def _most(values: list[float]) -> str:
-    lost = sum(not np.isfinite(value) for value in values)
-    kept = [value for value in values if np.isfinite(value)]
-    return f"{max(kept):.0e}" + (f", {lost} lost" if lost else "") if kept else "lost" if values else "-"
 
 
 if __name__ == "__main__":

@@ -38,7 +38,8 @@ BELOW = {
     "stages": "embossing placement analysis artwork formats gltf labels budgets parameters",
     "marking": "stages embossing placement analysis artwork formats gltf geometry labels parameters",
     "measuring": "explain stages report reporting metrics rendering analysis",
-    "pipeline": "explain marking measuring stages formats budgets parameters preload",
+    "exporting": "stages formats labels",
+    "pipeline": "exporting explain marking measuring stages formats budgets parameters preload",
     "evaluate": "report reporting metrics rendering analysis formats gltf geometry budgets",
     "lab": (
         "pipeline stages report metrics rendering placement analysis artwork formats gltf geometry budgets parameters "
@@ -51,7 +52,7 @@ BELOW = {
     ),
     "explain": "marking stages reporting embossing placement rendering formats gltf geometry budgets parameters",
     "doctor": "pipeline rendering artwork models device",
-    "cli": "doctor explain lab pipeline preload verify evaluate models labels parameters process processors",
+    "cli": "doctor explain formats lab pipeline preload verify evaluate models labels parameters process processors",
     "__init__": "process",
 }
 EVERYWHERE = {"arrays", "choices", "errors", "notices", "__version__"}

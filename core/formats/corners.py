@@ -41,8 +41,13 @@ class Corners:
         return first[in_order], rank[vertex].reshape(-1, 3)
 
 
-def corners_of(drawing: Drawing) -> Corners:
-    """The corners of all parts of a drawing, one part after another."""
+def corners_of(drawing: Drawing, *, keep_colors: bool) -> Corners:
+    """The corners of all parts of a drawing, one part after another.
+
+    Args:
+        drawing: in its coordinates.
+        keep_colors: there are colours even if all are the same that surface without one has.
+    """
     sizes = [len(part.positions) for part in drawing.parts]
     starts = np.cumsum(sizes) - sizes
     images = np.array([-1 if look.image is None else look.image for look in drawing.looks])
@@ -55,7 +60,7 @@ def corners_of(drawing: Drawing) -> Corners:
         points=np.concatenate([part.faces + start for part, start in zip(drawing.parts, starts, strict=True)]),
         normals=_of_corners(drawing.parts, [part.normals for part in drawing.parts], 3),
         uv=uv,
-        colors=None if is_plain else colors,
+        colors=None if is_plain and not keep_colors else colors,
         texture=np.concatenate([images[part.look] for part in drawing.parts]),
     )
 

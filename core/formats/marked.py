@@ -7,7 +7,8 @@ import numpy as np
 
 from core.arrays import Float
 from core.budgets import Budgets
-from core.formats.drawing import Drawing, draw
+from core.formats.draw import draw
+from core.formats.drawing import Drawing
 from core.formats.format import Format
 from core.formats.source import Source
 from core.formats.vertices import restored

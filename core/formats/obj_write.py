@@ -7,7 +7,8 @@ import numpy as np
 
 from core.arrays import Int
 from core.formats.archive import Archive
-from core.formats.drawing import Drawing, Look, Part, bytes_of, draw
+from core.formats.draw import draw
+from core.formats.drawing import Drawing, Look, Part, bytes_of
 from core.formats.format import Format, Written
 from core.formats.marked import Marked, coordinates, drawn, drawn_again
 from core.formats.mtl import read_mtl

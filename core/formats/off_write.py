@@ -15,7 +15,7 @@ def write_off(marked: Marked) -> Written:
     header = check_off(marked.source, marked.budgets)
     before = read_off(marked.source, header, marked.budgets).bodies[0]
     drawing = drawn_again(marked, before.positions, vertex_colors=True)
-    corners = corners_of(drawing)
+    corners = corners_of(drawing, keep_colors=marked.had_colors)
     first, vertex = corners.vertices(mapped=False)
     table = np.concatenate([part.positions for part in drawing.parts])[corners.points.reshape(-1)[first]]
     if corners.colors is not None:

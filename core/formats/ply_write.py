@@ -1,6 +1,6 @@
 """PLY, binary little endian: the vertices of a marked scene with normals, texture coordinates and colours."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -31,9 +31,11 @@ def write_ply(marked: Marked) -> Written:
         header = check_ply(marked.source, marked.budgets)
         before = read_ply(marked.source, header, marked.budgets).bodies[0]
         drawing = drawn_again(marked, before.positions, vertex_colors=True)
-        style = _style(header, any(material.texture for material in before.materials))
+        style = replace(
+            _style(header, any(material.texture for material in before.materials)), colored=marked.had_colors
+        )
     else:
-        drawing, style = drawn(marked, Format.PLY, vertex_colors=True)[0], _Style()
+        drawing, style = drawn(marked, Format.PLY, vertex_colors=True)[0], _Style(colored=marked.had_colors)
     files = {"model.ply": b""}
     images = [f"texture-{number + 1}.{ending}" for number, (ending, _) in enumerate(drawing.images)]
     if style.textured:
@@ -51,14 +53,22 @@ def write_ply(marked: Marked) -> Written:
 
 @dataclass(frozen=True)
 class _Style:
-    """The way a PLY is written: its positions are of the ``kind`` float or double, its texture coordinates are those of
-    ``corners``, vertices have them by these names, its textures are beside it, and ``others`` are properties that no
-    GLB has."""
+    """The manner in which a PLY is written.
+
+    Attributes:
+        kind: of positions, float or double.
+        corners: texture coordinates are those of corners.
+        uv: names of those of vertices.
+        textured: its textures are beside it.
+        colored: vertices have colours in any case.
+        others: properties that no GLB has.
+    """
 
     kind: str = "float"
     corners: bool = False
     uv: tuple[str, str] = ("s", "t")
     textured: bool = False
+    colored: bool = False
     others: tuple[str, ...] = ()
 
 
@@ -82,7 +92,7 @@ def _style(header: Header, textured: bool) -> _Style:
 
 def _ply(drawing: Drawing, style: _Style, images: list[str], comments: list[str]) -> bytes:
     positions = np.concatenate([part.positions for part in drawing.parts])
-    corners = corners_of(drawing)
+    corners = corners_of(drawing, keep_colors=style.colored)
     first, vertex = corners.vertices(mapped=not style.corners)
     points = corners.points.reshape(-1)
     columns: list[tuple[str, str, NDArray[Any]]] = list(

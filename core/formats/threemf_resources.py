@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Int
-from core.formats.drawing import WHITE, Drawing, Look, Part, base_colors, bytes_of
+from core.formats.drawing import Drawing, Look, Part, base_colors, bytes_of
 from core.formats.text_write import lines
 from core.formats.vertices import joined
 
@@ -96,7 +96,7 @@ class Resources:
                 textured = mine & ~tinted & has_uv
                 kind[textured], group[textured], rows[textured] = self._coordinates(part, textured, texture)
                 colored |= mine & ~textured
-            elif part.colors is not None and (not look.name or tinted[mine].any()) and not _is_grey(look):
+            elif part.colors is not None and (not look.name or tinted[mine].any()) and not look.is_neutral:
                 colored |= mine
             elif not look.is_neutral:
                 kind[mine], group[mine] = 1, 1
@@ -153,11 +153,6 @@ _PATTERNS = (
     (_CORNERS + ' pid="%d" p1="%d"/>', [0, 1, 2, 3, 4]),
     (_CORNERS + ' pid="%d" p1="%d" p2="%d" p3="%d"/>', [0, 1, 2, 3, 4, 5, 6]),
 )
-
-
-def _is_grey(look: Look) -> bool:
-    """True for what has no colour at all, as opposed to a white that vertices' colours multiply."""
-    return look.is_neutral and look.color != WHITE
 
 
 def _hex(look: Look) -> str:

@@ -10,7 +10,8 @@ from core.arrays import Float
 from core.formats.archive import Archive
 from core.formats.assemble import is_transform, moved, origin_of
 from core.formats.assembly import Assembly
-from core.formats.drawing import Part, draw
+from core.formats.draw import draw
+from core.formats.drawing import Part
 from core.formats.format import Format, Written
 from core.formats.marked import Marked, coordinates
 from core.formats.threemf import Key, Package, read_3mf

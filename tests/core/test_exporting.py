@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from core import exporting, marking
-from core.choices import Evaluate, FileFormat
+from core.choices import Evaluate, FileFormat, Profile
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
 from core.formats.format import Format
@@ -39,7 +39,7 @@ BOX = zipped(
         "wood.png": png(160, 120, 80, 64),
     }
 )
-SIX = Parameters(text="HI", count=6, color="#101010", evaluate=Evaluate.NONE, profile="flat").resolved()
+SIX = Parameters(text="HI", count=6, color="#101010", evaluate=Evaluate.NONE, profile=Profile.FLAT).resolved()
 
 
 def run_of(parameters: Parameters) -> Run:
