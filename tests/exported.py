@@ -93,7 +93,8 @@ def compare(tally: Tally, asset: Asset, output: Output, exported: Exported, seco
         turn = coordinates(Format.GLB, Format.THREEMF).matrix[:3, :3] / 1000
     one, two = seen(before, np.eye(3)), seen(after, turn)
     near, which = KDTree(two.positions).query(one.positions)
-    mapped = one.textured & ~np.isnan(one.uv[:, 0])
+    # Letters become plain where the others keep their texture.
+    mapped = one.textured & ~np.isnan(one.uv[:, 0]) & (two.textured[which] | ~two.textured.any())
     tally.files += 1
     tally.seconds.append(seconds)
     tally.moved.append(float(near.max()))

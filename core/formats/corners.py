@@ -73,4 +73,4 @@ def _of_corners(parts: list[Part], values: list[Float | None], width: int) -> ND
         np.zeros((3 * len(part.faces), width)) if item is None else item[part.faces.reshape(-1)]
         for part, item in zip(parts, values, strict=True)
     ]
-    return np.nan_to_num(np.concatenate(found)).astype(np.float32)
+    return np.nan_to_num(np.concatenate(found), posinf=0, neginf=0).astype(np.float32)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from core.arrays import Bool, Float
-from core.formats.drawing import NEUTRAL, Drawing, Look, Part, Rgba, bytes_of
+from core.formats.drawing import NEUTRAL, WHITE, Drawing, Look, Part, Rgba, bytes_of
 from core.geometry.products import product
 from core.gltf.accessors import read_values
 from core.gltf.attributes import Points
@@ -20,6 +20,7 @@ from core.gltf.materials import Material
 from core.gltf.primitives import DrawnPrimitive
 from core.gltf.scene import Scene
 from core.gltf.textures import ReadTexture, texture_reader
+from core.refusals import no_faces
 
 MOST_LOOKS = 256  # looks that colours of letters may add before vertices have to carry them
 
@@ -35,6 +36,9 @@ def draw(scene: Scene, *, vertex_colors: bool = False) -> Drawing:
     Args:
         scene: of the result.
         vertex_colors: keep colours in the vertices.
+
+    Raises:
+        MeshmarkError: ``no_faces`` where all nodes are hidden.
     """
     looks = _Looks(scene.document)
     parts = [
@@ -43,6 +47,8 @@ def draw(scene: Scene, *, vertex_colors: bool = False) -> Drawing:
             (item for item in scene.primitives if not item.node.hidden), key=lambda item: (item.node, item.instance)
         )
     ]
+    if not parts:
+        raise no_faces("Hidden nodes alone draw something in this asset: there is nothing to export.")
     drawing = Drawing([part for part, _ in parts], looks.looks, looks.images, [*_left_out(scene), *looks.left_out])
     if vertex_colors:
         return drawing
@@ -84,7 +90,10 @@ def _part(scene: Scene, drawn: list[DrawnPrimitive], looks: "_Looks") -> tuple[P
         matrix=np.eye(4) if deformed else np.vstack([first.matrices[0], [0, 0, 0, 1]]),
         positions=np.concatenate(positions),
         faces=np.concatenate(faces),
-        look=np.repeat([looks.number(item.primitive.material) for item in drawn], [len(part) for part in faces]),
+        look=np.repeat(
+            [looks.number(item.primitive.material, "COLOR_0" in item.primitive.attributes) for item in drawn],
+            [len(part) for part in faces],
+        ),
         normals=_stacked(normals, sizes, 3, np.nan),
         uv=_stacked(uvs, sizes, 2, np.nan),
         colors=_stacked([None if item is None else _rgba(item) for item in colors], sizes, 4, 1.0),
@@ -127,22 +136,22 @@ class _Looks:
 
     def __init__(self, document: Document) -> None:
         self._document = document
-        self._numbers: dict[int | None, int] = {}
+        self._numbers: dict[tuple[int | None, bool], int] = {}
         self._images: dict[int, int] = {}
         self.looks: list[Look] = []
         self.images: list[tuple[str, bytes]] = []
         self.left_out: list[str] = []
 
-    def number(self, material: Material) -> int:
-        """The number of a material's look."""
-        if material.index not in self._numbers:
-            self._numbers[material.index] = len(self.looks)
-            self.looks.append(self._look(material))
-        return self._numbers[material.index]
+    def number(self, material: Material, colored: bool) -> int:
+        """The number of the look of a material; the default one is none, or white where vertices are ``colored``."""
+        key = material.index, colored and material.index is None
+        if key not in self._numbers:
+            self._numbers[key] = len(self.looks)
+            default = Look(color=WHITE if colored else NEUTRAL)
+            self.looks.append(default if material.index is None else self._look(material))
+        return self._numbers[key]
 
     def _look(self, material: Material) -> Look:
-        if material.index is None:  # the default one: none is given
-            return Look(color=NEUTRAL)
         entry = self._document.entry("materials", material.index)
         surface = typed(entry, "pbrMetallicRoughness", dict)
         red, green, blue, alpha = np.clip(np.nan_to_num(material.color), 0, 1).tolist()

@@ -42,6 +42,11 @@ class Look:
         """True for the look of surface that has neither material nor colour."""
         return not self.name and self.image is None and self.color == NEUTRAL
 
+    @property
+    def is_white(self) -> bool:
+        """True for a look that leaves vertices the colours that they have."""
+        return not self.name and self.image is None and self.color == WHITE
+
 
 @dataclass(frozen=True, eq=False)
 class Part:

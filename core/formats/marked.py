@@ -7,6 +7,7 @@ import numpy as np
 
 from core.arrays import Float
 from core.budgets import Budgets
+from core.errors import ErrorCode, MeshmarkError
 from core.formats.draw import draw
 from core.formats.drawing import Drawing
 from core.formats.format import Format
@@ -77,9 +78,20 @@ def coordinates(source: Format, target: Format) -> Coordinates:
 
 
 def drawn(marked: Marked, target: Format, *, vertex_colors: bool = False) -> tuple[Drawing, Coordinates]:
-    """The drawing of a result with all parts in the coordinates of an export."""
+    """The drawing of a result with all parts in the coordinates of an export.
+
+    Raises:
+        MeshmarkError: ``unsupported_feature`` where they do not fit 32-bit floats; as :func:`core.formats.draw.draw`.
+    """
     frame = coordinates(marked.format, target)
-    drawing = draw(marked.scene, vertex_colors=vertex_colors).moved(frame.matrix).in_scene()
+    with np.errstate(over="ignore", invalid="ignore"):
+        drawing = draw(marked.scene, vertex_colors=vertex_colors).moved(frame.matrix).in_scene()
+    if not all((np.abs(part.positions[part.faces]) <= np.finfo(np.float32).max).all() for part in drawing.parts):
+        raise MeshmarkError(
+            ErrorCode.UNSUPPORTED_FEATURE,
+            f"The asset is too large for {target.upper()}: its coordinates do not fit 32-bit numbers.",
+            "Scale it down, or leave `format` out.",
+        )
     return drawing, frame
 
 

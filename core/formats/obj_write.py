@@ -30,7 +30,7 @@ def write_obj(marked: Marked) -> Written:
     if marked.format.inner is not Format.OBJ:
         drawing = drawn(marked, Format.OBJ)[0]
         nodes = np.repeat(np.arange(len(drawing.parts)), [len(part.faces) for part in drawing.parts])
-        states = States([(f"o {_word(part.name)}".encode(),) for part in drawing.parts], nodes)
+        states = States([(b"o " + _word(part.name),) for part in drawing.parts], nodes)
         files = _files(drawing, states, marked.label_lines, "model", _Beside())
         return Written(files, frame.unit, frame.up, drawing.left_out)
     source = marked.source
@@ -117,28 +117,28 @@ def _free(stem: str, ending: str, taken: dict[str, bytes]) -> str:
 
 def _names(drawing: Drawing, used: Int, materials: dict[str, bytes]) -> tuple[dict[int, bytes], dict[bytes, Look]]:
     """The name of each look that is used, empty where it is plain; and the looks that need to be described."""
+    colored = any(part.colors is not None for part in drawing.parts)
     names: dict[int, bytes] = {}
     own: dict[bytes, Look] = {}
     for number in used.tolist():
         look = drawing.looks[number]
         if look.name in materials:
             names[number] = materials[look.name]
-        elif look.is_neutral:
+        elif look.is_neutral or (colored and look.is_white):
             names[number] = b""
         else:
-            word = _word(look.name) if look.name else f"material-{number + 1}"
-            name, count = word.encode(), 1
-            while name in own or word in materials:
+            word = name = _word(look.name or f"material-{number + 1}")
+            count = 1
+            while name in own or name in materials.values():
                 count += 1
-                word = f"{word}-{count}"
-                name = word.encode()
+                name = word + f"-{count}".encode()
             names[number], own[name] = name, look
     return names, own
 
 
-def _word(name: str) -> str:
+def _word(name: str) -> bytes:
     """A name on one line."""
-    return " ".join(name.split()) or "model"
+    return (" ".join(name.split()) or "model").encode(errors="replace")
 
 
 def _obj(drawing: Drawing, states: States, names: dict[int, bytes]) -> bytes:

@@ -45,10 +45,14 @@ def write_ply(marked: Marked) -> Written:
         "textures": bool(drawing.images) and not style.textured,
         "names of materials": any(look.name for look in drawing.looks),
         "names and parts": len(drawing.parts) > 1,
-        f"properties: {', '.join(style.others)}": bool(style.others),
+        f"properties: {_listed(style.others)}": bool(style.others),
     }
     left_out = [*(what for what, there in lost.items() if there), *drawing.left_out]
     return Written(files, frame.unit, frame.up, left_out)
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    return ", ".join(name[:40] for name in names[:8]) + (", ..." if len(names) > 8 else "")
 
 
 @dataclass(frozen=True)

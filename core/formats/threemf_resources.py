@@ -48,11 +48,17 @@ class Resources:
         return b"<resources>\n" + group + b"".join(self._blocks) + b"</resources>\n"
 
     def mesh(self, name: str, part: Part) -> int:
-        """Add an object of the triangles of a part, and the colours that they have; returns its id."""
+        """Add an object of the triangles of a part, and the colours that they have.
+
+        Returns:
+            Its id; 0 where none of the triangles has three points, which a 3MF does not allow.
+        """
         vertex, first = joined(part.positions, part.faces)
         corners = vertex[part.faces]
         a, b, c = corners.T
         real = (a != b) & (b != c) & (c != a)  # the specification forbids others
+        if not real.any():
+            return 0
         kind, group, rows = self._properties(part)
         number = self._next()
         triangles = [

@@ -31,7 +31,7 @@ _TYPE = "http://schemas.microsoft.com/3dmanufacturing/2013/01"
 _MODEL = "3D/3dmodel.model"
 
 # Names without a prefix, which are those of the specification: others are for the programs that wrote them.
-_METADATA = re.compile(rb"<(?:\w+:)?metadata\s[^>]*?name\s*=\s*[\"']([^\"':<&]{1,255})[\"'][^>]*>([^<]{0,65536})</")
+_METADATA = re.compile(rb"<(?:\w+:)?metadata\s[^<>]*?name\s*=\s*[\"']([^\"':<&]{1,255})[\"'][^<>]*>([^<]{0,65536})</")
 _RESOURCES = re.compile(rb"<(?:\w+:)?resources\b")
 
 
@@ -92,7 +92,7 @@ def _converted(marked: Marked) -> Written:
         left_out.append("WebP textures")
     if any(look.normal_map is not None for look in drawing.looks):
         left_out.append("normal maps")
-    build = b"".join(_use("item", number, matrix) for number, matrix in items)
+    build = b"".join(_use("item", number, matrix) for number, matrix in items if number)
     data = _package(resources, build, "millimeter", [], marked)
     return Written({"model.3mf": data}, "millimeter" if frame.unit else None, frame.up, left_out)
 

@@ -61,7 +61,7 @@ class Watched:
         } | more
         path = folder / "hooks.toml"
         lines = [f"{name} = {json.dumps(value)}" for name, value in values.items()]
-        path.write_text("\n".join(["[sources.shop]", *lines, 'parameters = { text = "HI" }', ""]))
+        path.write_text("\n".join(["[sources.shop]", *lines, 'parameters = { text = "HI", format = "ply" }', ""]))
         return path
 
 

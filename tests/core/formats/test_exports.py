@@ -262,3 +262,42 @@ def test_a_dae_does_not_come_back_as_one() -> None:
         export_format(FileFormat.SAME, Format.DAE)
     assert caught.value.code is ErrorCode.UNSUPPORTED_FORMAT
     assert "DAE" in caught.value.message
+
+
+def test_names_that_no_file_may_have_are_made_harmless() -> None:
+    named = simple([[0, 0, 0], [2, 0, 0], [0, 3, 0]], [0, 1, 2], name="a\nf 1 1 1 \ud800 <&>\x01")
+    named.json["materials"] = [{"name": "red\nillum 9", "pbrMetallicRoughness": {"baseColorFactor": [1, 0, 0, 1]}}]
+    named.json["meshes"][0]["primitives"][0]["material"] = 0
+    files = written(named.to_glb(), Format.OBJ).files
+    assert lines(files["model.obj"], "f") == ["f 1 2 3"]
+    assert lines(files["model.mtl"], "illum") == ["illum 2"]
+    assert len(read(written(named.to_glb(), Format.THREEMF)).surface.faces) == 1
+
+
+def test_a_size_that_no_printer_knows_is_refused_in_words() -> None:
+    huge = simple(np.diag([0.0, 2e38, 3e38]), [0, 1, 2]).to_glb()
+    with pytest.raises(MeshmarkError, match="32-bit"):
+        written(huge, Format.STL)
+
+
+def test_coordinates_far_from_the_origin_come_back_to_the_last_digit() -> None:
+    far = b"".join(b"v %.3f %.3f %.3f\n" % (x + 4567890.123, y - 54321.987, z) for x, y, z in CUBE)
+    far += b"".join(b"f %d %d %d\n" % tuple(corner + 1 for corner in CUBE_FACES[at : at + 3]) for at in range(0, 36, 3))
+    text = written(far, Format.OBJ).files["model.obj"]
+    assert {tuple(map(float, line.split()[1:])) for line in lines(text, "v")} == {
+        tuple(map(float, line.split()[1:])) for line in lines(far, "v")
+    }
+
+
+def test_vertex_colours_stay_colours_of_vertices() -> None:
+    painted = b"".join(b"v %d %d %d %.1f 0.4 1\n" % (x, y, z, 0.2 * (x + 2)) for x, y, z in CUBE)
+    painted += b"".join(
+        b"f %d %d %d\n" % tuple(corner + 1 for corner in CUBE_FACES[at : at + 3]) for at in range(0, 36, 3)
+    )
+    result = written(painted, Format.OBJ)
+    assert set(result.files) == {"model.obj"}, "no material"
+    colors = {tuple(map(float, line.split()[4:])) for line in lines(result.files["model.obj"], "v")}
+    assert len(colors) == 2
+    assert {round(red * 255) for red, _, _ in colors} == {51, 153}
+    mesh: Any = trimesh.load(io.BytesIO(as_file(written(painted, Format.PLY))), file_type="ply", process=False)
+    assert set(map(tuple, mesh.visual.vertex_colors.tolist())) == {(51, 102, 255, 255), (153, 102, 255, 255)}
