@@ -24,7 +24,7 @@ from core.notices import NoticeCode
 from core.parameters import Parameters
 from core.pipeline import watermark
 from core.stages import Asset, Exported, Output, Request, Run
-from tests.core.formats.samples import DAE, OFF, STL_BINARY, png, zipped
+from tests.core.formats.samples import DAE, OFF, STL_BINARY, png, threemf_cube, threemf_model, zipped
 
 # A box of three objects, 30 wide: its sides are 0.1 and 0.3 off the whole numbers, which 32 bits do not hold.
 BOX = zipped(
@@ -169,3 +169,26 @@ def test_a_format_that_is_not_written_is_refused_before_any_work() -> None:
         marking.read(DAE, run)
     assert caught.value.code is ErrorCode.UNSUPPORTED_FORMAT
     marking.read(OFF, replace(run))
+
+
+def test_one_of_several_uses_of_a_part_carries_the_mark_and_the_others_stay_one() -> None:
+    cube = threemf_cube()
+    model = threemf_model(
+        f'<object id="1" name="cube">{cube}</object><object id="2" name="pair"><components><component objectid="1"/>'
+        '<component objectid="1" transform="1 0 0 0 1 0 0 0 1 0 0 2.5"/></components></object>',
+        '<item objectid="2"/><item objectid="2" transform="1 0 0 0 1 0 0 0 1 4.5 0 0"/>',
+    )
+    run = run_of(SIX.model_copy(update={"count": 1, "format": FileFormat.SAME}))
+    asset = marking.read(zipped({"3D/3dmodel.model": model}), run)
+    candidates = marking.place(asset, marking.letter(run), run)
+    output = marking.write_model(asset, candidates, marking.emboss(asset, candidates, run), run)
+    exported = exporting.with_export(asset, output, run).exported
+    assert exported is not None
+    written = zipfile.ZipFile(io.BytesIO(exported.file.data)).read("3D/3dmodel.model").decode()
+    assert written.count("<mesh>") == 2
+    assert written.count("<components>") == 2, "the pair with the mark, and the pair without"
+    assert written.count("<item ") == 2
+    assert written.count("4.5 0 0") == 1
+    again = scene_of(exported.file.data).surface
+    assert len(again.faces) == len(output.scene.surface.faces)
+    assert topology(again) == topology(output.scene.surface)
