@@ -66,20 +66,21 @@ class _Rows:
 
 def _part(scene: Scene, drawn: list[DrawnPrimitive], looks: "_Looks") -> tuple[Part, _Rows]:
     document, first = scene.document, drawn[0]
-    shapes = {item.first_vertex: item for item in drawn}
+    shapes = {_shape(item): item for item in drawn}
     deformed = first.skin is not None or any(item.morph_weights.any() for item in drawn)
-    rows: dict[int, int] = {}
+    rows: dict[tuple[int, int, bytes], int] = {}
     positions, count = [], 0
-    for start, item in shapes.items():
+    for shape, item in shapes.items():
         values = read_values(document, item.primitive.attributes["POSITION"])
         if deformed:
-            values = scene.surface.to_world(scene.surface.positions[start : start + len(values)])
-        rows[start] = count
+            values = scene.surface.positions[item.first_vertex : item.first_vertex + len(values)]
+            values = scene.surface.to_world(values)
+        rows[shape] = count
         positions.append(values)
         count += len(values)
     sizes = [len(values) for values in positions]
     turned = [0, 2, 1] if deformed and first.mirrored else [0, 1, 2]
-    faces = [item.triangles[:, turned] + rows[item.first_vertex] for item in drawn]
+    faces = [item.triangles[:, turned] + rows[_shape(item)] for item in drawn]
     uvs = [_uv(document, item) for item in shapes.values()]
     normals = [None if deformed else _attribute(document, item, "NORMAL", 3) for item in shapes.values()]
     colors = [_attribute(document, item, "COLOR_0", 3) for item in shapes.values()]
@@ -99,7 +100,13 @@ def _part(scene: Scene, drawn: list[DrawnPrimitive], looks: "_Looks") -> tuple[P
         colors=_stacked([None if item is None else _rgba(item) for item in colors], sizes, 4, 1.0),
     )
     starts = np.cumsum([0, *map(len, faces)])[:-1].tolist()
-    return part, _Rows(drawn, starts, [rows[item.first_vertex] for item in drawn])
+    return part, _Rows(drawn, starts, [rows[_shape(item)] for item in drawn])
+
+
+def _shape(drawn: DrawnPrimitive) -> tuple[int, int, bytes]:
+    """Equal for primitives that share their vertices, and the UVs that their textures are drawn by."""
+    material = drawn.primitive.material
+    return drawn.first_vertex, material.uv_set, material.uv_transform.tobytes()
 
 
 def _attribute(document: Document, drawn: DrawnPrimitive, name: str, width: int) -> Float | None:

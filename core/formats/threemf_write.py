@@ -20,7 +20,7 @@ from core.formats.threemf_resources import Resources, attribute
 from core.formats.threemf_slicer import OBJECT_TYPES, SETTINGS, Tools, read_tools
 from core.formats.vertices import restored, shortest
 from core.formats.zip_write import zip_of
-from core.geometry.products import product
+from core.geometry.products import product, solved
 
 Placed = tuple[int, Float]  # the id of an object, and the (4, 4) matrix of one of its uses
 
@@ -55,6 +55,7 @@ def write_3mf(marked: Marked) -> Written:
     metadata = [(name.decode(), text.decode("utf-8", "replace")) for name, text in _METADATA.findall(head)]
     lost = {
         "settings of slicers": any(map(SETTINGS.fullmatch, archive.names)),
+        "parts without a volume": 0 in numbers,
         "thumbnails": any("thumbnail" in name.lower() for name in archive.names),
     }
     left_out = [*(what for what, there in lost.items() if there), *drawing.left_out]
@@ -115,11 +116,20 @@ def _meshes(assembly: Assembly, parts: list[Part], resources: Resources) -> list
             stored = moved(body, instance.matrix) if shear else body
             positions = restored(part.positions, stored.positions, origin_of(stored.positions[stored.corners]))
             own = replace(part, matrix=np.eye(4), positions=positions)
-            if shear:
-                own = own.moved(np.linalg.inv(instance.matrix).astype(np.float64))
-            written[key] = resources.mesh(assembly.names[instance.body], own)
+            back = _inverse(instance.matrix) if shear else np.eye(4)
+            # A part that its matrix flattens cannot be led back, and is nothing to print.
+            whole = np.isfinite(back).all()
+            written[key] = resources.mesh(assembly.names[instance.body], own.moved(back)) if whole else 0
         numbers.append(written[key])
     return numbers
+
+
+def _inverse(matrix: Float) -> Float:
+    """The inverse (4, 4) of a matrix, with the same bits on every processor."""
+    result = np.eye(4)
+    result[:3, :3] = np.stack([solved(matrix[:3, :3], axis) for axis in np.eye(3)], axis=1)
+    result[:3, 3] = -product(result[:3, :3], matrix[:3, 3:])[:, 0]
+    return result
 
 
 class _Structure:

@@ -301,3 +301,22 @@ def test_vertex_colours_stay_colours_of_vertices() -> None:
     assert {round(red * 255) for red, _, _ in colors} == {51, 153}
     mesh: Any = trimesh.load(io.BytesIO(as_file(written(painted, Format.PLY))), file_type="ply", process=False)
     assert set(map(tuple, mesh.visual.vertex_colors.tolist())) == {(51, 102, 255, 255), (153, 102, 255, 255)}
+
+
+def test_a_sheared_part_of_a_3mf_stays_where_it_is() -> None:
+    item = '<item objectid="1" transform="1 0.5 0 0 1 0 0 0.25 2 3 4 5"/>'
+    data = zipped({"3D/3dmodel.model": threemf_model(f'<object id="1" name="c">{threemf_cube()}</object>', item)})
+    result = written(data, Format.THREEMF)
+    assert (
+        'transform="1 0.5 0 0 1 0 0 0.25 2 3 4 5"'
+        in zipfile.ZipFile(io.BytesIO(as_file(result))).read("3D/3dmodel.model").decode()
+    )
+    assert np.allclose(corners(read(result)), corners(marked(data).scene), atol=1e-9)
+
+
+def test_a_flattened_part_of_a_3mf_is_told_to_be_left_out() -> None:
+    items = '<item objectid="1"/><item objectid="1" transform="1 0 0 0 1 0 0 0 0 9 0 0"/>'
+    data = zipped({"3D/3dmodel.model": threemf_model(f'<object id="1" name="c">{threemf_cube()}</object>', items)})
+    result = written(data, Format.THREEMF)
+    assert result.left_out == ["parts without a volume"]
+    assert len(read(result).surface.faces) == 12
