@@ -125,10 +125,11 @@ def _meshes(assembly: Assembly, parts: list[Part], resources: Resources) -> list
 
 
 def _inverse(matrix: Float) -> Float:
-    """The inverse (4, 4) of a matrix, with the same bits on every processor."""
+    """The inverse (4, 4) of a matrix, with the same bits on every processor; not finite where there is none."""
     result = np.eye(4)
     result[:3, :3] = np.stack([solved(matrix[:3, :3], axis) for axis in np.eye(3)], axis=1)
-    result[:3, 3] = -product(result[:3, :3], matrix[:3, 3:])[:, 0]
+    with np.errstate(invalid="ignore"):
+        result[:3, 3] = -product(result[:3, :3], matrix[:3, 3:])[:, 0]
     return result
 
 
