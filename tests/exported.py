@@ -59,6 +59,7 @@ def seen(scene: Scene, turn: Float) -> Seen:
         uv = np.full((len(rows), 2), np.nan)
         if "TEXCOORD_0" in attributes:
             uv = interpolate_attribute(scene.document, "TEXCOORD_0", attributes["TEXCOORD_0"], points)
+            uv = product(uv, material.uv_transform[:, :2].T) + material.uv_transform[:, 2]
         at = Points(rows + drawn.first_vertex, points.barycentric).interpolate(world)
         found.append(Seen(at / 30, colors, uv, np.full(len(rows), texture is not None)))
     return Seen(
