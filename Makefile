@@ -43,6 +43,10 @@ delivered: $(VENV)/.tests ## Mark every textured file of MESHES=DIR (COLOR=auto,
 	@test -n "$(MESHES)" || { echo "usage: make delivered MESHES=DIR [COLOR=auto]"; exit 2; }
 	@$(BIN)/python -m tests.delivered $(MESHES) $(if $(COLOR),--color "$(COLOR)")
 
+formats: $(VENV)/.tests ## Mark every file of MESHES=DIR, write it in each format and print what is there when that is read again
+	@test -n "$(MESHES)" || { echo "usage: make formats MESHES=DIR"; exit 2; }
+	@$(BIN)/python -m tests.exported $(MESHES)
+
 features: $(VENV)/.tests ## Mark the labelled files of MESHES=DIR and print how many marks stand on faces, logos, ...
 	@test -n "$(MESHES)" || { echo "usage: make features MESHES=DIR"; exit 2; }
 	@$(BIN)/python -m tests.features $(MESHES)
@@ -126,4 +130,4 @@ $(VENV)/.tests: $(VENV)/.service
 	$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable '.[test,benchmark]'
 	touch $@
 
-.PHONY: help install demo run test check survey delivered features design labels verified compared lighter benchmark ablation fuzz faults load attacks audit docker-test pictures openapi clean
+.PHONY: help install demo run test check survey delivered formats features design labels verified compared lighter benchmark ablation fuzz faults load attacks audit docker-test pictures openapi clean

@@ -83,3 +83,14 @@ class Solver(StrEnum):
 
     LEVENBERG_MARQUARDT = "levenberg-marquardt"
     ADAM = "adam"
+
+
+class FileFormat(StrEnum):
+    """Format of the result beside the GLB; the same is that of the upload."""
+
+    GLB = "glb"
+    SAME = "same"
+    STL = "stl"
+    OBJ = "obj"
+    PLY = "ply"
+    THREEMF = "3mf"

@@ -18,8 +18,8 @@ from core.choices import Profile
 from core.embossing.mesh import WorkingMesh
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
-from core.formats.format import Format
-from core.formats.registry import WRITERS
+from core.formats.format import Format, OutputFile
+from core.formats.registry import export_format
 from core.geometry.boxes import Boxes
 from core.gltf.builder import Builder
 from core.gltf.document import Document
@@ -45,10 +45,11 @@ def read(data: bytes, run: Run) -> Asset:
     """Recognise a file, read it, and analyse its surface.
 
     Raises:
-        MeshmarkError: as :func:`core.formats.admission.admit`, :func:`core.formats.admission.document_of` and
-            :func:`core.gltf.scene.flatten`.
+        MeshmarkError: as :func:`core.formats.admission.admit`, :func:`core.formats.registry.export_format`,
+            :func:`core.formats.admission.document_of` and :func:`core.gltf.scene.flatten`.
     """
     admitted = admit(data, run.request.budgets)
+    export_format(run.request.parameters.format, admitted.format)  # refuses what is not written before any work
     document = document_of(admitted, run.request.budgets)
     scene = flatten(document)
     run.notices += document.warnings
@@ -303,7 +304,7 @@ def write_label_alone(asset: Asset, run: Run) -> Output:
     builder = Builder(asset.scene.document)
     builder.json = label.json
     scene = flatten(builder.to_document())
-    output = Output(None, [], [], scene, WRITERS[Format.GLB](scene), label)
+    output = Output(None, [], [], scene, OutputFile(Format.GLB, scene.document.to_glb()), label)
     run.notices += label.notices
     run.publish("model", output.file.data)
     return output
@@ -388,4 +389,4 @@ def _written(asset: Asset, context: "PlacementContext", embossed: Embossed) -> O
     if label := _label(document, parameters):
         document.json = label.json
     scene = flatten(document)
-    return Output(embossed, coloring, copies, scene, WRITERS[Format.GLB](scene), label)
+    return Output(embossed, coloring, copies, scene, OutputFile(Format.GLB, scene.document.to_glb()), label)

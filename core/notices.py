@@ -25,6 +25,7 @@ class NoticeCode(StrEnum):
     PREVIEW_MODEL_HEAVY = "preview_model_heavy"
     PREVIEW_MODEL_LACKS = "preview_model_lacks"
     NO_PREVIEW_MODEL = "no_preview_model"
+    LEFT_OUT_OF_EXPORT = "left_out_of_export"
     # Why a report has no value of a metric.
     NOT_REQUESTED = "not_requested"
     NOT_MEASURED = "not_measured"

@@ -10,6 +10,7 @@ from core.choices import (
     Align,
     Direction,
     Evaluate,
+    FileFormat,
     LogoPosition,
     Mode,
     Preset,
@@ -191,6 +192,13 @@ class Parameters(Wording):
             "result, or kept as they are."
         ),
     ] = UnmarkedCopies.LEAVE_OUT
+    format: Annotated[
+        FileFormat,
+        Field(
+            description="Format of a further result beside the GLB: that of the upload (same), STL, OBJ in a ZIP, PLY "
+            "or 3MF; glb: none."
+        ),
+    ] = FileFormat.GLB
     evaluate: Annotated[Evaluate, Field(description="Which metrics the report carries.")] = Evaluate.FULL
     explain: Annotated[
         bool,
@@ -288,6 +296,13 @@ class Parameters(Wording):
                 ErrorCode.INVALID_PARAMETERS,
                 "The request has `explain`, whose model shows the whole shape, and a `preview_model` that is to be "
                 "`alone`.",
+                "Leave one of them out.",
+            )
+        if self.preview_model is not None and self.preview_model.alone and self.format is not FileFormat.GLB:
+            raise MeshmarkError(
+                ErrorCode.INVALID_PARAMETERS,
+                f"The request has a `format` of {self.format}, whose file has the whole shape, and a `preview_model` "
+                "that is to be `alone`.",
                 "Leave one of them out.",
             )
         if self.preview_model is not None and self.metadata_only:

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
-from core import lightening, marking, measuring
+from core import exporting, lightening, marking, measuring
 from core.budgets import DEFAULT_BUDGETS, Budgets
 from core.formats.format import OutputFile
 from core.parameters import Parameters
@@ -42,6 +42,7 @@ class Result:
         turntable, poster: animated WebP of the model as it turns, and its first frame; None as for ``preview``.
         preview_model: a light GLB beside ``file``; None where none was asked for, where it is ``file`` itself, or where
             no mark fits on it (then the report's ``warnings`` say so).
+        export: the watermarked model in another format; None where none was asked for.
     """
 
     file: OutputFile
@@ -50,6 +51,7 @@ class Result:
     turntable: bytes | None = None
     poster: bytes | None = None
     preview_model: bytes | None = None
+    export: OutputFile | None = None
 
     @property
     def model(self) -> bytes:
@@ -97,9 +99,9 @@ def run_stages(
         data: the content of a file.
         request: the wishes.
         progress: called with the stage's name and the share done of the whole run, 0 to 1.
-        publish: called with the name of each result ("model", "preview_model", "report", "explanation", "layers",
-            "preview", "turntable", "poster") and its bytes as soon as it exists, before the run ends. The report is the
-            final one if the run breaks off afterwards: its metrics are still missing.
+        publish: called with the name of each result ("model", "preview_model", "export", "report", "explanation",
+            "layers", "preview", "turntable", "poster") and its bytes as soon as it exists, before the run ends. The
+            report is the final one if the run breaks off afterwards: its metrics are still missing.
     """
     if request.parameters.explain:
         from core.explain.trace import Trace
@@ -128,7 +130,7 @@ def run_stages(
     candidates = light = None
     if request.parameters.metadata_only:
         with stage("writing"):
-            output = marking.write_label_alone(asset, run)
+            output = exporting.with_export(asset, marking.write_label_alone(asset, run), run)
     else:
         with stage("lettering"):
             layouts = marking.letter(run)
@@ -139,7 +141,7 @@ def run_stages(
         with stage("writing"):
             output = marking.write_model(asset, candidates, embossed, run)
             light = lightening.lighten(asset, candidates, output, run) if wish else None
-            output = light.output if light and wish and wish.alone else output
+            output = light.output if light and wish and wish.alone else exporting.with_export(asset, output, run)
     with stage("reporting"):
         report = measuring.report(asset, output, light, run)
         measuring.explain(asset, candidates, output, run)
@@ -148,7 +150,10 @@ def run_stages(
     with stage("evaluating"):
         report = measuring.evaluate(asset, candidates, output, light, seen, report, run)
     beside = light.output.file.data if light and light.output is not output else None
-    return Result(output.file, measuring.as_json(report, run), seen.preview, seen.turntable, seen.poster, beside)
+    exported = output.exported.file if output.exported else None
+    return Result(
+        output.file, measuring.as_json(report, run), seen.preview, seen.turntable, seen.poster, beside, exported
+    )
 
 
 def _peak_memory() -> int:

@@ -56,6 +56,17 @@ class AssetFacts(FileFacts):
     nonmanifold_edges: Annotated[int, Field(description="Edges with more than two faces.")]
 
 
+class ExportFacts(FileFacts):
+    """The result in another format, beside the GLB."""
+
+    unit: Annotated[
+        Literal["micron", "millimeter", "centimeter", "inch", "foot", "meter"] | None,
+        Field(description="Of its coordinates; null where the file that was sent says none, and its numbers are kept."),
+    ]
+    up: Annotated[Literal["y", "z"] | None, Field(description="Its upward axis; null likewise.")]
+    left_out: Annotated[list[str], Field(description="What the GLB has and this format cannot hold, in words.")]
+
+
 class Engine(Section):
     """The program that made the report."""
 
@@ -277,6 +288,9 @@ class Report(Section):
     model: Annotated[
         AssetFacts | FileFacts, Field(description="The file that was made; without metrics, nothing of its surface.")
     ]
+    export: Annotated[
+        ExportFacts | None, Field(description="The same in another format; null where `format` asked for none.")
+    ] = None
     parameters: Annotated[Parameters, Field(description="As resolved by the preset.")]
     seed: Annotated[int, Field(description="Of every random draw.")]
     engine: Engine

@@ -26,6 +26,7 @@ from core.report import (
     CopyFacts,
     Embossing,
     Engine,
+    ExportFacts,
     Eye,
     FileFacts,
     Frame,
@@ -37,7 +38,7 @@ from core.report import (
     Watermark,
     WatermarkQuality,
 )
-from core.stages import Asset, Embossed, LightOutput, Output
+from core.stages import Asset, Embossed, Exported, LightOutput, Output
 
 
 def build_report(asset: Asset, output: Output, parameters: Parameters, light: LightOutput | None = None) -> Report:
@@ -58,6 +59,7 @@ def build_report(asset: Asset, output: Output, parameters: Parameters, light: Li
     return Report(
         asset=asset_facts(file_facts(asset.data, asset.format), surface),
         model=asset_facts(model, output.scene.surface.in_frame_of(surface)) if measured else model,
+        export=_export(output.exported),
         parameters=parameters,
         seed=parameters.seed,
         engine=Engine(version=__version__, device=device().value),
@@ -77,6 +79,14 @@ def build_report(asset: Asset, output: Output, parameters: Parameters, light: Li
         timings={},
         memory={},
     )
+
+
+def _export(exported: Exported | None) -> ExportFacts | None:
+    if exported is None:
+        return None
+    file = file_facts(exported.file.data, exported.file.format)
+    more = {"unit": exported.unit, "up": exported.up, "left_out": list(exported.left_out)}
+    return ExportFacts.model_validate(file.model_dump() | more)
 
 
 def _label(output: Output, parameters: Parameters) -> LabelFacts | None:

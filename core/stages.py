@@ -63,8 +63,8 @@ class Run:
     Attributes:
         request: the wishes.
         progress: called with the share of the present stage that is done, 0 to 1.
-        publish: called with the name of each result ("model", "preview_model", "report", "explanation", "layers",
-            "preview", "turntable", "poster") and its bytes as soon as it exists.
+        publish: called with the name of each result ("model", "preview_model", "export", "report", "explanation",
+            "layers", "preview", "turntable", "poster") and its bytes as soon as it exists.
         notices: losses and doubts so far.
         timings: seconds by stage.
         memory: the most resident bytes the process had held up to the end of each stage.
@@ -134,6 +134,22 @@ class Embossed:
 
 
 @dataclass(frozen=True, eq=False)
+class Exported:
+    """The watermarked model in another format, beside its GLB.
+
+    Attributes:
+        file: in that format.
+        unit, up: of its coordinates and their upward axis; None where they are the input's own, which says neither.
+        left_out: contents of the GLB that it does not have, in words.
+    """
+
+    file: OutputFile
+    unit: str | None
+    up: str | None
+    left_out: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
 class Output:
     """The watermarked model.
 
@@ -146,6 +162,7 @@ class Output:
         label: the machine-readable one in it; None where none was asked for.
         heights: (24,) of the highest letters in the paper's views, over the picture's side; None where no label's rule
             asks for a height.
+        exported: ``scene`` in another format, where one was asked for.
     """
 
     embossed: Embossed | None
@@ -155,6 +172,7 @@ class Output:
     file: OutputFile
     label: WrittenLabel | None = None
     heights: Float | None = None
+    exported: Exported | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,6 +22,7 @@ for group in "$@"; do
             command -v initdb >/dev/null || ls /usr/lib/postgresql/*/bin/initdb >/dev/null 2>&1 || need postgresql
             command -v curl >/dev/null || need curl
             command -v node >/dev/null && command -v npm >/dev/null || need nodejs npm
+            command -v prusa-slicer >/dev/null || need prusa-slicer
             command -v chromium >/dev/null || command -v google-chrome >/dev/null || need chromium ;;
         docker) [ -x /usr/bin/dockerd ] || command -v dockerd >/dev/null || need docker.io ;;
         standins) command -v mmdebstrap >/dev/null || need mmdebstrap ;;

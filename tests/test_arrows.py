@@ -40,7 +40,8 @@ BELOW = {
     "marking": "stages embossing placement analysis artwork formats gltf geometry labels parameters",
     "lightening": "marking stages placement analysis gltf preview_model",
     "measuring": "explain stages report reporting metrics rendering analysis",
-    "pipeline": "explain lightening marking measuring stages formats budgets parameters preload",
+    "exporting": "stages formats labels",
+    "pipeline": "exporting explain lightening marking measuring stages formats budgets parameters preload",
     "conversion": "formats gltf budgets",
     "evaluate": "report reporting metrics rendering analysis formats gltf geometry budgets",
     "lab": (
@@ -54,7 +55,7 @@ BELOW = {
     ),
     "explain": "marking stages reporting embossing placement rendering formats gltf geometry budgets parameters",
     "doctor": "pipeline rendering artwork models device",
-    "cli": "doctor explain lab pipeline preload verify evaluate models labels parameters process processors",
+    "cli": "doctor explain formats lab pipeline preload verify evaluate models labels parameters process processors",
     "__init__": "process",
 }
 EVERYWHERE = {"arrays", "choices", "errors", "notices", "__version__"}

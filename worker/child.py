@@ -32,6 +32,7 @@ CHANNEL = 3  # the descriptor of its answers, after stdin, stdout and stderr
 SUFFIXES = {
     "model": ".glb",
     "preview_model": ".glb",
+    "export": ".bin",
     "report": ".json",
     "preview": ".png",
     "turntable": ".webp",

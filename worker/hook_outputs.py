@@ -9,6 +9,7 @@ from functools import partial
 import structlog
 
 from core.errors import MeshmarkError
+from service.exports import HEAD, kind_of
 from service.hooks.config import HookSource
 from service.jobs import dropped
 from service.jobs.artifacts import ArtifactStore
@@ -65,6 +66,11 @@ def _write(worker: Worker, hook: HookSource, item: DroppedObject) -> Output:
 
 
 def _copy(store: ArtifactStore, hook: HookSource, job: Job, key: str) -> None:
+    if export := job.artifact(ArtifactKind.EXPORT):
+        with store.fetched(export.sha256, export.size) as path:
+            with path.open("rb") as file:
+                suffix, media_type = kind_of(file.read(HEAD))
+            write_object(hook, hook.output_key(key, f".watermarked{suffix}"), path, media_type)
     for kind, suffix in SUFFIXES.items():
         if artifact := job.artifact(kind):
             with store.fetched(artifact.sha256, artifact.size) as path:

@@ -6,7 +6,19 @@ from typing import Annotated, Any
 
 import typer
 
-from core.choices import Align, Direction, Evaluate, LogoPosition, Mode, Preset, Profile, Strength, UnmarkedCopies, Wrap
+from core.choices import (
+    Align,
+    Direction,
+    Evaluate,
+    FileFormat,
+    LogoPosition,
+    Mode,
+    Preset,
+    Profile,
+    Strength,
+    UnmarkedCopies,
+    Wrap,
+)
 from core.cli.batch import Folders, mark_many, orders
 from core.cli.files import STANDARD, read_file, require_streams
 from core.cli.options import Json, Quiet
@@ -19,10 +31,18 @@ from core.parameters import Parameters, parse_parameters
 MANY, TEXT, MARKS, LABEL, PLACES, RESULTS = "Many files", "Text and logo", "Marks", "Label", "Places", "Results"
 LIGHT = "Preview model"
 USAGE = "IN OUT.glb | IN... --out DIR"
+ENDINGS = {
+    ".stl": FileFormat.STL,
+    ".ply": FileFormat.PLY,
+    ".3mf": FileFormat.THREEMF,
+    ".zip": FileFormat.OBJ,
+    ".obj": FileFormat.OBJ,
+}
 EPILOG = """Examples:
 
 meshmark apply dragon.glb preview.glb --text DRAFT --color "#d02020"
 meshmark apply models --out marked --text "Example Ltd" --jobs 4
+meshmark apply part.stl -o marked.stl --text "Example Ltd" --color none
 meshmark apply 'in/*.stl' --out marked --logo logo.svg --report reports
 meshmark apply - - --label eu < in.glb > out.glb"""
 REGION = (
@@ -139,6 +159,14 @@ def apply(
     preview: Annotated[
         Path | None, typer.Option(metavar="P.png", help="Draw eight views here.", rich_help_panel=RESULTS)
     ] = None,
+    file_format: Annotated[
+        FileFormat | None,
+        typer.Option(
+            "--format",
+            help="Write this format too, beside OUT.glb; default: as OUT's ending says.",
+            rich_help_panel=RESULTS,
+        ),
+    ] = None,
     turntable: Annotated[
         Path | None,
         typer.Option(metavar="T.webp", help="Draw the result as it turns once, animated.", rich_help_panel=RESULTS),
@@ -181,23 +209,45 @@ def apply(
     One: IN and OUT.glb are files, or - for standard input and output. Many: each IN is a file, a folder or a glob in
     quotes; every file of an accepted format is marked, and one that fails does not stop the others.
 
-    Accepted are GLB, glTF, OBJ, STL, PLY, OFF, 3MF and DAE; with their other files as a ZIP. Results are GLB.
+    Accepted are GLB, glTF, OBJ, STL, PLY, OFF, 3MF and DAE; with their other files as a ZIP. Results are GLB, or what
+    the ending of OUT says: .stl, .ply, .3mf, or .zip for an OBJ with its materials.
     """
+    if out is not None and len(paths) == 1 and out.suffix.lower() in (".glb", *ENDINGS) and not out.is_dir():
+        paths, out = [*paths, out], None
     given = locals()
     written = [report, preview, turntable, poster, preview_model]
+    source = result = None
     if out is None:
         source, result = _pair(paths)
         require_streams([source, font, logo, declaration], [result, *written], as_json=json)
     else:
         require_streams([font, logo, declaration], [])
         _require_folders([out, *written])
+    given["format"] = file_format or (format_of(result) if result else None)
     parameters = parameters_of(given)
     style = Style(parameters, read_file(font) if font else None, read_file(logo) if logo else None)
     parameters.require_content(logo is not None)
     telling = Telling(quiet, json)
-    if out is None:
+    if source and result:
         return mark_one(Order(source, result, *written), style, telling)
+    assert out is not None
     return mark_many(orders(paths, Folders(out, *written)), style, jobs, telling)
+
+
+def format_of(result: Path) -> FileFormat:
+    """The format that the ending of a result's name stands for.
+
+    Raises:
+        MeshmarkError: ``invalid_request`` for an OBJ, which is several files.
+    """
+    ending = result.suffix.lower()
+    if ending == ".obj":
+        raise MeshmarkError(
+            ErrorCode.INVALID_REQUEST,
+            f"{result} would be one file, but an OBJ comes with its materials and textures.",
+            f"Name a ZIP of them: {result.with_suffix('.zip')}.",
+        )
+    return ENDINGS.get(ending, FileFormat.GLB)
 
 
 def parameters_of(options: dict[str, Any]) -> Parameters:

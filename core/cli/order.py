@@ -4,7 +4,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from core.choices import Evaluate
 from core.cli.files import STANDARD, read_file, write_file, write_json
@@ -14,6 +14,9 @@ from core.cli.terminal import as_json, say, say_error, say_json
 from core.errors import ErrorCode, MeshmarkError
 from core.notices import NoticeCode
 from core.parameters import Parameters
+
+if TYPE_CHECKING:
+    from core.formats.format import OutputFile
 
 LOADING = "loading"  # the stage before the engine's own: its libraries
 
@@ -71,6 +74,7 @@ class Outcome:
         warnings: of the report.
         error: that kept it from being done; None where it was done.
         trace: of an error that is not handled.
+        export: the file in another format, where one was written.
     """
 
     order: Order
@@ -79,6 +83,7 @@ class Outcome:
     warnings: tuple[dict[str, str], ...] = ()
     error: MeshmarkError | None = None
     trace: str = ""
+    export: Path | None = None
 
     def summary(self) -> str:
         """Marks and seconds in words."""
@@ -89,6 +94,7 @@ class Outcome:
         written = {name: str(path) if path else None for name, path in asdict(self.order).items()}
         return {
             **(written if self.error is None else dict.fromkeys(written) | {"input": str(self.order.input)}),
+            "export": str(self.export) if self.export else None,
             "outcome": "done" if self.error is None else "failed",
             "watermarks": self.watermarks,
             "seconds": round(self.seconds, 3),
@@ -118,7 +124,10 @@ def mark(order: Order, style: Style, tell: Progress | None) -> Outcome:
         progress=_of_stages_asked_for(tell, order, style.parameters) if tell else None,
     )
     warnings = result.report["warnings"]
-    write_file(order.output, result.file.data)
+    export = export_path(order, result.export) if result.export else None
+    files = {order.output: result.file.data} | ({export: result.export.data} if result.export and export else {})
+    for path, content in files.items():
+        write_file(path, content)
     if order.report:
         write_json(order.report, result.report)
     if order.preview_model:
@@ -132,7 +141,26 @@ def mark(order: Order, style: Style, tell: Progress | None) -> Outcome:
             warning = warnings[-1]  # drawing is the last stage that warns
             raise MeshmarkError(ErrorCode(warning["code"]), warning["message"], warning["remedy"])
         write_file(path, picture)
-    return Outcome(order, len(result.report["watermarks"]), sum(result.report["timings"].values()), tuple(warnings))
+    seconds = sum(result.report["timings"].values())
+    return Outcome(order, len(result.report["watermarks"]), seconds, tuple(warnings), export=export)
+
+
+def export_path(order: Order, export: "OutputFile") -> Path:
+    """The place of the result in another format: beside a GLB; else it is what the output's name stands for.
+
+    Raises:
+        MeshmarkError: ``invalid_request`` where that is the input.
+    """
+    if order.output.suffix.lower() != ".glb":
+        return order.output
+    path = order.output.with_suffix(f".{export.format.rpartition('+')[2]}")
+    if path.resolve() == order.input.resolve():
+        raise MeshmarkError(
+            ErrorCode.INVALID_REQUEST,
+            f"{path} would be written over, which is the input.",
+            "Choose another name or another folder for the result.",
+        )
+    return path
 
 
 def _of_stages_asked_for(tell: Progress, order: Order, parameters: Parameters) -> Callable[[str, float], None]:

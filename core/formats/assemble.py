@@ -46,8 +46,8 @@ def assemble(assembly: Assembly) -> Document:
     drawn: dict[tuple[int, bytes], tuple[int, Float] | None] = {}
     for instance in assembly.instances:
         body, shear = assembly.bodies[instance.body], b""
-        if not _is_transform(instance.matrix):
-            shear, body = instance.matrix.tobytes(), _moved(body, instance.matrix)
+        if not is_transform(instance.matrix):
+            shear, body = instance.matrix.tobytes(), moved(body, instance.matrix)
         key = instance.body, shear
         if key not in drawn:
             drawn[key] = assembler.mesh(assembly.names[instance.body], body)
@@ -59,7 +59,7 @@ def assemble(assembly: Assembly) -> Document:
     return replace(assembler.document(assembly.frame), warnings=list(assembly.warnings))
 
 
-def _is_transform(matrix: Float) -> bool:
+def is_transform(matrix: Float) -> bool:
     """True where a matrix (4, 4) is a translation, rotation and scale: it keeps right angles."""
     columns = matrix[:3, :3]
     angles = np.abs(product(columns.T, columns))
@@ -67,7 +67,7 @@ def _is_transform(matrix: Float) -> bool:
     return bool(np.all(angles - np.diag(np.diag(angles)) <= 1e-5 * np.outer(length, length)) and np.all(length > 0))
 
 
-def _moved(body: PolygonMesh, matrix: Float) -> PolygonMesh:
+def moved(body: PolygonMesh, matrix: Float) -> PolygonMesh:
     """The body with a matrix (4, 4) applied to it; one that mirrors reverses the polygons."""
     attributes, corners = dict(body.attributes), body.corners
     linear_part = matrix[:3, :3]
@@ -127,7 +127,7 @@ def _check_positions(positions: Float, corners: Int) -> None:
         )
 
 
-def _origin(positions: Float) -> Float:
+def origin_of(positions: Float) -> Float:
     """(3,) translation of the node: the centre of the asset if float32 would lose its shape, else zero."""
     low, high = positions.min(axis=0), positions.max(axis=0)
     is_far = np.abs(positions).max() > FAR_FROM_ORIGIN * (high - low).max()
@@ -211,7 +211,7 @@ class _Assembler:
         attributes = {name: _usable(name, attribute) for name, attribute in body.attributes.items()}
         body, triangles, closed = _faced_outwards(replace(body, attributes=attributes), triangles)
         attributes = body.attributes
-        origin = _origin(body.positions[body.corners[triangles.ravel()]])
+        origin = origin_of(body.positions[body.corners[triangles.ravel()]])
         kind = body.group[polygon] << len(attributes)
         for bit, attribute in enumerate(attributes.values()):
             kind |= np.all(attribute.index[triangles] >= 0, axis=1).astype(np.int64) << bit

@@ -1,6 +1,6 @@
 """The formats of files, and a file that was written in one of them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 
@@ -51,3 +51,20 @@ class OutputFile:
 
     format: Format
     data: bytes
+
+
+@dataclass(frozen=True, eq=False)
+class Written:
+    """A model in another format than GLB.
+
+    Attributes:
+        files: by name, the model first.
+        unit: of its coordinates; None where the input has none that is known, and its numbers were kept.
+        up: the axis that points up, likewise.
+        left_out: contents of the GLB that it does not have, in words.
+    """
+
+    files: dict[str, bytes]
+    unit: str | None
+    up: str | None
+    left_out: list[str] = field(default_factory=list)

@@ -34,7 +34,7 @@ def read_obj_zip(data: bytes, archive: Archive, name: str, budgets: Budgets) -> 
     """
     warnings: list[Notice] = []
     materials: dict[bytes, Material] = {}
-    libraries = _libraries(archive, name, data, warnings)
+    libraries = libraries_of(archive, name, data, warnings)
     for library in libraries:
         found, lost = read_mtl(archive.read(library), partial(_load, archive, library))
         materials = found | materials
@@ -60,7 +60,7 @@ def read_obj_zip(data: bytes, archive: Archive, name: str, budgets: Budgets) -> 
     return replace(assembly, bodies=[mesh], warnings=warnings + assembly.warnings)
 
 
-def _libraries(archive: Archive, name: str, data: bytes, warnings: list[Notice]) -> list[str]:
+def libraries_of(archive: Archive, name: str, data: bytes, warnings: list[Notice]) -> list[str]:
     """The names of the MTL files to read; a later one does not override an earlier one."""
     found = []
     for path in material_libraries(data):

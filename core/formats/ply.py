@@ -24,8 +24,8 @@ from core.refusals import malformed, no_faces, truncated
 
 FACE_LISTS = ("vertex_indices", "vertex_index")
 
-_COLOR_NAMES = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
-_UV_NAMES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
+COLOR_NAMES = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
+UV_NAMES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
 
 Load = Callable[[bytes], bytes | None]
 
@@ -187,7 +187,7 @@ def _attributes(
     attributes = {}
     if {"nx", "ny", "nz"} <= vertex.keys():
         attributes["NORMAL"] = Attribute(_matrix(vertex, ("nx", "ny", "nz")), mesh.corners)
-    names = next((names for names in _UV_NAMES if set(names) <= vertex.keys()), None)
+    names = next((names for names in UV_NAMES if set(names) <= vertex.keys()), None)
     if names:
         attributes["TEXCOORD_0"] = Attribute(_flip(_matrix(vertex, names)), mesh.corners)
     elif "texcoord" in lists:
@@ -222,7 +222,7 @@ def _corner_uv(lengths: Int, values: NDArray[Any], sizes: Int) -> Attribute:
 
 def _colors(header: Header, name: str, table: Columns) -> Float | None:
     """(N, 4) colours in 0-1: bytes are fractions of 255, numbers of other types fractions of their apparent range."""
-    names = next((names for names in _COLOR_NAMES if set(names) <= table.keys()), None)
+    names = next((names for names in COLOR_NAMES if set(names) <= table.keys()), None)
     element = header.element(name)
     if names is None or element is None:
         return None

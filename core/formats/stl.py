@@ -20,7 +20,7 @@ from core.refusals import malformed, no_faces, non_finite, truncated
 HEADER_BYTES = 84
 TRIANGLE_BYTES = 50
 
-_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _VALID = 0x8000  # bit of an attribute word that marks it as a colour, or as none: see :func:`_colors`
 
 
@@ -100,7 +100,7 @@ def read_stl(source: Source, _parsed: None, _budgets: Budgets) -> Assembly:
     if is_ascii(data):
         corners = _ascii_corners(data)
     else:
-        records = np.frombuffer(data, _RECORD, triangle_count(data), HEADER_BYTES)
+        records = np.frombuffer(data, RECORD, triangle_count(data), HEADER_BYTES)
         with np.errstate(invalid="ignore"):  # a signalling NaN, refused below as any other
             corners = records["corners"].reshape(-1, 3).astype(np.float64)
         colors = _colors(data[:80], records["attribute"], warnings)

@@ -23,7 +23,7 @@ from core.refusals import malformed, no_faces
 
 Key = tuple[str, str]  # a model part and the id of an object in it
 
-_USUAL_PART = "3D/3dmodel.model"
+USUAL_PART = "3D/3dmodel.model"
 _Z_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 _NO_COLOR = {"compositematerials": "composite materials", "multiproperties": "layered properties"}
 
@@ -64,7 +64,7 @@ def read_3mf(_source: Source, archive: Archive, budgets: Budgets) -> Assembly:
         MeshmarkError: ``malformed_file``, ``no_faces``, ``budget_exceeded``, ``external_reference``, or
             ``unsupported_feature`` for a document type.
     """
-    package = _Package(archive, budgets)
+    package = Package(archive, budgets)
     start = package.start_part()
     model = package.model(start)
     assembly = Assembly([], [], [], product(_Z_UP, np.diag([model.metres] * 3 + [1.0])))
@@ -96,7 +96,7 @@ def read_3mf(_source: Source, archive: Archive, budgets: Budgets) -> Assembly:
     return assembly
 
 
-class _Package:
+class Package:
     """The model parts of a 3MF, each read at its first use."""
 
     def __init__(self, archive: Archive, budgets: Budgets) -> None:
@@ -116,7 +116,7 @@ class _Package:
         if (relationships := self.archive.find("_rels/.rels", "")) is not None:
             text = self.archive.read(relationships)
             parse_xml(text, "The list of parts of the 3MF", self.budgets, Handlers(relationship), tally=self.tally)
-        for target in (*targets, _USUAL_PART):
+        for target in (*targets, USUAL_PART):
             if (found := self.archive.find(target.lstrip("/"), "")) is not None:
                 return found
         return self.archive.only(".model")
@@ -150,7 +150,7 @@ class _Package:
 
 
 def _built(
-    package: _Package, start: str, tools: Tools, left_out: Counter[str], budgets: Budgets
+    package: Package, start: str, tools: Tools, left_out: Counter[str], budgets: Budgets
 ) -> list[tuple[Key, Float]]:
     """Each mesh of the build, once for each use, in file order, and its matrix to the build.
 
@@ -184,7 +184,7 @@ def _built(
     return found
 
 
-def _mesh(thing: Object, package: _Package, part: str, warnings: list[Notice]) -> PolygonMesh:
+def _mesh(thing: Object, package: Package, part: str, warnings: list[Notice]) -> PolygonMesh:
     corners = np.frombuffer(thing.triangles, np.int64)
     positions = np.frombuffer(thing.vertices, np.float64).reshape(-1, 3)
     count = len(corners) // 3
@@ -224,7 +224,7 @@ def _without(mesh: PolygonMesh, ranges: list[tuple[int, int, str]]) -> PolygonMe
     )
 
 
-def _image(package: _Package, path: str, warnings: list[Notice]) -> bytes | None:
+def _image(package: Package, path: str, warnings: list[Notice]) -> bytes | None:
     found = package.archive.find(path.lstrip("/"), "") if path else None
     return usable_image(path, None if found is None else package.archive.read(found), warnings)
 

@@ -14,7 +14,7 @@ from core.notices import Notice
 OBJECT_TYPES = {"support": "supports", "solidsupport": "supports", "other": "auxiliary objects"}
 
 # PrusaSlicer's Metadata/Slic3r_PE_model.config and its like, Bambu Studio's and Orca's Metadata/model_settings.config.
-_SETTINGS = re.compile(r"metadata/(?:\w*_model|model_settings)\.config", re.IGNORECASE)
+SETTINGS = re.compile(r"metadata/(?:\w*_model|model_settings)\.config", re.IGNORECASE)
 _KINDS = {
     "negativevolume": "negative volumes",
     "negativepart": "negative volumes",
@@ -49,7 +49,7 @@ def read_tools(archive: Archive, budgets: Budgets, tally: Tally, warnings: list[
     """
     tools = Tools()
     for name in archive.names:
-        if _SETTINGS.fullmatch(name):
+        if SETTINGS.fullmatch(name):
             try:
                 _Reader(tools).read(archive.read(name), budgets, tally)
             except MeshmarkError as error:

@@ -23,6 +23,14 @@ def linear(colors: Float) -> Float:
     return result
 
 
+def srgb(colors: Float) -> Float:
+    """Colours (..., 3 or 4) in 0-1 from linear to sRGB; alpha stays: the inverse of :func:`linear`."""
+    rgb = colors[..., :3]
+    result = colors.copy()
+    result[..., :3] = np.where(rgb <= 0.0031308, 12.92 * rgb, 1.055 * np.maximum(rgb, 0.0031308) ** (1 / 2.4) - 0.055)
+    return result
+
+
 def hex_linear(color: str) -> Float:
     """(3,) linear RGB, 0-1, of ``"#rrggbb"``."""
     return linear(np.array([int(color[start : start + 2], 16) / 255 for start in (1, 3, 5)]))
@@ -30,8 +38,7 @@ def hex_linear(color: str) -> Float:
 
 def hex_srgb(color: Float) -> str:
     """The nearest ``"#rrggbb"`` to linear RGB (3,) in 0-1: the inverse of :func:`hex_linear`."""
-    encoded = np.where(color <= 0.0031308, 12.92 * color, 1.055 * color ** (1 / 2.4) - 0.055)
-    return "#" + "".join(f"{level:02x}" for level in np.rint(encoded * 255).astype(int).tolist())
+    return "#" + "".join(f"{level:02x}" for level in np.rint(srgb(color) * 255).astype(int).tolist())
 
 
 def cielab(linear: Float) -> Float:

@@ -52,6 +52,7 @@ class Marking(TypedDict, total=False):
     prefer: list[Region]
     solver: Literal["levenberg-marquardt", "adam"]
     unmarked_copies: Literal["leave_out", "keep"]
+    format: Literal["glb", "same", "stl", "obj", "ply", "3mf"]
     evaluate: Literal["full", "geometry", "none"]
     explain: bool
     turntable: bool

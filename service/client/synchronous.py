@@ -64,7 +64,7 @@ class Job(JobFacts):
 
         Args:
             path: of the file, which is replaced if it exists.
-            part: `model`, `report`, `preview`, `preview_model`, `credentials`, `turntable` or `poster`; of a
+            part: `model`, `preview_model`, `export`, `report`, `preview`, `credentials`, `turntable` or `poster`; of a
                 verification `report` or `evidence`.
 
         Raises:

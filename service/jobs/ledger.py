@@ -62,7 +62,7 @@ MIGRATION = 7239017  # key of that lock for migrations: an arbitrary constant
 OUTPUTS = (
     *(ArtifactKind.MODEL, ArtifactKind.REPORT, ArtifactKind.PREVIEW, ArtifactKind.TURNTABLE, ArtifactKind.POSTER),
     *(ArtifactKind.EXPLANATION, ArtifactKind.LAYERS, ArtifactKind.CREDENTIALS, ArtifactKind.EVIDENCE),
-    ArtifactKind.PREVIEW_MODEL,
+    *(ArtifactKind.PREVIEW_MODEL, ArtifactKind.EXPORT),
 )
 SIGNING = "signing"  # stage of a job that waits for its credentials
 PASSING = or_(Job.tenant_id == PUBLIC_TENANT, Job.kind == JobKind.CONVERSION)  # jobs of which nothing stays

@@ -125,6 +125,7 @@ class ArtifactKind(StrEnum):
     EXPLANATION = "explanation"
     LAYERS = "layers"
     CREDENTIALS = "credentials"
+    EXPORT = "export"
     EVIDENCE = "evidence"
     ORIGINAL = "original"
     MARKED = "marked"

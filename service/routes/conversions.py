@@ -88,7 +88,7 @@ def _delete(state: AppState, client: Client, job_id: str) -> None:
     delete_job(state, client, find_job(state, client, job_id, KIND))
 
 
-MODEL = download(ArtifactKind.MODEL, "model/gltf-binary", {"type": "string", "format": "binary"})
+MODEL = download(ArtifactKind.MODEL, {"type": "string", "format": "binary"}, "model/gltf-binary")
 
 
 @router.head(

@@ -26,6 +26,7 @@ REPORT: JsonDict = {
         "boundary_edges": 0,
         "nonmanifold_edges": 0,
     },
+    "export": None,
     "parameters": {
         "text": "SAMPLE",
         "qr": None,
@@ -50,6 +51,7 @@ REPORT: JsonDict = {
         "prefer": [],
         "solver": "levenberg-marquardt",
         "unmarked_copies": "leave_out",
+        "format": "glb",
         "evaluate": "geometry",
         "explain": False,
         "turntable": False,

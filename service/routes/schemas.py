@@ -40,6 +40,7 @@ EXAMPLE: JsonDict = {
         "events": "/v1/watermarks/6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11/events",
         "model": "/v1/watermarks/6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11/model",
         "preview_model": None,
+        "export": None,
         "report": None,
         "preview": None,
         "turntable": None,
@@ -97,6 +98,7 @@ class LinksView(BaseModel):
     events: str
     model: str | None
     preview_model: str | None
+    export: str | None
     report: str | None
     preview: str | None
     turntable: str | None

@@ -29,9 +29,9 @@ NOT_THERE = problem_responses(
 )
 
 
-def download(kind: ArtifactKind, media_type: str, schema: dict[str, Any]) -> dict[str, Any]:
-    """Options of a route with a stored file, for its OpenAPI description."""
-    content = {media_type: {"schema": schema}}
+def download(kind: ArtifactKind, schema: dict[str, Any], *media_types: str) -> dict[str, Any]:
+    """Options of a route with a stored file of one of some media types, for its OpenAPI description."""
+    content = {media_type: {"schema": schema} for media_type in media_types}
     return {
         "response_class": Response,
         "responses": {

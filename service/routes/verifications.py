@@ -227,8 +227,8 @@ async def stream_verification_events(
     return await events.stream(state, client, job_id, last_event_id, KIND)
 
 
-REPORT_FILE = download(ArtifactKind.REPORT, "application/json", REPORT)
-EVIDENCE_FILE = download(ArtifactKind.EVIDENCE, "text/html", {"type": "string"})
+REPORT_FILE = download(ArtifactKind.REPORT, REPORT, "application/json")
+EVIDENCE_FILE = download(ArtifactKind.EVIDENCE, {"type": "string"}, "text/html")
 
 
 @open_router.head(

@@ -1,6 +1,7 @@
 """Routes of watermark jobs: send an asset, follow its job, fetch its results, delete it."""
 
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from functools import partial
 from pathlib import PurePath
 from typing import Annotated, Any
@@ -9,13 +10,13 @@ from fastapi import APIRouter, BackgroundTasks, File, Form, Query, Request, Resp
 
 from core.errors import ErrorCode
 from core.parameters import parse_parameters
-from service import access
+from service import access, exports
 from service.access import Admitted, Client, GuardedRoute
 from service.asset_route import AssetRoute
 from service.delivery import disposition
 from service.idempotency_key import parse_idempotency_key
 from service.jobs.listing import Filters
-from service.jobs.models import ArtifactKind, Priority
+from service.jobs.models import ArtifactKind, Job, Priority
 from service.metadata import parse_metadata, parse_pair
 from service.orders import order_from
 from service.problems import problem_responses
@@ -52,19 +53,21 @@ router = APIRouter(prefix="/v1/watermarks", tags=["watermarks"], route_class=Gua
 sending = APIRouter(prefix="/v1/watermarks", tags=["watermarks"], route_class=AssetRoute)
 
 MEDIA_TYPES = {
-    ArtifactKind.MODEL: "model/gltf-binary",
-    ArtifactKind.PREVIEW_MODEL: "model/gltf-binary",
-    ArtifactKind.REPORT: "application/json",
-    ArtifactKind.PREVIEW: "image/png",
-    ArtifactKind.TURNTABLE: "image/webp",
-    ArtifactKind.POSTER: "image/webp",
-    ArtifactKind.EXPLANATION: "application/json",
-    ArtifactKind.LAYERS: "model/gltf-binary",
-    ArtifactKind.CREDENTIALS: "application/c2pa",
+    ArtifactKind.MODEL: ["model/gltf-binary"],
+    ArtifactKind.PREVIEW_MODEL: ["model/gltf-binary"],
+    ArtifactKind.EXPORT: [kind.media_type for kind in exports.KINDS.values()],
+    ArtifactKind.REPORT: ["application/json"],
+    ArtifactKind.PREVIEW: ["image/png"],
+    ArtifactKind.TURNTABLE: ["image/webp"],
+    ArtifactKind.POSTER: ["image/webp"],
+    ArtifactKind.EXPLANATION: ["application/json"],
+    ArtifactKind.LAYERS: ["model/gltf-binary"],
+    ArtifactKind.CREDENTIALS: ["application/c2pa"],
 }
 CONTENT: dict[ArtifactKind, dict[str, Any]] = {
     ArtifactKind.MODEL: {"type": "string", "format": "binary"},
     ArtifactKind.PREVIEW_MODEL: {"type": "string", "format": "binary"},
+    ArtifactKind.EXPORT: {"type": "string", "format": "binary"},
     ArtifactKind.REPORT: {
         "$ref": "#/components/schemas/Report",
         "description": "`meshmark.report/1`, as the manual's page on the report describes it.",
@@ -221,7 +224,7 @@ def _offer(kind: ArtifactKind, title: str) -> Callable[[Endpoint], Endpoint]:
     path = f"/{{job_id}}/{kind}"
 
     def options() -> dict[str, Any]:  # each route's own: the document's HEAD has no content
-        return download(kind, MEDIA_TYPES[kind], CONTENT[kind])
+        return download(kind, CONTENT[kind], *MEDIA_TYPES[kind])
 
     def add(read: Endpoint) -> Endpoint:
         get = router.get(path, summary=f"Download {title}", **options())(read)
@@ -241,6 +244,12 @@ async def read_model(request: Request, state: State, client: Admitted, job_id: s
 async def read_preview_model(request: Request, state: State, client: Admitted, job_id: str) -> Response:
     """A light GLB for public display; where `preview_model` asked for one beside the model and marks fit on it."""
     return await _deliver(request, state, client, job_id, ArtifactKind.PREVIEW_MODEL)
+
+
+@_offer(ArtifactKind.EXPORT, "the model in another format")
+async def read_export(request: Request, state: State, client: Admitted, job_id: str) -> Response:
+    """The watermarked model as STL, PLY, 3MF, or a ZIP of an OBJ with its materials; where `format` asked for it."""
+    return await _deliver(request, state, client, job_id, ArtifactKind.EXPORT)
 
 
 @_offer(ArtifactKind.REPORT, "the report")
@@ -291,10 +300,23 @@ async def _deliver(request: Request, state: AppState, client: Client, job_id: st
 
 def _delivery(request: Request, state: AppState, client: Client, job_id: str, kind: ArtifactKind) -> Response:
     job = find_job(state, client, job_id)
-    name = PurePath(job.filename).stem + ".watermarked" + SUFFIXES[kind]
-    headers = {"Content-Type": MEDIA_TYPES[kind], "Content-Disposition": disposition(name)}
+    if kind is ArtifactKind.EXPORT:
+        suffix, media_type = _kind_of_export(state, job)
+    else:
+        suffix, [media_type] = SUFFIXES[kind], MEDIA_TYPES[kind]
+    name = PurePath(job.filename).stem + ".watermarked" + suffix
+    headers = {"Content-Type": media_type, "Content-Disposition": disposition(name)}
     response = send_file(request, state, job, kind, headers)
     if kind is ArtifactKind.MODEL and job.artifact(ArtifactKind.CREDENTIALS):
         place = request.app.url_path_for("read_credentials", job_id=job_id)
         response.headers["Link"] = f'<{place}>; rel="c2pa-manifest"'  # C2PA 2.2, section 15.5.3.2
     return response
+
+
+def _kind_of_export(state: AppState, job: Job) -> exports.Kind:
+    """Ending and media type of a job's export; those of any file where there is none."""
+    head = b""
+    if artifact := job.artifact(ArtifactKind.EXPORT):
+        with suppress(FileNotFoundError):  # deleted since the ledger was read, as the answer will say
+            head = b"".join(state.artifacts.read(artifact.sha256, 0, min(exports.HEAD, artifact.size)))
+    return exports.kind_of(head)

@@ -235,6 +235,7 @@ def test_a_label_that_says_nothing_or_something_else_is_refused(asked: dict[str,
         {"text": "a", "preview_model": {"texture": 4097}},
         {"text": "a", "preview_model": {"tris": 1000}},
         {"text": "a", "preview_model": {"alone": True}, "explain": True},
+        {"text": "a", "preview_model": {"alone": True}, "format": "stl"},
         {"metadata_only": True, "label": "eu", "preview_model": {}},
     ],
 )

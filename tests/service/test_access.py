@@ -25,10 +25,11 @@ OPERATIONS = [
     for method, operation in operations.items()
 ]
 OPEN = {"/healthz", "/readyz"}  # what anybody may ask
-# Results that no such job has: nothing is signed, and nobody asked for a turntable, a light model or for reasons.
+# Results that no such job has: nothing is signed, and nobody asked for another format, a turntable, a light model or
+# for reasons.
 UNMADE = {
     f"/v1/watermarks/{{job_id}}/{part}"
-    for part in ("credentials", "turntable", "poster", "explanation", "layers", "preview_model")
+    for part in ("credentials", "export", "turntable", "poster", "explanation", "layers", "preview_model")
 }
 OWN_TOKEN = {"/v1/hooks/{source}"}  # what asks for a token that is no API key: see tests/service/routes/test_hooks.py
 

@@ -61,7 +61,8 @@ class Watched:
         } | more
         path = folder / "hooks.toml"
         lines = [f"{name} = {json.dumps(value)}" for name, value in values.items()]
-        path.write_text("\n".join(["[sources.shop]", *lines, 'parameters = { text = "HI", preview_model = {} }', ""]))
+        wishes = 'parameters = { text = "HI", format = "ply", preview_model = {} }'
+        path.write_text("\n".join(["[sources.shop]", *lines, wishes, ""]))
         return path
 
 

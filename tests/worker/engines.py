@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from core.budgets import Budgets
+from core.choices import FileFormat
 from core.errors import ErrorCode, MeshmarkError
 from core.notices import Notice, NoticeCode
 from core.parameters import Parameters
@@ -82,6 +83,8 @@ def directed(
     wait_for(order.get("wait_for_before_the_report"))
     preview = bytes.fromhex(order.get("picture", "89504e47"))
     publish("preview", preview)
+    if parameters.format is not FileFormat.GLB:
+        publish("export", b"ply\n")
     if parameters.explain:
         publish("explanation", b"{}")
         publish("layers", b"glTF of layers")

@@ -44,6 +44,7 @@ def test_a_dropped_file_is_watermarked_and_written_back(hooked_on_both: Client, 
     assert outputs(hooked_on_both) == ["written"]
     assert watched.read("watermarked/a shop/my chair+é.obj.watermarked.glb") == b"glTF of HI"
     assert watched.read("watermarked/a shop/my chair+é.obj.watermarked.preview.glb") == b"glTF in little"
+    assert watched.read("watermarked/a shop/my chair+é.obj.watermarked.ply") == b"ply\n"
     report = watched.read("watermarked/a shop/my chair+é.obj.report.json")
     assert report is not None
     assert json.loads(report)["text"] == "HI"

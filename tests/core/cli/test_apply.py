@@ -6,11 +6,15 @@ from pathlib import Path
 import pytest
 import typer
 
+from core.cli import main
 from core.cli.app import load_command
-from core.cli.apply import parameters_of
+from core.cli.apply import format_of, parameters_of
+from core.cli.order import Order, export_path
 from core.errors import MeshmarkError
+from core.formats.format import Format, OutputFile
 from core.parameters import Parameters
 from core.preview_model import PreviewModel
+from tests.core.gltf.builder import CUBE, CUBE_FACES, simple
 
 
 def given(*options: str) -> Parameters:
@@ -76,3 +80,35 @@ def test_a_preview_model_is_asked_for_by_its_name_or_in_the_place_of_the_model()
 def test_a_preview_model_of_two_kinds_of_none_or_of_no_triangles_is_refused(options: list[str], problem: str) -> None:
     with pytest.raises(MeshmarkError, match=problem):
         given("--text", "a", *options)
+
+
+@pytest.mark.parametrize(
+    ("name", "wanted"),
+    [("o.glb", "glb"), ("o.STL", "stl"), ("o.ply", "ply"), ("o.3mf", "3mf"), ("o.zip", "obj"), ("-", "glb")],
+)
+def test_the_ending_of_a_result_says_its_format(name: str, wanted: str) -> None:
+    assert format_of(Path(name)) == wanted
+
+
+def test_an_obj_has_to_be_a_zip() -> None:
+    with pytest.raises(MeshmarkError, match=r"materials and textures. Name a ZIP of them: a/o.zip"):
+        format_of(Path("a/o.obj"))
+
+
+def test_another_format_lies_beside_the_glb_and_never_on_the_input() -> None:
+    written = OutputFile(Format.OBJ_ZIP, b"")
+    assert export_path(Order(Path("a.obj"), Path("b/a.glb")), written) == Path("b/a.zip")
+    assert export_path(Order(Path("a.obj"), Path("b/a.zip")), written) == Path("b/a.zip")
+    assert export_path(Order(Path("-"), Path("-")), written) == Path("-")
+    with pytest.raises(MeshmarkError, match="is the input"):
+        export_path(Order(Path("a.stl"), Path("a.glb")), OutputFile(Format.STL, b""))
+
+
+def test_one_file_is_written_where_out_has_the_ending_of_a_format(tmp_path: Path) -> None:
+    source, result = tmp_path / "cube.glb", tmp_path / "cube.stl"
+    source.write_bytes(simple(CUBE, CUBE_FACES).to_glb())
+    assert main(["apply", str(source), "-o", str(result), "--label", "eu", "--metadata-only"]) == 0
+    assert len(result.read_bytes()) == 84 + 50 * 12
+    folder = tmp_path / "out"
+    assert main(["apply", str(source), "-o", str(folder), "--label", "eu", "--metadata-only", "--format", "3mf"]) == 0
+    assert {path.name for path in folder.iterdir()} == {"cube.glb", "cube.3mf"}

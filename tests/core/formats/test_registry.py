@@ -14,7 +14,7 @@ from core.budgets import Budgets
 from core.errors import Code, ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
 from core.formats.format import Format
-from core.formats.registry import FORMATS, WRITERS
+from core.formats.registry import FORMATS
 from core.gltf.accessors import read_accessor
 from core.gltf.document import Document
 from core.gltf.scene import flatten, scene_of
@@ -58,19 +58,6 @@ def test_every_format_has_one_row_and_can_come_in_an_archive() -> None:
     assert {each.inner for each in Format} == set(FORMATS)
     assert {each.archived for each in FORMATS} == set(Format) - set(FORMATS)
     assert all(spec.sniff or spec.part for spec in FORMATS.values())
-
-
-@pytest.mark.parametrize("written", WRITERS)
-def test_a_written_file_is_of_its_format_and_is_read_again(written: Format) -> None:
-    scene = scene_of(GLB)
-    file = WRITERS[written](scene)
-    assert admit(file.data).format is file.format
-    assert file.format.inner is written
-    assert len(flatten(_convert(file.data)).surface.faces) == len(scene.surface.faces)
-
-
-def test_a_glb_is_written_as_it_was_read() -> None:
-    assert WRITERS[Format.GLB](scene_of(GLB)).data == GLB
 
 
 @pytest.mark.parametrize("data", [GLB, SAMPLES["glb+zip"]])

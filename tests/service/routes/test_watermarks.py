@@ -8,7 +8,9 @@ import pytest
 from httpx2 import Response
 from sqlalchemy import update
 
+from core.formats.zip_write import zip_of
 from service.config import Settings
+from service.exports import HEAD, kind_of
 from service.jobs import queue
 from service.jobs.clock import now
 from service.jobs.models import ArtifactKind, Job, Queue
@@ -186,6 +188,36 @@ def test_results_are_delivered_with_type_name_and_hash(client: Client) -> None:
     assert model.headers["ETag"] == f'"{artifact.sha256}"'
     assert client.http.get(f"{url}/report").headers["Content-Type"] == "application/json"
     assert client.http.get(f"{url}/preview").headers["Content-Type"] == "image/png"
+
+
+def test_another_format_comes_where_it_was_asked_for_with_its_own_ending_and_media_type(client: Client) -> None:
+    url = client.submit(params='{"text": "HI", "format": "ply"}')
+    client.run(url)
+    assert client.http.get(url).json()["links"]["export"] == f"{url}/export"
+    found = client.http.get(f"{url}/export")
+    assert (found.content, found.headers["Content-Type"]) == (b"ply\n", "model/ply")
+    assert ".watermarked.ply" in found.headers["Content-Disposition"]
+    assert client.http.head(f"{url}/export").headers["ETag"] == found.headers["ETag"]
+    assert client.http.get(f"{url}/model").content.startswith(b"glTF"), "the GLB is made as well"
+    url = client.submit()
+    client.run(url)
+    assert client.http.get(url).json()["links"]["export"] is None
+    assert client.http.get(f"{url}/export").json()["code"] == "not_found"
+    assert client.http.post("/v1/watermarks", data={"params": '{"text": "HI", "format": "step"}'}).status_code == 422
+
+
+@pytest.mark.parametrize(
+    ("head", "ending"),
+    [
+        (b"ply\nformat binary_little_endian 1.0", ".ply"),
+        (b"COFF\n8 12 0\n", ".off"),
+        (b"meshmark".ljust(80), ".stl"),
+        (zip_of({"[Content_Types].xml": b"", "3D/3dmodel.model": b""}), ".3mf"),
+        (zip_of({"model.obj": b"", "model.mtl": b""}), ".zip"),
+    ],
+)
+def test_a_written_file_tells_its_kind_by_its_first_bytes(head: bytes, ending: str) -> None:
+    assert kind_of(head[:HEAD]).ending == ending
 
 
 def test_a_turntable_and_a_poster_come_where_they_were_asked_for(client: Client) -> None:
