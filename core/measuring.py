@@ -2,6 +2,7 @@
 
 import json
 import logging
+from hashlib import sha256
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from core.rendering.preview import contact_sheet
 from core.rendering.renderer import Renderer
 from core.rendering.turntable import turntable
 from core.report import FontFacts, Report
-from core.stages import Asset, Candidates, Output, Pictures, Run
+from core.stages import Asset, Candidates, Ground, Output, Pictures, Run
 
 log = logging.getLogger(__name__)
 
@@ -24,6 +25,8 @@ def report(asset: Asset, output: Output, run: Run) -> Report:
     from core.reporting import build_report
 
     result = build_report(asset, output, run.request.parameters)
+    if run.request.plan is not None:
+        result = result.model_copy(update={"plan": sha256(run.request.plan.to_json()).hexdigest()})
     run.publish("report", json.dumps(as_json(result, run), allow_nan=False).encode())
     return result
 
@@ -91,32 +94,30 @@ def render(asset: Asset, output: Output, run: Run) -> Pictures:
     return Pictures(preview, animation, poster, views)
 
 
-def evaluate(
-    asset: Asset, candidates: Candidates | None, output: Output, seen: Pictures, result: Report, run: Run
-) -> Report:
+def evaluate(asset: Asset, ground: Ground | None, output: Output, seen: Pictures, result: Report, run: Run) -> Report:
     """The report ``result`` with its metrics, measured on the file as it was written, rounding included."""
     parameters = run.request.parameters
     if parameters.evaluate is Evaluate.NONE:
         return result
-    assert candidates is not None
+    assert ground is not None
     assert output.embossed is not None
     from core.analysis.analyse import eye_index
     from core.metrics.measure import Pair, Subject, measure
     from core.reporting import boxes_of, with_metrics
 
     before, after = seen.views if isinstance(seen.views, tuple) else (seen.views, seen.views)
-    context = candidates.context
-    written, index = eye_index(output.scene, asset.scene.surface, through=candidates.opaque > 0)
+    written, index = eye_index(output.scene, asset.scene.surface, through=ground.opaque > 0)
+    mapped = None if ground.facts is None else ground.facts.saliency
     boxes, relief = boxes_of(output.embossed.marks)
     pair = Pair(
-        Subject(asset.analysis.surface, context.carrier.index, before, parameters.seed, context.facts.saliency),
+        Subject(asset.analysis.surface, ground.carrier.index, before, parameters.seed, mapped),
         Subject(written, index, after),
         boxes,
         relief,
         parameters.text,
         parameters.seed,
-        context.layouts,
-        context.layouts.settings(boxes.size),
+        ground.layouts,
+        ground.layouts.settings(boxes.size),
     )
     measured = measure(pair, parameters.evaluate, run.progress)
     run.notices += measured.warnings

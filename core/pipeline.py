@@ -3,7 +3,7 @@
 import resource
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,8 +12,9 @@ from core import marking, measuring
 from core.budgets import DEFAULT_BUDGETS, Budgets
 from core.formats.format import OutputFile
 from core.parameters import Parameters
+from core.plan import Plan
 from core.preload import preload as preload
-from core.stages import Publish, Request, Run
+from core.stages import Asset, Candidates, Ground, Publish, Request, Run
 
 Progress = Callable[[str, float], None]
 
@@ -40,6 +41,7 @@ class Result:
         preview: a PNG contact sheet; None where none was asked for, or where none could be rendered (then the
             report's ``warnings`` say why).
         turntable, poster: animated WebP of the model as it turns, and its first frame; None as for ``preview``.
+        plan: where its marks stand, for other texts; None where they stand by a plan, or where there are none.
     """
 
     file: OutputFile
@@ -47,6 +49,7 @@ class Result:
     preview: bytes | None
     turntable: bytes | None = None
     poster: bytes | None = None
+    plan: Plan | None = None
 
     @property
     def model(self) -> bytes:
@@ -62,6 +65,8 @@ def watermark(
     logo: bytes | None = None,
     budgets: Budgets = DEFAULT_BUDGETS,
     preview: bool = True,
+    plan: Plan | None = None,
+    copies: Sequence[str] = (),
     progress: Progress | None = None,
     publish: Publish | None = None,
 ) -> Result:
@@ -74,6 +79,8 @@ def watermark(
         logo: an SVG file, to be embossed alone or beside the text.
         budgets: the most that the asset may declare before it is read.
         preview: render a contact sheet.
+        plan: of an earlier run for this file, whose places are taken; None to search for places.
+        copies: other texts that the places should have room for.
         progress, publish: as for :func:`run_stages`.
 
     Returns:
@@ -82,11 +89,16 @@ def watermark(
     Raises:
         MeshmarkError: where the asset cannot be watermarked; nothing was published then.
     """
-    return run_stages(data, Request(parameters.resolved(), font, logo, budgets, preview), progress, publish)
+    request = Request(parameters.resolved(), font, logo, budgets, preview, plan=plan, copies=tuple(copies))
+    return run_stages(data, request, progress, publish)
 
 
 def run_stages(
-    data: bytes, request: Request, progress: Progress | None = None, publish: Publish | None = None
+    data: bytes,
+    request: Request,
+    progress: Progress | None = None,
+    publish: Publish | None = None,
+    before: Asset | None = None,
 ) -> Result:
     """As :func:`watermark`.
 
@@ -94,9 +106,10 @@ def run_stages(
         data: the content of a file.
         request: the wishes.
         progress: called with the stage's name and the share done of the whole run, 0 to 1.
-        publish: called with the name of each result ("model", "report", "explanation", "layers", "preview",
+        publish: called with the name of each result ("model", "plan", "report", "explanation", "layers", "preview",
             "turntable", "poster") and its bytes as soon as it exists, before the run ends. The report is the final one
             if the run breaks off afterwards: its metrics are still missing.
+        before: the asset, where it was read before (:func:`core.marking.read`).
     """
     if request.parameters.explain:
         from core.explain.trace import Trace
@@ -120,28 +133,51 @@ def run_stages(
         run.memory[name] = _peak_memory()
 
     with stage("reading"):
-        asset = marking.read(data, run)
-    candidates = None
+        asset = before or marking.read(data, request.budgets)
+        run.notices += asset.notices
+    candidates: Candidates | None = None
+    ground: Ground | None = None
+    plan: Plan | None = None
     if request.parameters.metadata_only:
         with stage("writing"):
             output = marking.write_label_alone(asset, run)
     else:
+        from core.planned import follow, plan_of, roomy_layouts
+
         with stage("lettering"):
             layouts = marking.letter(run)
-        with stage("placing"):
-            candidates = marking.place(asset, layouts, run)
+            text, roomy = (
+                roomy_layouts(layouts, run)
+                if request.copies and not request.plan
+                else (request.parameters.text, layouts)
+            )
+        if request.plan is None:
+            with stage("placing"):
+                candidates = marking.place(asset, roomy, run)
         with stage("embossing"):
-            embossed = marking.emboss(asset, candidates, run)
+            follows = request.plan
+            if candidates is not None:
+                ground, embossed = candidates.ground, marking.emboss(asset, candidates, run)
+                if text != request.parameters.text:
+                    longest = request.parameters.model_copy(update={"text": text})
+                    follows = plan = plan_of(asset, ground, embossed, longest)
+            if follows is not None:
+                ground, embossed = follow(asset, layouts, follows, run)
         with stage("writing"):
-            output = marking.write_model(asset, candidates, embossed, run)
+            assert ground is not None
+            output = marking.write_model(asset, ground, embossed, run)
+            if candidates is not None:
+                plan = plan or plan_of(asset, ground, output.embossed or embossed, request.parameters)
+                run.publish("plan", plan.to_json())
     with stage("reporting"):
         report = measuring.report(asset, output, run)
         measuring.explain(asset, candidates, output, run)
     with stage("rendering"):
         seen = measuring.render(asset, output, run)
     with stage("evaluating"):
-        report = measuring.evaluate(asset, candidates, output, seen, report, run)
-    return Result(output.file, measuring.as_json(report, run), seen.preview, seen.turntable, seen.poster)
+        report = measuring.evaluate(asset, ground, output, seen, report, run)
+    told = measuring.as_json(report, run)
+    return Result(output.file, told, seen.preview, seen.turntable, seen.poster, plan)
 
 
 def _peak_memory() -> int:

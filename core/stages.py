@@ -18,9 +18,12 @@ from core.gltf.tint import Coloring
 from core.labels.write import WrittenLabel
 from core.notices import Notice
 from core.parameters import Parameters
+from core.plan import Plan
 
 if TYPE_CHECKING:
     from core.analysis.analyse import SurfaceAnalysis
+    from core.analysis.facts import Carrier, SurfaceFacts
+    from core.artwork.layouts import Layouts
     from core.embossing.copies import MarkedCopy
     from core.embossing.emboss import Mark
     from core.embossing.islands import Letters
@@ -45,6 +48,8 @@ class Request:
         preview: render a contact sheet.
         options: the tuned values of placement, for ablations; None for those of the preset.
         watch: somebody who is told of every box of placement; None for nobody.
+        plan: of an earlier run for this file, whose places are taken; None to search for places.
+        copies: other texts that the places should have room for.
     """
 
     parameters: Parameters
@@ -54,6 +59,8 @@ class Request:
     preview: bool = True
     options: "PlacementOptions | None" = None
     watch: "Watch | None" = None
+    plan: Plan | None = None
+    copies: tuple[str, ...] = ()
 
 
 @dataclass
@@ -63,7 +70,7 @@ class Run:
     Attributes:
         request: the wishes.
         progress: called with the share of the present stage that is done, 0 to 1.
-        publish: called with the name of each result ("model", "report", "explanation", "layers", "preview",
+        publish: called with the name of each result ("model", "plan", "report", "explanation", "layers", "preview",
             "turntable", "poster") and its bytes as soon as it exists.
         notices: losses and doubts so far.
         timings: seconds by stage.
@@ -89,12 +96,31 @@ class Asset:
         format: of the file.
         scene: its nodes in one surface.
         analysis: the surface as it is seen from outside.
+        notices: losses and doubts of reading it.
     """
 
     data: bytes
     format: Format
     scene: Scene
     analysis: "SurfaceAnalysis"
+    notices: tuple[Notice, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """The ground of marks, however their places were chosen.
+
+    Attributes:
+        carrier: the surface, and the faces that marks may stand on.
+        layouts: of the text.
+        opaque: least opaque share of a face under letters.
+        facts: about the surface; None where places were not searched for.
+    """
+
+    carrier: "Carrier"
+    layouts: "Layouts"
+    opaque: float
+    facts: "SurfaceFacts | None" = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +138,11 @@ class Candidates:
     placement: "Placement"
     opaque: float
     rng: np.random.Generator
+
+    @property
+    def ground(self) -> Ground:
+        """The ground that was searched."""
+        return Ground(self.context.carrier, self.context.layouts, self.opaque, self.context.facts)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,7 @@ from service.address_limit import PublicLimits
 from service.announcer import Announcer
 from service.bodies import Bodies
 from service.config import Settings
+from service.forms import LISTS
 from service.http_metrics import HttpMetrics
 from service.intake import Intake, gate_template
 from service.jobs.artifacts import GRACE
@@ -37,8 +38,20 @@ from service.present_or_absent import without_null
 from service.problems import Problem, install_problem_handlers, problem_response, upload_too_large
 from service.readiness import Readiness
 from service.request_id import RequestId
-from service.routes import batch, console, events, health, hooks, uploads, verifications, watermarks, webhook_endpoints
+from service.routes import (
+    batch,
+    console,
+    copies,
+    events,
+    health,
+    hooks,
+    uploads,
+    verifications,
+    watermarks,
+    webhook_endpoints,
+)
 from service.routes.batch import BatchResults
+from service.routes.copies import CopiesMade, CopyPage
 from service.routes.hooks import HOOK_SCHEME
 from service.routes.manual import manual_router
 from service.routes.reference import reference_router
@@ -56,12 +69,21 @@ JSON_BYTES = 2**16  # of a request body that is neither an asset nor a list
 LIST_BYTES = 2**20  # of a batch, or of a notification about objects
 WITH_TWO = re.compile("/v1/verifications")
 WITH_ASSET = re.compile("/v1/watermarks|/v1/uploads/[^/]+")
-WITH_LIST = re.compile("/v1/watermarks/batch|/v1/hooks/[^/]+")
-FORM_FIELDS = 6  # text fields of POST /v1/watermarks
+WITH_LIST = re.compile("/v1/watermarks/batch|/v1/watermarks/[^/]+/copies|/v1/hooks/[^/]+")
+FORM_FIELDS = 7  # text fields of POST /v1/watermarks
 # Answers whose examples have nulls.
-EXEMPLARY = (JobPage, VerificationPage, BatchResults, WebhookEndpoints, WebhookEndpointWithSecret, DeliveryPage)
+EXEMPLARY = (
+    CopyPage,
+    CopiesMade,
+    JobPage,
+    VerificationPage,
+    BatchResults,
+    WebhookEndpoints,
+    WebhookEndpointWithSecret,
+    DeliveryPage,
+)
 # Bytes of a form beside its asset, font and logo: fields, part headers, boundaries.
-FORM_OVERHEAD = (FORM_FIELDS + 1) * MAX_FIELD_BYTES
+FORM_OVERHEAD = (FORM_FIELDS + 1) * MAX_FIELD_BYTES + sum(LISTS.values())
 
 
 class DeclaredSizeLimit:
@@ -175,6 +197,7 @@ def create_app(settings: Settings, gate: Template | None = None) -> FastAPI:
     app.include_router(verifications.open_router, max_body_size=JSON_BYTES)
     app.include_router(verifications.router, max_body_size=JSON_BYTES)
     app.include_router(batch.router, max_body_size=LIST_BYTES)
+    app.include_router(copies.router, max_body_size=LIST_BYTES)
     app.include_router(uploads.router, max_body_size=JSON_BYTES)
     app.include_router(uploads.sending, max_body_size=body_limit)
     app.include_router(hooks.router, max_body_size=LIST_BYTES)

@@ -35,10 +35,13 @@ BELOW = {
     "report": "artwork embossing gltf parameters",
     "reporting": "report stages metrics embossing geometry parameters device",
     "preload": "rendering",
-    "stages": "embossing placement analysis artwork formats gltf labels budgets parameters",
-    "marking": "stages embossing placement analysis artwork formats gltf geometry labels parameters",
+    "plan": "parameters validation",
+    "stages": "plan embossing placement analysis artwork formats gltf labels budgets parameters",
+    "marking": "stages embossing placement analysis artwork formats gltf geometry labels parameters budgets",
+    "planned": "marking plan stages embossing placement analysis artwork gltf geometry parameters validation",
     "measuring": "explain stages report reporting metrics rendering analysis",
-    "pipeline": "explain marking measuring stages formats budgets parameters preload",
+    "pipeline": "explain marking measuring plan planned stages formats budgets parameters preload",
+    "series": "pipeline marking stages budgets parameters",
     "evaluate": "report reporting metrics rendering analysis formats gltf geometry budgets",
     "lab": (
         "pipeline stages report metrics rendering placement analysis artwork formats gltf geometry budgets parameters "
@@ -51,7 +54,10 @@ BELOW = {
     ),
     "explain": "marking stages reporting embossing placement rendering formats gltf geometry budgets parameters",
     "doctor": "pipeline rendering artwork models device",
-    "cli": "doctor explain lab pipeline preload verify evaluate models labels parameters process processors",
+    "cli": (
+        "doctor explain lab pipeline series preload verify evaluate models labels parameters process processors "
+        "validation"
+    ),
     "__init__": "process",
 }
 EVERYWHERE = {"arrays", "choices", "errors", "notices", "__version__"}
@@ -71,7 +77,7 @@ OF_SERVICE = {
         "__version__",
     }
 }
-OF_WORKER = OF_SERVICE | {"doctor", "formats", "pipeline", "preload", "processors"}
+OF_WORKER = OF_SERVICE | {"doctor", "formats", "pipeline", "plan", "preload", "processors"}
 
 FILE_LINES = 400
 PARAMETERS = 7

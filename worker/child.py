@@ -31,6 +31,7 @@ CPU_MARGIN = 60  # seconds beyond all cores' time within the job's limit: in cas
 CHANNEL = 3  # the descriptor of its answers, after stdin, stdout and stderr
 SUFFIXES = {
     "model": ".glb",
+    "plan": ".json",
     "report": ".json",
     "preview": ".png",
     "turntable": ".webp",
@@ -74,7 +75,8 @@ def run(engine: Engine, request: dict[str, Any], say: Say) -> None:
 
     Args:
         engine: the engine's function.
-        request: ``input``, ``font`` and ``logo`` as paths, ``parameters``, ``budgets``, ``folder``.
+        request: ``input``, ``font``, ``logo``, ``placement`` and ``texts`` as paths, ``parameters``, ``budgets``,
+            ``folder``.
         say: sends one message.
 
     Raises:
@@ -82,6 +84,7 @@ def run(engine: Engine, request: dict[str, Any], say: Say) -> None:
     """
     from core.budgets import Budgets
     from core.parameters import parse_parameters
+    from core.plan import parse_plan
 
     outputs = Outputs(Path(request["folder"]), say)
 
@@ -91,6 +94,8 @@ def run(engine: Engine, request: dict[str, Any], say: Say) -> None:
         budgets=Budgets(**request["budgets"]),
         font=Path(request["font"]).read_bytes() if request["font"] else None,
         logo=Path(request["logo"]).read_bytes() if request["logo"] else None,
+        plan=parse_plan(Path(request["placement"]).read_bytes()) if request["placement"] else None,
+        copies=json.loads(Path(request["texts"]).read_bytes()) if request["texts"] else (),
         progress=lambda stage, fraction: say(stage=stage, progress=float(fraction)),
         publish=outputs.publish,
     )

@@ -12,6 +12,7 @@ from core.parameters import parse_parameters
 from service import access
 from service.access import Admitted, Client, GuardedRoute
 from service.asset_route import AssetRoute
+from service.copies import check_copies, parse_copies
 from service.delivery import disposition
 from service.idempotency_key import parse_idempotency_key
 from service.jobs.listing import Filters
@@ -30,6 +31,7 @@ from service.routes.lists import (
     StateQuery,
     page_of,
 )
+from service.routes.plan_example import PLAN
 from service.routes.schemas import JobPage, JobView, view
 from service.routes.stored import UNKNOWN, delete_job, download, find_job, send_file
 from service.routes.taking import (
@@ -53,6 +55,7 @@ sending = APIRouter(prefix="/v1/watermarks", tags=["watermarks"], route_class=As
 
 MEDIA_TYPES = {
     ArtifactKind.MODEL: "model/gltf-binary",
+    ArtifactKind.PLAN: "application/json",
     ArtifactKind.REPORT: "application/json",
     ArtifactKind.PREVIEW: "image/png",
     ArtifactKind.TURNTABLE: "image/webp",
@@ -63,6 +66,11 @@ MEDIA_TYPES = {
 }
 CONTENT: dict[ArtifactKind, dict[str, Any]] = {
     ArtifactKind.MODEL: {"type": "string", "format": "binary"},
+    ArtifactKind.PLAN: {
+        "type": "object",
+        "description": "`meshmark.plan/1`, as the manual's page on copies describes it.",
+        "examples": [PLAN],
+    },
     ArtifactKind.REPORT: {
         "$ref": "#/components/schemas/Report",
         "description": "`meshmark.report/1`, as the manual's page on the report describes it.",
@@ -80,6 +88,7 @@ CONTENT: dict[ArtifactKind, dict[str, Any]] = {
 }
 SUFFIXES = {
     ArtifactKind.MODEL: ".glb",
+    ArtifactKind.PLAN: ".plan.json",
     ArtifactKind.REPORT: ".report.json",
     ArtifactKind.PREVIEW: ".png",
     ArtifactKind.TURNTABLE: ".turntable.webp",
@@ -115,6 +124,18 @@ ParamsField = Annotated[
         },
     ),
 ]
+CopiesField = Annotated[
+    str | None,
+    Form(
+        description="Copies of the asset with other texts at the same places, 1 to 1,000, as JSON. Each is a job of "
+        "its own, which waits for this one: see GET /v1/watermarks/{job_id}/copies.",
+        examples=['[{"text": "ORDER-4711", "metadata": {"customer": "17"}}, {"text": "ORDER-4712"}]'],
+        json_schema_extra={
+            "contentMediaType": "application/json",
+            "contentSchema": {"type": "array", "maxItems": 1000, "items": {"$ref": "#/components/schemas/Copy"}},
+        },
+    ),
+]
 CacheQuery = Annotated[
     bool,
     Query(
@@ -144,15 +165,19 @@ async def create_watermark(
     priority: PriorityField = "normal",
     idempotency_key: IdempotencyKeyHeader = None,
     prefer: PreferHeader = None,
+    copies: CopiesField = None,
     cache: CacheQuery = True,
 ) -> JobView:
     """Accept an asset for watermarking. What can be seen to be wrong at once is refused at once."""
 
     def accept() -> Accepted:
+        parameters = parse_parameters(params)
+        wanted = [] if copies is None else parse_copies(copies)
+        checked = check_copies(wanted, parameters, logo=logo is not None, font=font is not None) if wanted else ()
         order = order_from(
             state,
             client.tenant,
-            parse_parameters(params),
+            parameters,
             parse_metadata(metadata),
             file=file,
             source_url=source_url,
@@ -163,6 +188,7 @@ async def create_watermark(
             logo=logo and state.artifacts.stage(logo.file, limit=state.settings.max_logo_bytes, name="logo"),
             key=None if idempotency_key is None else parse_idempotency_key(idempotency_key),
             cache=cache,
+            copies=checked,
         )
         return submit(state, order)
 
@@ -232,6 +258,12 @@ def _offer(kind: ArtifactKind, title: str) -> Callable[[Endpoint], Endpoint]:
 async def read_model(request: Request, state: State, client: Admitted, job_id: str) -> Response:
     """The watermarked GLB; there from stage `evaluating` on."""
     return await _deliver(request, state, client, job_id, ArtifactKind.MODEL)
+
+
+@_offer(ArtifactKind.PLAN, "the plan")
+async def read_plan(request: Request, state: State, client: Admitted, job_id: str) -> Response:
+    """The places of the marks, which copies take; not of a copy."""
+    return await _deliver(request, state, client, job_id, ArtifactKind.PLAN)
 
 
 @_offer(ArtifactKind.REPORT, "the report")

@@ -20,6 +20,7 @@ from core.budgets import Budgets
 from core.errors import ErrorCode, MeshmarkError
 from core.notices import Notice, NoticeCode
 from core.parameters import Parameters
+from core.plan import Plan, PlannedMark
 from core.report import Engine, FileFacts
 from core.verify.original import Against
 from core.verify.report import ReadMark, VerificationReport
@@ -61,6 +62,8 @@ def directed(
     budgets: Budgets,
     font: bytes | None = None,
     logo: bytes | None = None,
+    plan: Plan | None = None,
+    copies: Sequence[str] = (),
     progress: Callable[[str, float], None] | None = None,
     publish: Callable[[str, bytes], None] | None = None,
 ) -> Result:
@@ -75,6 +78,9 @@ def directed(
     if "sign" in order:
         model += b" by %d" % os.getpid()
     publish("model", model)
+    if plan is None:
+        longest = max([parameters.text, *copies], key=len)
+        publish("plan", plan_for(data, parameters.model_copy(update={"text": longest})).to_json())
     missing = {"ocr": {"code": "not_measured", "message": "Not yet.", "remedy": "Wait."}}
     publish("report", json.dumps({"metrics": {"ocr": None, "missing": missing}}).encode())
     progress("evaluating", 0.0)
@@ -89,12 +95,39 @@ def directed(
         publish("turntable", bytes.fromhex(order.get("animation", "52494646")))
         publish("poster", bytes.fromhex(order.get("animation", "52494646")))
     metrics = {"ocr": 1.0, "missing": {}}
-    told = {"text": parameters.text, "font": font is not None, "logo": logo is not None, "metrics": metrics}
+    told: dict[str, Any] = {"placed_for": plan and plan.parameters.text} if plan else {}
+    told |= {"text": parameters.text, "font": font is not None, "logo": logo is not None, "metrics": metrics}
     report = order.get("report", told)
     if "at_the_end" in order:
         publish("report", json.dumps(report).encode())
         ACTIONS[order["at_the_end"]](order)
     return Result(model, report, preview)
+
+
+def plan_for(data: bytes, parameters: Parameters) -> Plan:
+    """A plan with one place."""
+    mark = PlannedMark(
+        center=(0, 0, 0),
+        axes=((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+        size=(3, 1, 1),
+        line_height=1,
+        color=None,
+        glows=False,
+        contrast=None,
+        lighter=False,
+        loss=0,
+        roughness=1,
+        views=(),
+    )
+    return Plan(
+        engine="0",
+        asset=hashlib.sha256(data).hexdigest(),
+        parameters=parameters,
+        offset=(0, 0, 0),
+        scale=1,
+        opaque=1,
+        marks=(mark,),
+    )
 
 
 @dataclass(frozen=True)
