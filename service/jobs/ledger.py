@@ -245,7 +245,7 @@ class Ledger:
             claimed = self._move(
                 session,
                 job_id,
-                (Job.state == JobState.QUEUED,),
+                (Job.state == JobState.QUEUED, ~Job.held),
                 JobState.RUNNING,
                 moment,
                 stage=None,

@@ -57,6 +57,8 @@ COPY: JsonDict = {
     "id": "0d3a9a4e-7f0b-4c1e-9f39-0d2b1a7c9d12",
     "text": "ORDER-4711",
     "state": "queued",
+    "stage": None,
+    "progress": 0.0,
     "metadata": {"customer": "17"},
     "error": None,
     "links": {
@@ -89,6 +91,8 @@ class CopyView(BaseModel):
     id: Annotated[str, Field(description="Its own, as a watermark job.")]
     text: Annotated[str | None, Field(description="What it says; null once it is deleted.")]
     state: JobState
+    stage: Annotated[str | None, Field(description="What a running copy does at the moment.")]
+    progress: Annotated[float, Field(ge=0, le=1, description="How much of it is done.")]
     metadata: Annotated[dict[str, str], Field(description="What the client noted about it.")]
     error: ErrorView | None
     links: LinksView
@@ -101,6 +105,8 @@ class CopyView(BaseModel):
             id=job.id,
             text=None if job.erased else str(job.parameters["text"]),
             state=job.state,
+            stage=job.stage,
+            progress=fields["progress"],
             metadata=fields["metadata"],
             error=fields["error"],
             links=links(job, request.app.url_path_for("read_watermark", job_id=job.id)),

@@ -177,10 +177,10 @@ def test_the_same_request_with_its_key_makes_no_more_copies(client: Client) -> N
     other = more(client, url, COPIES[:2], **key)
     assert (other.status_code, other.json()["code"]) == (422, "idempotency_key_reused")
     assert len(listed(client, url)) == 4
-    asked = [post(client, COPIES, **{"Idempotency-Key": '"twice"'}) for _ in range(2)]
+    asked = [post(client, COPIES, None, **{"Idempotency-Key": '"twice"'}) for _ in range(2)]
     assert asked[0].json()["id"] == asked[1].json()["id"]
     assert len(listed(client, asked[0].headers["Location"])) == 3
-    differing = post(client, COPIES[:2], **{"Idempotency-Key": '"twice"'})
+    differing = post(client, COPIES[:2], None, **{"Idempotency-Key": '"twice"'})
     assert (differing.status_code, differing.json()["code"]) == (422, "idempotency_key_reused")
 
 
