@@ -29,7 +29,6 @@ from core.gltf.edit import SurfaceEdit
 from core.gltf.prune import unreferenced_bytes
 from core.gltf.scene import flatten
 from core.gltf.textures import undecoded_textures
-from core.gltf.tint import Tints
 from core.gltf.validate import is_beside
 from core.gltf.write import write
 from core.labels.declaration import Declaration
@@ -369,8 +368,8 @@ def _written(asset: Asset, parameters: Parameters, embossed: Embossed, edit: Sur
     looks = [mark.look for mark in embossed.marks.values()]
     styles = [look.style for look in looks]
     edit = asset.analysis.with_file_winding(edit)
-    tints = Tints(asset.scene.document)
-    model, coloring = write(asset.scene, edit, styles, tints), tints.of_marks(asset.scene, edit, styles)
+    model = write(asset.scene, edit, styles, asset.tints)
+    coloring = asset.tints.of_marks(asset.scene, edit, styles)
     marks = AssetMarks(surface, boxes, looks, embossed.letters, parameters)
     model, copies = mark_copies(model, marks)
     document = Document.from_glb(model)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +15,7 @@ from core.embossing.mesh import WorkingMesh
 from core.errors import MeshmarkError
 from core.formats.format import Format, OutputFile
 from core.gltf.scene import Scene
-from core.gltf.tint import Coloring
+from core.gltf.tint import Coloring, Tints
 from core.labels.write import WrittenLabel
 from core.notices import Notice
 from core.parameters import Parameters
@@ -104,6 +105,11 @@ class Asset:
     scene: Scene
     analysis: "SurfaceAnalysis"
     notices: tuple[Notice, ...] = ()
+
+    @cached_property
+    def tints(self) -> Tints:
+        """The tints of letters on it, each looked for once."""
+        return Tints(self.scene.document)
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,7 +58,7 @@ from service.routes.reference import reference_router
 from service.routes.report_example import REPORT
 from service.routes.schemas import JobPage
 from service.routes.verification_example import VERIFICATION
-from service.routes.verification_schemas import VerificationPage
+from service.routes.verification_schemas import VerificationPage, WatermarksRead
 from service.routes.webhook_schemas import DeliveryPage, WebhookEndpoints, WebhookEndpointWithSecret
 from service.state import AppState
 from service.template import Template
@@ -73,6 +73,7 @@ WITH_LIST = re.compile("/v1/watermarks/batch|/v1/watermarks/[^/]+/copies|/v1/hoo
 FORM_FIELDS = 7  # text fields of POST /v1/watermarks
 # Answers whose examples have nulls.
 EXEMPLARY = (
+    WatermarksRead,
     CopyPage,
     CopiesMade,
     JobPage,
