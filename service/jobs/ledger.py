@@ -87,7 +87,7 @@ class Submission:
     """Tenant of a new job, and the options that come with it.
 
     `cache` allows it the results of an earlier job: see :mod:`service.jobs.cache`.
-    `signed` jobs have results with credentials.
+    `signed` jobs have results with credentials. `copy_of` is the job whose places a copy has.
     `condition` is called in the transaction that records the job, with its id, after the job was added;
     an error in it rolls the transaction back.
     """
@@ -101,6 +101,7 @@ class Submission:
     priority: Priority = Priority.NORMAL
     signed: bool = False
     kind: JobKind = JobKind.WATERMARK
+    copy_of: str | None = None
 
 
 BY_DEFAULT = Submission()
@@ -189,6 +190,7 @@ class Ledger:
                 id=str(uuid.uuid4()),
                 tenant_id=submission.tenant,
                 kind=submission.kind,
+                copy_of=submission.copy_of,
                 result_key=result_key,
                 queue=submission.queue,
                 priority=submission.priority,

@@ -11,7 +11,9 @@ from sqlalchemy import select, update
 
 from service.config import Settings
 from service.jobs.clock import now
+from service.jobs.dead import retry
 from service.jobs.ledger import WORKER_LOST
+from service.jobs.ledger_metrics import LedgerCollector
 from service.jobs.models import Artifact, ArtifactKind, Job, Tenant, WebhookDelivery
 from tests.service.conftest import Client, client_with
 from tests.worker.engines import asset
@@ -125,10 +127,26 @@ def test_copies_whose_job_loses_its_worker_for_good_fail(client: Client) -> None
     assert [copy["error"]["code"] for copy in listed(client, url)] == ["worker_lost"] * 3
 
 
+def test_a_copy_that_lost_its_worker_is_retried_as_a_copy(client: Client) -> None:
+    url = succeeded(client, COPIES[:1])
+    [copy] = listed(client, url)
+    ledger = client.worker.ledger
+    assert ledger.claim(copy["id"], lease_seconds=-1)
+    ledger.recover(1, WORKER_LOST)
+    again = retry(ledger, client.artifacts, copy["id"])
+    client.run(f"/{again.id}")
+    assert [(each["text"], each["state"]) for each in listed(client, url)] == [
+        ("ORDER-1", "failed"),
+        ("ORDER-1", "succeeded"),
+    ]
+
+
 def test_no_sweeper_announces_copies_that_are_held_back(client: Client) -> None:
     url = str(post(client, COPIES).headers["Location"])
     ledger = client.worker.ledger
     assert ledger.waiting(-1) == [url.rsplit("/", 1)[1]]
+    families = {family.name: family for family in LedgerCollector(ledger.sessions).collect()}
+    assert sum(sample.value for sample in families["meshmark_jobs"].samples) == 1
     client.run(url)
     assert ledger.waiting(-1) == [copy["id"] for copy in listed(client, url)]
 
