@@ -95,6 +95,7 @@ def run(engine: Engine, request: dict[str, Any], say: Say) -> None:
         font=Path(request["font"]).read_bytes() if request["font"] else None,
         logo=Path(request["logo"]).read_bytes() if request["logo"] else None,
         plan=parse_plan(Path(request["placement"]).read_bytes()) if request["placement"] else None,
+        preview=not request["placement"],  # copies look as their job does, but for the text
         copies=json.loads(Path(request["texts"]).read_bytes()) if request["texts"] else (),
         progress=lambda stage, fraction: say(stage=stage, progress=float(fraction)),
         publish=outputs.publish,

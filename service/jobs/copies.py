@@ -38,6 +38,8 @@ SHARED = {
     ArtifactKind.LOGO: ArtifactKind.LOGO,
     ArtifactKind.PLAN: ArtifactKind.PLACEMENT,
 }
+# Parameters of a job's copies: their places are the job's, which was measured, explained and drawn.
+UNREPEATED = {"evaluate": "none", "explain": False, "turntable": False}
 TICK = timedelta(microseconds=1)  # between two copies of a request, so that they are listed in their order
 
 
@@ -51,7 +53,7 @@ class NewCopy(NamedTuple):
 def add(session: Session, parent: Job, wanted: Sequence[NewCopy], moment: datetime, webhook: str | None) -> list[Job]:
     """Record copies of a job in a transaction: held back, or, where it has succeeded, let go at once. The content of
     its files is locked, and the job itself where it has not ended."""
-    parameters = {**parent.parameters, "explain": False}
+    parameters = {**parent.parameters, **UNREPEATED}
     jobs = [
         Job(
             id=str(uuid.uuid4()),

@@ -62,6 +62,7 @@ def directed(
     budgets: Budgets,
     font: bytes | None = None,
     logo: bytes | None = None,
+    preview: bool = True,
     plan: Plan | None = None,
     copies: Sequence[str] = (),
     progress: Callable[[str, float], None] | None = None,
@@ -86,8 +87,9 @@ def directed(
     progress("evaluating", 0.0)
     ACTIONS[order.get("then", "work")](order)
     wait_for(order.get("wait_for_before_the_report"))
-    preview = bytes.fromhex(order.get("picture", "89504e47"))
-    publish("preview", preview)
+    picture = bytes.fromhex(order.get("picture", "89504e47")) if preview else None
+    if picture is not None:
+        publish("preview", picture)
     if parameters.explain:
         publish("explanation", b"{}")
         publish("layers", b"glTF of layers")
@@ -101,7 +103,7 @@ def directed(
     if "at_the_end" in order:
         publish("report", json.dumps(report).encode())
         ACTIONS[order["at_the_end"]](order)
-    return Result(model, report, preview)
+    return Result(model, report, picture)
 
 
 def plan_for(data: bytes, parameters: Parameters) -> Plan:
