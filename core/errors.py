@@ -34,6 +34,7 @@ class ErrorCode(Code):
     # What was asked for.
     INVALID_PARAMETERS = "invalid_parameters"
     EMPTY_TEXT = "empty_text"
+    TEXT_TOO_LONG = "text_too_long"
     MISSING_GLYPHS = "missing_glyphs"
     INVALID_FONT = "invalid_font"
     INVALID_LOGO = "invalid_logo"

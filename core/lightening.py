@@ -2,7 +2,6 @@
 
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from core.errors import ErrorCode, MeshmarkError
 from core.gltf.fewer_triangles import fewer_triangles
@@ -12,16 +11,13 @@ from core.gltf.smaller_textures import smaller_textures
 from core.marking import drawn_alone, embossed_again, label_heights_of
 from core.notices import Notice, NoticeCode
 from core.preview_model import PreviewModel
-from core.stages import Asset, Candidates, Embossed, LightOutput, Output, Run
-
-if TYPE_CHECKING:
-    from core.placement.context import PlacementContext
+from core.stages import Asset, Embossed, Ground, LightOutput, Output, Run
 
 LISTED = 5  # things that a warning names
 SMALLER = "Ask for fewer `triangles` in `preview_model`."
 
 
-def lighten(asset: Asset, candidates: Candidates, output: Output, run: Run) -> LightOutput | None:
+def lighten(asset: Asset, ground: Ground, output: Output, run: Run) -> LightOutput | None:
     """The preview model that was asked for, published; None where there is none, and a notice says why.
 
     Nothing of the asset goes into it but what its default scene shows. That is decimated first, and the boxes, letters
@@ -29,7 +25,7 @@ def lighten(asset: Asset, candidates: Candidates, output: Output, run: Run) -> L
 
     Args:
         asset: that was marked.
-        candidates, output: of the model.
+        ground, output: of the model.
         run: under way.
 
     Raises:
@@ -41,7 +37,7 @@ def lighten(asset: Asset, candidates: Candidates, output: Output, run: Run) -> L
         return None
     assert embossed is not None
     try:
-        light = _lightened(asset, candidates, embossed, wish, run)
+        light = _lightened(asset, ground, embossed, wish, run)
     except MeshmarkError as error:
         if wish.alone or error.code is ErrorCode.DEVICE_UNAVAILABLE:
             raise
@@ -53,7 +49,7 @@ def lighten(asset: Asset, candidates: Candidates, output: Output, run: Run) -> L
     return light
 
 
-def _lightened(asset: Asset, candidates: Candidates, embossed: Embossed, wish: PreviewModel, run: Run) -> LightOutput:
+def _lightened(asset: Asset, ground: Ground, embossed: Embossed, wish: PreviewModel, run: Run) -> LightOutput:
     start = time.perf_counter()
     shown, left_out = only_shown(asset.scene.document)
     scene = flatten(shown)
@@ -69,34 +65,33 @@ def _lightened(asset: Asset, candidates: Candidates, embossed: Embossed, wish: P
     scene = flatten(shown)
     scene = replace(scene, surface=scene.surface.in_frame_of(asset.analysis.surface))
     light = Asset(asset.data, asset.format, scene, analyse(scene))
-    context = _context(light, candidates)
-    done = embossed_again(light, context, replace(embossed, refusals={}))
+    ground, parameters = _ground(light, ground), run.request.parameters
+    done = embossed_again(light, ground, replace(embossed, refusals={}), parameters)
     if not done.marks:
         raise MeshmarkError(
             ErrorCode.NO_PLACEMENT,
             f"None of the {len(embossed.marks)} watermarks fits on the {after:,} triangles of a preview model.",
             "Allow it more `triangles`, or ask for smaller marks.",
         )
-    done, output = drawn_alone(light, context, done, candidates.opaque)
-    if run.request.parameters.rule is not None:
-        output = replace(output, heights=label_heights_of(done, context))
+    done, _, output = drawn_alone(light, ground, done, parameters)
+    if parameters.rule is not None:
+        output = replace(output, heights=label_heights_of(done, ground))
     run.notices += notices
     return LightOutput(output, before, after, sizes, done.refusals, round(time.perf_counter() - start, 4))
 
 
-def _context(light: Asset, candidates: Candidates) -> "PlacementContext":
-    """The context of the marks on the light surface; keep-out regions have had their say when places were chosen."""
+def _ground(light: Asset, ground: Ground) -> Ground:
+    """The ground of the marks on the light surface; keep-out regions have had their say when places were chosen."""
     from core.analysis.facts import Carrier
 
-    analysis = light.analysis
-    opaque = candidates.opaque > 0
+    analysis, opaque = light.analysis, ground.opaque > 0
     carrier = Carrier(
         analysis.surface,
         analysis.index if opaque else analysis.glazed,
         analysis.opaque if opaque else analysis.cuttable,
         analysis.component,
     )
-    return replace(candidates.context, carrier=carrier)
+    return replace(ground, carrier=carrier)
 
 
 def _notices(before: int, after: int, wish: PreviewModel, left_out: list[str]) -> list[Notice]:

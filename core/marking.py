@@ -14,47 +14,48 @@ from core.arrays import Bool, Float
 from core.artwork.advice import plainer, subject
 from core.artwork.layouts import Layouts
 from core.artwork.lettering import layouts_of
-from core.choices import Profile
+from core.budgets import Budgets
+from core.choices import FileFormat, Profile
 from core.embossing.mesh import WorkingMesh
 from core.errors import ErrorCode, MeshmarkError
 from core.formats.admission import admit, document_of
 from core.formats.format import Format, OutputFile
 from core.formats.registry import export_format
 from core.geometry.boxes import Boxes
+from core.geometry.directions import view_directions
 from core.gltf.builder import Builder
 from core.gltf.document import Document
+from core.gltf.edit import SurfaceEdit
 from core.gltf.prune import unreferenced_bytes
 from core.gltf.scene import flatten
 from core.gltf.textures import undecoded_textures
-from core.gltf.tint import Tints
 from core.gltf.validate import is_beside
 from core.gltf.write import write
 from core.labels.declaration import Declaration
 from core.labels.write import WrittenLabel, write_label
 from core.notices import Notice, NoticeCode
 from core.parameters import Parameters
-from core.stages import Asset, Candidates, Embossed, Output, Run
+from core.stages import Asset, Candidates, Embossed, Ground, Output, Run
 
 if TYPE_CHECKING:
     from core.analysis.facts import SurfaceFacts
     from core.geometry.spatial import SpatialIndex
-    from core.placement.context import PlacementContext
 
 
-def read(data: bytes, run: Run) -> Asset:
+def read(data: bytes, budgets: Budgets, wanted: FileFormat = FileFormat.GLB) -> Asset:
     """Recognise a file, read it, and analyse its surface.
 
     Raises:
         MeshmarkError: as :func:`core.formats.admission.admit`, :func:`core.formats.registry.export_format`,
             :func:`core.formats.admission.document_of` and :func:`core.gltf.scene.flatten`.
     """
-    admitted = admit(data, run.request.budgets)
-    export_format(run.request.parameters.format, admitted.format)  # refuses what is not written before any work
-    document = document_of(admitted, run.request.budgets)
+    admitted = admit(data, budgets)
+    export_format(wanted, admitted.format)  # refuses what is not written before any work
+    document = document_of(admitted, budgets)
     scene = flatten(document)
-    run.notices += document.warnings
+    notices = [*document.warnings]
     if unreferenced := unreferenced_bytes(document):
-        run.notices.append(
+        notices.append(
             Notice(
                 NoticeCode.UNREFERENCED_DATA,
                 f"Nothing in this file refers to {unreferenced:,} bytes of it; they are not in the result, "
@@ -64,7 +65,7 @@ def read(data: bytes, run: Run) -> Asset:
         )
     beside = [image["uri"] for image in document.json.get("images", []) if is_beside(image)]
     if beside:
-        run.notices.append(
+        notices.append(
             Notice(
                 ErrorCode.EXTERNAL_REFERENCE,
                 f"The asset's textures lie in other files ({', '.join(beside[:3])}); they were not opened. "
@@ -75,7 +76,7 @@ def read(data: bytes, run: Run) -> Asset:
 
     from core.analysis.analyse import analyse
 
-    return Asset(data, admitted.format, scene, analyse(scene))
+    return Asset(data, admitted.format, scene, analyse(scene), tuple(notices))
 
 
 def letter(run: Run) -> Layouts:
@@ -180,7 +181,6 @@ def emboss(asset: Asset, candidates: Candidates, run: Run) -> Embossed:
     from core.analysis.contrast import CODES, CONTRAST, looks_of_letters
     from core.embossing.islands import letters_of
     from core.embossing.marks import emboss_marks
-    from core.placement.legibility import legible_height
 
     context, parameters = candidates.context, run.request.parameters
     scene, surface, index = asset.scene, asset.analysis.surface, context.carrier.index
@@ -191,46 +191,40 @@ def emboss(asset: Asset, candidates: Candidates, run: Run) -> Embossed:
         lambda boxes: looks_of_letters(scene, surface, index, boxes, parameters.palette, options),
         parameters.profile,
     )
-    mesh = _whole(asset, context)
+    mesh = whole(asset, candidates.ground)
     done = emboss_marks(mesh, context, candidates.placement, letters, candidates.rng, run.progress)
-    highest = context.layouts.line_height(np.concatenate([mark.box.size for mark in done.marks.values()])).max()
+    return Embossed(mesh, letters, done.placement, done.marks, done.refusals)
+
+
+def _doubts(ground: Ground, embossed: Embossed, parameters: Parameters) -> list[Notice]:
+    """The notices that text is small, and that letters are flat against the wish."""
+    from core.placement.legibility import legible_height, too_low
+
+    notices, marks = list[Notice](), embossed.marks.values()
+    highest = ground.layouts.line_height(np.concatenate([mark.box.size for mark in marks])).max()
     if highest < legible_height(bool(parameters.palette)) * (1 - 1e-6):
-        widest = max(float(mark.box.size[0, 0]) for mark in done.marks.values())
+        widest = max(float(mark.box.size[0, 0]) for mark in marks)
         capped = parameters.size is not None and widest >= parameters.size * (1 - 1e-6)
-        run.notices.append(_small(highest, context.layouts, capped))
-    if flat := sum(mark.cut != "delaunay" for mark in done.marks.values()) if parameters.profile is Profile.SOFT else 0:
-        run.notices.append(
+        notices.append(too_low(highest, bool(ground.layouts.artworks[0].label), capped))
+    if flat := sum(mark.cut != "delaunay" for mark in marks) if parameters.profile is Profile.SOFT else 0:
+        notices.append(
             Notice(
                 NoticeCode.FLAT_LETTERS,
-                f"{flat} of {len(done.marks)} marks have flat letters: this far from the origin the file's 32-bit "
+                f"{flat} of {len(marks)} marks have flat letters: this far from the origin the file's 32-bit "
                 "coordinates are too coarse for the contours of soft ones.",
                 "Move the model to the origin of its own coordinates if letters should be soft.",
             )
         )
-    return Embossed(mesh, letters, done.placement, done.marks, done.refusals)
+    return notices
 
 
-def _small(highest: float, layouts: Layouts, capped: bool) -> Notice:
-    """The notice that no text reads well, whose lines, or a logo, whose details are so high at most (size-30 units);
-    ``capped`` where the ``size`` that was asked for allows no more."""
-    text = bool(layouts.artworks[0].label)
-    use = "use a shorter text" if text else "use a simpler logo"
-    return Notice(
-        NoticeCode.SMALL_TEXT,
-        f"No {'text' if text else 'logo'} on this asset reads well: {'the highest is' if text else 'its details are'} "
-        f"{highest:.2g} high where the asset's largest side is 30, and legible only from close up."
-        + ("" if capped else " Nothing higher has room."),
-        f"Ask for a larger `size`, or {use}." if capped else f"{use.capitalize()}.",
-    )
-
-
-def _whole(asset: Asset, context: "PlacementContext") -> WorkingMesh:
+def whole(asset: Asset, ground: Ground) -> WorkingMesh:
     """The surface before any mark."""
     analysis = asset.analysis
-    return WorkingMesh(analysis.surface, context.carrier.cuttable, analysis.coincident, analysis.resolution)
+    return WorkingMesh(analysis.surface, ground.carrier.cuttable, analysis.coincident, analysis.resolution)
 
 
-def write_model(asset: Asset, candidates: Candidates, embossed: Embossed, run: Run) -> Output:
+def write_model(asset: Asset, ground: Ground, embossed: Embossed, run: Run) -> Output:
     """The model, checked and published: marks that no viewer would draw are removed, and it is written again.
 
     Raises:
@@ -241,20 +235,22 @@ def write_model(asset: Asset, candidates: Candidates, embossed: Embossed, run: R
     from core.embossing.unmarked import unmarked_parts
     from core.placement.label_height import too_small
 
-    analysis, context, parameters = asset.analysis, candidates.context, run.request.parameters
-    embossed, output = drawn_alone(asset, context, embossed, candidates.opaque)
-    edit = embossed.mesh.edit()
+    analysis, parameters = asset.analysis, run.request.parameters
+    embossed, edit, output = drawn_alone(asset, ground, embossed, parameters)
     alone = parameters.preview_model is not None and parameters.preview_model.alone
+    run.notices += _doubts(ground, embossed, parameters)
     run.notices += [] if alone else unmarked(output.copies)
-    marked = analysis.surface.face_primitive[edit.source_face[np.unique(edit.mark, return_index=True)[1]]]
-    left = unmarked_parts(asset.scene, analysis.surface, context.facts.saliency, context.carrier.index, marked)
-    run.notices += [left] if left else []
+    if ground.facts is not None:
+        marked = analysis.surface.face_primitive[edit.source_face[np.unique(edit.mark, return_index=True)[1]]]
+        samples, index = ground.facts.saliency, ground.carrier.index
+        left = unmarked_parts(asset.scene, analysis.surface, samples, index, marked)
+        run.notices += [left] if left else []
     looks = [mark.look for mark in embossed.marks.values()]
-    run.notices += low_contrast(looks) if parameters.palette else _hidden_by_texture(embossed, context)
-    run.notices += unreadable_codes(looks) if context.layouts.logo == "qr" else []
+    run.notices += low_contrast(looks) if parameters.palette else _hidden_by_texture(embossed, ground)
+    run.notices += unreadable_codes(looks) if ground.layouts.logo == "qr" else []
     run.notices += output.label.notices if output.label else []
     if parameters.rule is not None:
-        heights = label_heights_of(embossed, context)
+        heights = label_heights_of(embossed, ground)
         run.notices += too_small(heights, parameters.rule)
         output = replace(output, heights=heights)
     if not alone:
@@ -263,9 +259,9 @@ def write_model(asset: Asset, candidates: Candidates, embossed: Embossed, run: R
 
 
 def drawn_alone(
-    asset: Asset, context: "PlacementContext", embossed: Embossed, opaque: float
-) -> tuple[Embossed, Output]:
-    """The marks that a viewer draws, and the file with these alone; ``opaque`` is the least of a face under letters.
+    asset: Asset, ground: Ground, embossed: Embossed, parameters: Parameters
+) -> tuple[Embossed, SurfaceEdit, Output]:
+    """The marks that a viewer draws, the edit that they are, and the file with these alone.
 
     Raises:
         MeshmarkError: ``no_placement`` where there are none.
@@ -274,22 +270,22 @@ def drawn_alone(
 
     analysis = asset.analysis
     while True:
-        output = _written(asset, context, embossed)
         edit, count = embossed.mesh.edit(), len(embossed.marks)
-        drawn = drawn_marks(edit, count, analysis.surface, analysis.resolution, output.scene, opaque)
+        output = _written(asset, parameters, embossed, edit)
+        drawn = drawn_marks(edit, count, analysis.surface, analysis.resolution, output.scene, ground.opaque)
         if drawn.all():
-            return embossed, output
+            return embossed, edit, output
         unseen = {box for box, seen in zip(embossed.marks, drawn.tolist(), strict=True) if not seen}
-        embossed = _without(unseen, asset, context, embossed)
+        embossed = _without(unseen, asset, ground, embossed, parameters)
 
 
-def label_heights_of(embossed: Embossed, context: "PlacementContext") -> Float:
+def label_heights_of(embossed: Embossed, ground: Ground) -> Float:
     """(24,) see :func:`core.placement.label_height.label_heights`."""
     from core.placement.label_height import label_heights
 
     boxes = Boxes.concat(*(mark.box for mark in embossed.marks.values()))
-    visible = embossed.placement.visible[list(embossed.marks), : len(context.targets.up)]
-    return label_heights(boxes, context.layouts.line_height(boxes.size), visible, context.carrier.surface.radius)
+    visible = embossed.placement.visible[list(embossed.marks), : len(view_directions()[0])]
+    return label_heights(boxes, ground.layouts.line_height(boxes.size), visible, ground.carrier.surface.radius)
 
 
 def write_label_alone(asset: Asset, run: Run) -> Output:
@@ -317,22 +313,22 @@ def _label(document: Document, parameters: Parameters) -> WrittenLabel | None:
     return write_label(document.json, parameters.label, parameters.text, parameters.declaration or Declaration())
 
 
-def _hidden_by_texture(embossed: Embossed, context: "PlacementContext") -> list[Notice]:
+def _hidden_by_texture(embossed: Embossed, ground: Ground) -> list[Notice]:
     """The notice that the texture hides letters in the surface's own colour; of QR codes there is one already."""
     from core.placement.legibility import hard_to_read
     from core.placement.objective import contrast
 
     plain = [mark.box for mark in embossed.marks.values() if mark.look.style.color is None]
-    texture = context.facts.texture
-    if texture is None or not plain or context.layouts.logo == "qr":
+    texture = None if ground.facts is None else ground.facts.texture
+    if texture is None or not plain or ground.layouts.logo == "qr":
         return []
     boxes = Boxes.concat(*plain)
     _, _, busy = texture.under(boxes)
-    seen = contrast(texture.color_under(boxes), busy, (), context.options.objective)
-    return hard_to_read(context.layouts.line_height(boxes.size), seen)
+    seen = contrast(texture.color_under(boxes), busy, (), embossed.placement.objective)
+    return hard_to_read(ground.layouts.line_height(boxes.size), seen)
 
 
-def _without(unseen: set[int], asset: Asset, context: "PlacementContext", embossed: Embossed) -> Embossed:
+def _without(unseen: set[int], asset: Asset, ground: Ground, embossed: Embossed, parameters: Parameters) -> Embossed:
     """The marks embossed anew, without those in the boxes ``unseen``.
 
     Raises:
@@ -342,7 +338,7 @@ def _without(unseen: set[int], asset: Asset, context: "PlacementContext", emboss
 
     refusals = embossed.refusals | dict.fromkeys(sorted(unseen), Refusal.UNDRAWN)
     kept = {box: mark for box, mark in embossed.marks.items() if box not in unseen}
-    done = embossed_again(asset, context, replace(embossed, marks=kept, refusals=refusals))
+    done = embossed_again(asset, ground, replace(embossed, marks=kept, refusals=refusals), parameters)
     if not done.marks:
         raise MeshmarkError(
             ErrorCode.NO_PLACEMENT,
@@ -353,16 +349,16 @@ def _without(unseen: set[int], asset: Asset, context: "PlacementContext", emboss
     return done
 
 
-def embossed_again(asset: Asset, context: "PlacementContext", embossed: Embossed) -> Embossed:
+def embossed_again(asset: Asset, ground: Ground, embossed: Embossed, parameters: Parameters) -> Embossed:
     """The marks of ``embossed`` that can be cut into the surface of an ``asset``, which has none yet."""
     from core.embossing.emboss import Mark
     from core.embossing.marks import emboss_boxes
 
-    mesh, marks, refusals = _whole(asset, context), dict[int, Mark](), dict(embossed.refusals)
+    mesh, marks, refusals = whole(asset, ground), dict[int, Mark](), dict(embossed.refusals)
     if embossed.marks:
         boxes = Boxes.concat(*(mark.box for mark in embossed.marks.values()))
         looks = [mark.look for mark in embossed.marks.values()]
-        outcomes = emboss_boxes(mesh, boxes, looks, embossed.letters, context.parameters, context.carrier.index)
+        outcomes = emboss_boxes(mesh, boxes, looks, embossed.letters, parameters, ground.carrier.index)
         for box, outcome in zip(embossed.marks, outcomes, strict=True):
             if isinstance(outcome, Mark):
                 marks[box] = outcome
@@ -371,17 +367,17 @@ def embossed_again(asset: Asset, context: "PlacementContext", embossed: Embossed
     return replace(embossed, mesh=mesh, marks=marks, refusals=refusals)
 
 
-def _written(asset: Asset, context: "PlacementContext", embossed: Embossed) -> Output:
-    """The model with these marks, and with those of its other scenes and levels of detail."""
+def _written(asset: Asset, parameters: Parameters, embossed: Embossed, edit: SurfaceEdit) -> Output:
+    """The model with these marks, which are the ``edit``, and with those of its other scenes and levels of detail."""
     from core.embossing.copies import AssetMarks, mark_copies
 
-    surface, parameters = asset.analysis.surface, context.parameters
+    surface = asset.analysis.surface
     boxes = Boxes.concat(*(mark.box for mark in embossed.marks.values()))
     looks = [mark.look for mark in embossed.marks.values()]
     styles = [look.style for look in looks]
-    edit = asset.analysis.with_file_winding(embossed.mesh.edit())
-    tints = Tints(asset.scene.document)
-    model, coloring = write(asset.scene, edit, styles, tints), tints.of_marks(asset.scene, edit, styles)
+    edit = asset.analysis.with_file_winding(edit)
+    model = write(asset.scene, edit, styles, asset.tints)
+    coloring = asset.tints.of_marks(asset.scene, edit, styles)
     marks = AssetMarks(surface, boxes, looks, embossed.letters, parameters)
     model, copies = mark_copies(model, marks)
     document = Document.from_glb(model)

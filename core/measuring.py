@@ -2,6 +2,7 @@
 
 import json
 import logging
+from hashlib import sha256
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from core.rendering.preview import contact_sheet
 from core.rendering.renderer import Renderer
 from core.rendering.turntable import turntable
 from core.report import FontFacts, Report
-from core.stages import Asset, Candidates, LightOutput, Output, Pictures, Run
+from core.stages import Asset, Candidates, Ground, LightOutput, Output, Pictures, Run
 
 log = logging.getLogger(__name__)
 
@@ -27,6 +28,8 @@ def report(asset: Asset, output: Output, light: LightOutput | None, run: Run) ->
     from core.reporting import build_report
 
     result = build_report(asset, output, run.request.parameters, light)
+    if run.request.plan is not None:
+        result = result.model_copy(update={"plan": sha256(run.request.plan.to_json()).hexdigest()})
     run.publish("report", json.dumps(as_json(result, run), allow_nan=False).encode())
     return result
 
@@ -99,7 +102,7 @@ def render(asset: Asset, output: Output, light: LightOutput | None, run: Run) ->
 
 def evaluate(
     asset: Asset,
-    candidates: Candidates | None,
+    ground: Ground | None,
     output: Output,
     light: LightOutput | None,
     seen: Pictures,
@@ -110,23 +113,23 @@ def evaluate(
     parameters = run.request.parameters
     if parameters.evaluate is Evaluate.NONE:
         return result
-    assert candidates is not None
+    assert ground is not None
     assert output.embossed is not None
     from core.analysis.analyse import eye_index
     from core.metrics.measure import Pair, Subject, measure
     from core.reporting import boxes_of, with_metrics, with_own_metrics
 
     before, after = seen.views if isinstance(seen.views, tuple) else (seen.views, seen.views)
-    context = candidates.context
-    original = Subject(asset.analysis.surface, context.carrier.index, before, parameters.seed, context.facts.saliency)
+    mapped = None if ground.facts is None else ground.facts.saliency
+    original = Subject(asset.analysis.surface, ground.carrier.index, before, parameters.seed, mapped)
 
     def pair(of: Output, pictures: NDArray[np.uint8] | MeshmarkError | None) -> Pair:
-        written, index = eye_index(of.scene, asset.scene.surface, through=candidates.opaque > 0)
+        written, index = eye_index(of.scene, asset.scene.surface, through=ground.opaque > 0)
         assert of.embossed is not None
         boxes, relief = boxes_of(of.embossed.marks)
-        settings = context.layouts.settings(boxes.size)
+        settings = ground.layouts.settings(boxes.size)
         marked = Subject(written, index, pictures)
-        return Pair(original, marked, boxes, relief, parameters.text, parameters.seed, context.layouts, settings)
+        return Pair(original, marked, boxes, relief, parameters.text, parameters.seed, ground.layouts, settings)
 
     measured = measure(pair(output, after), parameters.evaluate, run.progress)
     run.notices += measured.warnings

@@ -3,7 +3,7 @@
 import resource
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,8 +12,9 @@ from core import exporting, lightening, marking, measuring
 from core.budgets import DEFAULT_BUDGETS, Budgets
 from core.formats.format import OutputFile
 from core.parameters import Parameters
+from core.plan import Plan
 from core.preload import preload as preload
-from core.stages import Publish, Request, Run
+from core.stages import Asset, Candidates, Ground, LightOutput, Publish, Request, Run
 
 Progress = Callable[[str, float], None]
 
@@ -43,6 +44,7 @@ class Result:
         preview_model: a light GLB beside ``file``; None where none was asked for, where it is ``file`` itself, or where
             no mark fits on it (then the report's ``warnings`` say so).
         export: the watermarked model in another format; None where none was asked for.
+        plan: where its marks stand, for other texts; None where they stand by a plan, or where there are none.
     """
 
     file: OutputFile
@@ -52,6 +54,7 @@ class Result:
     poster: bytes | None = None
     preview_model: bytes | None = None
     export: OutputFile | None = None
+    plan: Plan | None = None
 
     @property
     def model(self) -> bytes:
@@ -67,6 +70,8 @@ def watermark(
     logo: bytes | None = None,
     budgets: Budgets = DEFAULT_BUDGETS,
     preview: bool = True,
+    plan: Plan | None = None,
+    copies: Sequence[str] = (),
     progress: Progress | None = None,
     publish: Publish | None = None,
 ) -> Result:
@@ -79,6 +84,8 @@ def watermark(
         logo: an SVG file, to be embossed alone or beside the text.
         budgets: the most that the asset may declare before it is read.
         preview: render a contact sheet.
+        plan: of an earlier run for this file, whose places are taken; None to search for places.
+        copies: other texts that the places should have room for.
         progress, publish: as for :func:`run_stages`.
 
     Returns:
@@ -87,11 +94,16 @@ def watermark(
     Raises:
         MeshmarkError: where the asset cannot be watermarked; nothing was published then.
     """
-    return run_stages(data, Request(parameters.resolved(), font, logo, budgets, preview), progress, publish)
+    request = Request(parameters.resolved(), font, logo, budgets, preview, plan=plan, copies=tuple(copies))
+    return run_stages(data, request, progress, publish)
 
 
 def run_stages(
-    data: bytes, request: Request, progress: Progress | None = None, publish: Publish | None = None
+    data: bytes,
+    request: Request,
+    progress: Progress | None = None,
+    publish: Publish | None = None,
+    before: Asset | None = None,
 ) -> Result:
     """As :func:`watermark`.
 
@@ -99,9 +111,10 @@ def run_stages(
         data: the content of a file.
         request: the wishes.
         progress: called with the stage's name and the share done of the whole run, 0 to 1.
-        publish: called with the name of each result ("model", "preview_model", "export", "report", "explanation",
-            "layers", "preview", "turntable", "poster") and its bytes as soon as it exists, before the run ends. The
-            report is the final one if the run breaks off afterwards: its metrics are still missing.
+        publish: called with the name of each result ("model", "plan", "preview_model", "export", "report",
+            "explanation", "layers", "preview", "turntable", "poster") and its bytes as soon as it exists, before the
+            run ends. The report is the final one if the run breaks off afterwards: its metrics are still missing.
+        before: the asset, where it was read before (:func:`core.marking.read`).
     """
     if request.parameters.explain:
         from core.explain.trace import Trace
@@ -126,21 +139,44 @@ def run_stages(
         run.memory[name] = _peak_memory()
 
     with stage("reading"):
-        asset = marking.read(data, run)
-    candidates = light = None
+        asset = before or marking.read(data, request.budgets, request.parameters.format)
+        run.notices += asset.notices
+    candidates: Candidates | None = None
+    ground: Ground | None = None
+    plan: Plan | None = None
+    light: LightOutput | None = None
     if request.parameters.metadata_only:
         with stage("writing"):
             output = exporting.with_export(asset, marking.write_label_alone(asset, run), run)
     else:
+        from core.planned import follow, plan_of, roomy_layouts
+
         with stage("lettering"):
             layouts = marking.letter(run)
-        with stage("placing"):
-            candidates = marking.place(asset, layouts, run)
+            text, roomy = (
+                roomy_layouts(layouts, run)
+                if request.copies and not request.plan
+                else (request.parameters.text, layouts)
+            )
+        if request.plan is None:
+            with stage("placing"):
+                candidates = marking.place(asset, roomy, run)
         with stage("embossing"):
-            embossed = marking.emboss(asset, candidates, run)
+            follows = request.plan
+            if candidates is not None:
+                ground, embossed = candidates.ground, marking.emboss(asset, candidates, run)
+                if text != request.parameters.text:
+                    longest = request.parameters.model_copy(update={"text": text})
+                    follows = plan = plan_of(asset, ground, embossed, longest)
+            if follows is not None:
+                ground, embossed = follow(asset, layouts, follows, run)
         with stage("writing"):
-            output = marking.write_model(asset, candidates, embossed, run)
-            light = lightening.lighten(asset, candidates, output, run) if wish else None
+            assert ground is not None
+            output = marking.write_model(asset, ground, embossed, run)
+            if candidates is not None:
+                plan = plan or plan_of(asset, ground, output.embossed or embossed, request.parameters)
+                run.publish("plan", plan.to_json())
+            light = lightening.lighten(asset, ground, output, run) if wish else None
             output = light.output if light and wish and wish.alone else exporting.with_export(asset, output, run)
     with stage("reporting"):
         report = measuring.report(asset, output, light, run)
@@ -148,12 +184,11 @@ def run_stages(
     with stage("rendering"):
         seen = measuring.render(asset, output, light, run)
     with stage("evaluating"):
-        report = measuring.evaluate(asset, candidates, output, light, seen, report, run)
+        report = measuring.evaluate(asset, ground, output, light, seen, report, run)
+    told = measuring.as_json(report, run)
     beside = light.output.file.data if light and light.output is not output else None
     exported = output.exported.file if output.exported else None
-    return Result(
-        output.file, measuring.as_json(report, run), seen.preview, seen.turntable, seen.poster, beside, exported
-    )
+    return Result(output.file, told, seen.preview, seen.turntable, seen.poster, beside, exported, plan)
 
 
 def _peak_memory() -> int:

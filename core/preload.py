@@ -16,7 +16,7 @@ LATER = (
     ),
     *("core.analysis.texture", "core.artwork.svg", "core.placement.place"),
     *("core.embossing.copies", "core.embossing.drawn", "core.embossing.marks", "core.embossing.islands"),
-    *("core.embossing.unmarked", "core.reporting", "core.metrics.measure"),
+    *("core.embossing.unmarked", "core.planned", "core.reporting", "core.metrics.measure"),
     *("core.explain.explain", "core.explain.layers", "core.explain.trace"),
     *("core.verify.verify", "core.verify.evidence", "core.conversion"),
     *("opengl_basisu", "DracoPy", "meshopt", "manifold3d", "trimesh.exchange.dae", "rapidocr"),

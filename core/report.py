@@ -293,6 +293,10 @@ class Report(Section):
     ] = None
     parameters: Annotated[Parameters, Field(description="As resolved by the preset.")]
     seed: Annotated[int, Field(description="Of every random draw.")]
+    plan: Annotated[
+        str | None,
+        Field(description="SHA-256 of the plan whose places were taken, hexadecimal; null where they were searched."),
+    ] = None
     engine: Engine
     units: Frame
     eye: Eye

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,13 +15,16 @@ from core.embossing.mesh import WorkingMesh
 from core.errors import MeshmarkError
 from core.formats.format import Format, OutputFile
 from core.gltf.scene import Scene
-from core.gltf.tint import Coloring
+from core.gltf.tint import Coloring, Tints
 from core.labels.write import WrittenLabel
 from core.notices import Notice
 from core.parameters import Parameters
+from core.plan import Plan
 
 if TYPE_CHECKING:
     from core.analysis.analyse import SurfaceAnalysis
+    from core.analysis.facts import Carrier, SurfaceFacts
+    from core.artwork.layouts import Layouts
     from core.embossing.copies import MarkedCopy
     from core.embossing.emboss import Mark
     from core.embossing.islands import Letters
@@ -45,6 +49,8 @@ class Request:
         preview: render a contact sheet.
         options: the tuned values of placement, for ablations; None for those of the preset.
         watch: somebody who is told of every box of placement; None for nobody.
+        plan: of an earlier run for this file, whose places are taken; None to search for places.
+        copies: other texts that the places should have room for.
     """
 
     parameters: Parameters
@@ -54,6 +60,8 @@ class Request:
     preview: bool = True
     options: "PlacementOptions | None" = None
     watch: "Watch | None" = None
+    plan: Plan | None = None
+    copies: tuple[str, ...] = ()
 
 
 @dataclass
@@ -63,8 +71,8 @@ class Run:
     Attributes:
         request: the wishes.
         progress: called with the share of the present stage that is done, 0 to 1.
-        publish: called with the name of each result ("model", "preview_model", "export", "report", "explanation",
-            "layers", "preview", "turntable", "poster") and its bytes as soon as it exists.
+        publish: called with the name of each result ("model", "plan", "preview_model", "export", "report",
+            "explanation", "layers", "preview", "turntable", "poster") and its bytes as soon as it exists.
         notices: losses and doubts so far.
         timings: seconds by stage.
         memory: the most resident bytes the process had held up to the end of each stage.
@@ -89,12 +97,36 @@ class Asset:
         format: of the file.
         scene: its nodes in one surface.
         analysis: the surface as it is seen from outside.
+        notices: losses and doubts of reading it.
     """
 
     data: bytes
     format: Format
     scene: Scene
     analysis: "SurfaceAnalysis"
+    notices: tuple[Notice, ...] = ()
+
+    @cached_property
+    def tints(self) -> Tints:
+        """The tints of letters on it, each looked for once."""
+        return Tints(self.scene.document)
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """The ground of marks, however their places were chosen.
+
+    Attributes:
+        carrier: the surface, and the faces that marks may stand on.
+        layouts: of the text.
+        opaque: least opaque share of a face under letters.
+        facts: about the surface; None where places were not searched for.
+    """
+
+    carrier: "Carrier"
+    layouts: "Layouts"
+    opaque: float
+    facts: "SurfaceFacts | None" = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +144,11 @@ class Candidates:
     placement: "Placement"
     opaque: float
     rng: np.random.Generator
+
+    @property
+    def ground(self) -> Ground:
+        """The ground that was searched."""
+        return Ground(self.context.carrier, self.context.layouts, self.opaque, self.context.facts)
 
 
 @dataclass(frozen=True, eq=False)

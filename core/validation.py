@@ -1,5 +1,6 @@
 """Validation of input from outside: errors are reported briefly, also where there are many."""
 
+import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
 from typing import Any
@@ -42,6 +43,15 @@ def describe(errors: Sequence[Mapping[str, Any]], whole: str, skip: int = 0) -> 
     told = [f"{_name(error['loc'][skip:]) or whole}: {_message(error)}" for error in errors[:MOST]]
     rest = len(errors) - MOST
     return "; ".join(told) + (f"; and {rest:,} more" if rest > 0 else "")
+
+
+def first_repeat(texts: Sequence[str]) -> tuple[int, int] | None:
+    """The numbers of the first two of the ``texts`` that would be embossed alike; None where all differ."""
+    numbers: dict[str, int] = {}
+    for number, text in enumerate(texts):
+        if (before := numbers.setdefault(unicodedata.normalize("NFC", text.strip()), number)) != number:
+            return before, number
+    return None
 
 
 def shortened(text: str, most: int = LONGEST_NAME) -> str:

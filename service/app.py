@@ -17,6 +17,7 @@ from service.address_limit import PublicLimits
 from service.announcer import Announcer
 from service.bodies import Bodies
 from service.config import Settings
+from service.forms import LISTS
 from service.http_metrics import HttpMetrics
 from service.intake import Intake, gate_template
 from service.jobs.artifacts import GRACE
@@ -41,6 +42,7 @@ from service.routes import (
     batch,
     console,
     conversions,
+    copies,
     events,
     health,
     hooks,
@@ -51,13 +53,14 @@ from service.routes import (
 )
 from service.routes.batch import BatchResults
 from service.routes.conversion_schemas import ConversionView
+from service.routes.copies import CopiesMade, CopyPage
 from service.routes.hooks import HOOK_SCHEME
 from service.routes.manual import manual_router
 from service.routes.reference import reference_router
 from service.routes.report_example import REPORT
 from service.routes.schemas import JobPage
 from service.routes.verification_example import VERIFICATION
-from service.routes.verification_schemas import VerificationPage
+from service.routes.verification_schemas import VerificationPage, WatermarksRead
 from service.routes.webhook_schemas import DeliveryPage, WebhookEndpoints, WebhookEndpointWithSecret
 from service.state import AppState
 from service.template import Template
@@ -68,15 +71,23 @@ JSON_BYTES = 2**16  # of a request body that is neither an asset nor a list
 LIST_BYTES = 2**20  # of a batch, or of a notification about objects
 WITH_TWO = re.compile("/v1/verifications")
 WITH_ASSET = re.compile("/v1/watermarks|/v1/conversions|/v1/uploads/[^/]+")
-WITH_LIST = re.compile("/v1/watermarks/batch|/v1/hooks/[^/]+")
-FORM_FIELDS = 6  # text fields of POST /v1/watermarks
+WITH_LIST = re.compile("/v1/watermarks/batch|/v1/watermarks/[^/]+/copies|/v1/hooks/[^/]+")
+FORM_FIELDS = 7  # text fields of POST /v1/watermarks
 # Answers whose examples have nulls.
 EXEMPLARY = (
-    *(JobPage, VerificationPage, ConversionView, BatchResults),
-    *(WebhookEndpoints, WebhookEndpointWithSecret, DeliveryPage),
+    WatermarksRead,
+    CopyPage,
+    CopiesMade,
+    JobPage,
+    VerificationPage,
+    ConversionView,
+    BatchResults,
+    WebhookEndpoints,
+    WebhookEndpointWithSecret,
+    DeliveryPage,
 )
 # Bytes of a form beside its asset, font and logo: fields, part headers, boundaries.
-FORM_OVERHEAD = (FORM_FIELDS + 1) * MAX_FIELD_BYTES
+FORM_OVERHEAD = (FORM_FIELDS + 1) * MAX_FIELD_BYTES + sum(LISTS.values())
 
 
 class DeclaredSizeLimit:
@@ -192,6 +203,7 @@ def create_app(settings: Settings, gate: Template | None = None) -> FastAPI:
     app.include_router(conversions.sending, max_body_size=body_limit)
     app.include_router(conversions.router, max_body_size=JSON_BYTES)
     app.include_router(batch.router, max_body_size=LIST_BYTES)
+    app.include_router(copies.router, max_body_size=LIST_BYTES)
     app.include_router(uploads.router, max_body_size=JSON_BYTES)
     app.include_router(uploads.sending, max_body_size=body_limit)
     app.include_router(hooks.router, max_body_size=LIST_BYTES)

@@ -16,6 +16,7 @@ from core.errors import ErrorCode, MeshmarkError
 from service.jobs.artifacts import writing
 
 Spool = Callable[[], BinaryIO]
+LISTS = {"copies": 2**20}  # bytes of fields that may be longer than the others
 CHARSETS = ("utf-8", "utf8", "us-ascii")
 HOW_TO_SEND_TEXT = "Send all text as UTF-8: fields, their names and the names of files."
 
@@ -155,8 +156,9 @@ class _Parts:
 
     def _on_data(self, data: bytes, start: int, end: int) -> None:
         self._data += data[start:end]
-        if self._file is None and len(self._data) > self._max_part_size:
-            raise _too_long(self._max_part_size)
+        most = max(self._max_part_size, LISTS.get(self._part, 0))
+        if self._file is None and len(self._data) > most:
+            raise _too_long(most)
 
     def _end_part(self) -> None:
         if self._file is None:

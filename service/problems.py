@@ -41,6 +41,7 @@ STATUS: dict[Code, int] = {  # in the order in which openapi.yaml and the manual
     ErrorCode.TEXTURE_NOT_DECODED: 422,
     ErrorCode.INVALID_PARAMETERS: 422,
     ErrorCode.EMPTY_TEXT: 422,
+    ErrorCode.TEXT_TOO_LONG: 422,
     ErrorCode.MISSING_GLYPHS: 422,
     ErrorCode.INVALID_FONT: 422,
     ErrorCode.INVALID_LOGO: 422,

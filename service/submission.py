@@ -1,12 +1,14 @@
 """Submission of jobs: from a client's order to a recorded job, for every source of the asset."""
 
-from collections.abc import Callable, Mapping
+import json
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import PurePath
 from typing import Any, NamedTuple
 
+import structlog
 from sqlalchemy.orm import Session
 
 from core.artwork.qr_code import check_code
@@ -15,14 +17,17 @@ from core.parameters import Parameters
 from core.verify.parameters import VerificationParameters
 from service.errors import ServiceErrorCode
 from service.intake import Verdicts
-from service.jobs import contents, idempotency, queue
+from service.jobs import contents, copies, idempotency, queue
 from service.jobs.artifacts import Staged
+from service.jobs.copies import NewCopy
 from service.jobs.known_texts import known_texts
-from service.jobs.ledger import Content, Submission
+from service.jobs.ledger import Content, MissingContentError, Submission
 from service.jobs.limits import check_active
 from service.jobs.models import PUBLIC_TENANT, ArtifactKind, Job, JobKind, JobState, Priority
 from service.jobs.quota import check_stored
 from service.state import AppState
+
+log = structlog.get_logger(__name__)
 
 PUBLIC_JOBS = 50  # without a key that may wait and run at a time: some minutes' work of one worker
 
@@ -51,6 +56,7 @@ class Order:
         sidecar: stages the Content Credentials that came beside a suspect file, if there are any.
         key: the client's idempotency key.
         cache: accept results that exist already.
+        copies: of a watermark, to be made at the places of its marks.
     """
 
     tenant: str
@@ -68,6 +74,7 @@ class Order:
     sidecar: AbstractContextManager[Staged] | None = None
     key: str | None = None
     cache: bool = True
+    copies: Sequence[NewCopy] = ()
 
     @property
     def kind(self) -> JobKind:
@@ -76,10 +83,14 @@ class Order:
 
 
 class Accepted(NamedTuple):
-    """Job of an order; `replayed`: an earlier request with the same idempotency key had made it."""
+    """Job of an order; `replayed`: an earlier request with the same idempotency key had made it.
+
+    `started`: copies of it that wait to be announced, as it does.
+    """
 
     job: Job
     replayed: bool = False
+    started: Sequence[Job] = ()
 
 
 def submit(state: AppState, order: Order, known: Verdicts | None = None) -> Accepted:
@@ -105,6 +116,7 @@ def submit(state: AppState, order: Order, known: Verdicts | None = None) -> Acce
             ArtifactKind.LOGO: order.logo,
             ArtifactKind.ORIGINAL: order.original,
             ArtifactKind.SIDECAR: order.sidecar,
+            ArtifactKind.TEXTS: _staged_texts(state, order),
         }
         staged = {kind: stack.enter_context(part) for kind, part in parts.items() if part is not None}
         asset, font, logo = map(staged.get, (ArtifactKind.INPUT, ArtifactKind.FONT, ArtifactKind.LOGO))
@@ -125,6 +137,7 @@ def submit(state: AppState, order: Order, known: Verdicts | None = None) -> Acce
                 **order.origin,
             }
             content |= {"webhook": order.webhook} if order.webhook else {}
+            content |= {"copies": [[*copy] for copy in order.copies]} if order.copies else {}
             content |= {kind.value: item.sha256 for kind, item in staged.items()}
             sessions = state.ledger.sessions
             reserved = idempotency.reserve(sessions, order.tenant, order.key, idempotency.fingerprint(content))
@@ -133,7 +146,13 @@ def submit(state: AppState, order: Order, known: Verdicts | None = None) -> Acce
             reservation = reserved
             stack.enter_context(idempotency.holding(sessions, reservation))
 
+        started: list[Job] = []
+
         def condition(session: Session, job_id: str) -> None:
+            if order.copies:
+                job = session.get_one(Job, job_id)
+                made = copies.add(session, job, order.copies, job.created_at, order.webhook)
+                started[:] = made if job.state is JobState.SUCCEEDED else []
             if most := PUBLIC_JOBS if order.tenant == PUBLIC_TENANT else state.settings.max_active_jobs:
                 check_active(session, order.tenant, most)
             check_stored(session, order.tenant, state.settings.max_stored_bytes)
@@ -156,7 +175,56 @@ def submit(state: AppState, order: Order, known: Verdicts | None = None) -> Acce
             signed=state.settings.c2pa_chain is not None,
         )
         create = partial(contents.create_job, state.ledger, state.artifacts, order.filename, wanted)
-        return Accepted(create(staged, submission, shared))
+        return Accepted(create(staged, submission, shared), started=started)
+
+
+def _staged_texts(state: AppState, order: Order) -> AbstractContextManager[Staged] | None:
+    if not order.copies:
+        return None
+    texts = json.dumps([copy.text for copy in order.copies]).encode()
+    return state.artifacts.stage_chunks([texts], limit=len(texts), name="list of texts")
+
+
+def submit_copies(
+    state: AppState, parent: Job, wanted: Sequence[NewCopy], webhook: str | None, key: str | None
+) -> Accepted:
+    """Record copies of a job that has succeeded; announcing them is left to the caller.
+
+    Returns:
+        The first of the copies; ``started`` are all.
+
+    Raises:
+        MeshmarkError: an error of the idempotency key; ``job_expired``, its files are deleted; ``too_many_jobs``;
+            ``quota_exceeded``.
+    """
+    sessions = state.ledger.sessions
+    with ExitStack() as stack:
+        reservation: idempotency.Reservation | None = None
+        if key is not None:
+            content = {"copy_of": parent.id, "copies": [[*copy] for copy in wanted], "webhook": webhook}
+            reserved = idempotency.reserve(sessions, parent.tenant_id, key, idempotency.fingerprint(content))
+            if isinstance(reserved, str):
+                first = _recorded(state, parent.tenant_id, reserved)
+                return Accepted(first, True, copies.asked_together(sessions, first, len(wanted)))
+            reservation = reserved
+            stack.enter_context(idempotency.holding(sessions, reservation))
+
+        def condition(session: Session, job_id: str) -> None:
+            check_active(session, parent.tenant_id, state.settings.max_active_jobs)
+            check_stored(session, parent.tenant_id, state.settings.max_stored_bytes)
+            if reservation is not None:
+                idempotency.settle(session, reservation, job_id)
+
+        try:
+            made = state.ledger.copy(parent, wanted, state.artifacts.has, webhook, condition)
+        except MissingContentError:
+            raise MeshmarkError(
+                ServiceErrorCode.JOB_EXPIRED,
+                "The asset and the plan of this job were deleted.",
+                "Send the asset again.",
+            ) from None
+    log.info("copies accepted", of=parent.id, copies=len(made))
+    return Accepted(made[0], started=made)
 
 
 def _marked(state: AppState, order: Order) -> dict[ArtifactKind, Content]:

@@ -135,9 +135,9 @@ def _nodes(scene: Scene) -> set[str]:
 def marked(path: Path) -> tuple[Asset, Output]:
     """A file with three marks."""
     run = _run(FileFormat.GLB)
-    asset = marking.read(path.read_bytes(), run)
+    asset = marking.read(path.read_bytes(), run.request.budgets, run.request.parameters.format)
     candidates = marking.place(asset, marking.letter(run), run)
-    return asset, marking.write_model(asset, candidates, marking.emboss(asset, candidates, run), run)
+    return asset, marking.write_model(asset, candidates.ground, marking.emboss(asset, candidates, run), run)
 
 
 def _run(asked: FileFormat) -> Run:

@@ -36,12 +36,17 @@ BELOW = {
     "report": "artwork embossing gltf parameters",
     "reporting": "report stages metrics embossing geometry parameters device",
     "preload": "rendering",
-    "stages": "embossing placement analysis artwork formats gltf labels budgets parameters",
-    "marking": "stages embossing placement analysis artwork formats gltf geometry labels parameters",
-    "lightening": "marking stages placement analysis gltf preview_model",
+    "plan": "parameters validation",
+    "stages": "plan embossing placement analysis artwork formats gltf labels budgets parameters",
+    "marking": "stages embossing placement analysis artwork formats gltf geometry labels parameters budgets",
+    "lightening": "marking stages analysis gltf preview_model",
+    "planned": "marking plan stages embossing placement analysis artwork gltf geometry parameters validation",
     "measuring": "explain stages report reporting metrics rendering analysis",
     "exporting": "stages formats labels",
-    "pipeline": "exporting explain lightening marking measuring stages formats budgets parameters preload",
+    "pipeline": (
+        "exporting explain lightening marking measuring plan planned stages formats budgets parameters preload"
+    ),
+    "series": "pipeline marking stages budgets parameters",
     "conversion": "formats gltf budgets",
     "evaluate": "report reporting metrics rendering analysis formats gltf geometry budgets",
     "lab": (
@@ -55,7 +60,10 @@ BELOW = {
     ),
     "explain": "marking stages reporting embossing placement rendering formats gltf geometry budgets parameters",
     "doctor": "pipeline rendering artwork models device",
-    "cli": "doctor explain formats lab pipeline preload verify evaluate models labels parameters process processors",
+    "cli": (
+        "doctor explain formats lab pipeline series preload verify evaluate models labels parameters process "
+        "processors validation"
+    ),
     "__init__": "process",
 }
 EVERYWHERE = {"arrays", "choices", "errors", "notices", "__version__"}
@@ -75,7 +83,7 @@ OF_SERVICE = {
         "__version__",
     }
 }
-OF_WORKER = OF_SERVICE | {"conversion", "doctor", "formats", "pipeline", "preload", "processors"}
+OF_WORKER = OF_SERVICE | {"conversion", "doctor", "formats", "pipeline", "plan", "preload", "processors"}
 
 FILE_LINES = 400
 PARAMETERS = 7

@@ -33,6 +33,7 @@ SUFFIXES = {
     "model": ".glb",
     "preview_model": ".glb",
     "export": ".bin",
+    "plan": ".json",
     "report": ".json",
     "preview": ".png",
     "turntable": ".webp",
@@ -76,7 +77,8 @@ def run(engine: Engine, request: dict[str, Any], say: Say) -> None:
 
     Args:
         engine: the engine's function.
-        request: ``input``, ``font`` and ``logo`` as paths, ``parameters``, ``budgets``, ``folder``.
+        request: ``input``, ``font``, ``logo``, ``placement`` and ``texts`` as paths, ``parameters``, ``budgets``,
+            ``folder``.
         say: sends one message.
 
     Raises:
@@ -84,6 +86,7 @@ def run(engine: Engine, request: dict[str, Any], say: Say) -> None:
     """
     from core.budgets import Budgets
     from core.parameters import parse_parameters
+    from core.plan import parse_plan
 
     outputs = Outputs(Path(request["folder"]), say)
 
@@ -93,6 +96,9 @@ def run(engine: Engine, request: dict[str, Any], say: Say) -> None:
         budgets=Budgets(**request["budgets"]),
         font=Path(request["font"]).read_bytes() if request["font"] else None,
         logo=Path(request["logo"]).read_bytes() if request["logo"] else None,
+        plan=parse_plan(Path(request["placement"]).read_bytes()) if request["placement"] else None,
+        preview=not request["placement"],  # copies look as their job does, but for the text
+        copies=json.loads(Path(request["texts"]).read_bytes()) if request["texts"] else (),
         progress=lambda stage, fraction: say(stage=stage, progress=float(fraction)),
         publish=outputs.publish,
     )

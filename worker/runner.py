@@ -42,6 +42,8 @@ class Work:
     private: tuple[Path, ...] = ()
     sandbox: str = "required"
     logo: Path | None = None
+    placement: Path | None = None
+    texts: Path | None = None
     verification: "Verification | None" = None
     conversion: bool = False  # of the input into a plain GLB, and nothing else
 
@@ -122,6 +124,8 @@ def _request(work: Work, limits: Limits) -> str:
             "input": os.fspath(work.input),
             "font": os.fspath(work.font) if work.font else None,
             "logo": os.fspath(work.logo) if work.logo else None,
+            "placement": os.fspath(work.placement) if work.placement else None,
+            "texts": os.fspath(work.texts) if work.texts else None,
             "parameters": work.parameters,
             "budgets": asdict(work.budgets),
             "folder": os.fspath(work.folder),

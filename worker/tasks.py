@@ -14,6 +14,7 @@ from typing import TypeVar
 
 import structlog
 from celery import Celery
+from kombu.exceptions import KombuError
 from opentelemetry.trace import SpanKind, StatusCode, get_current_span
 from sqlalchemy.exc import OperationalError
 
@@ -23,7 +24,7 @@ from service.config import SECRETS, Settings
 from service.correlation import on_behalf_of
 from service.data_folder import ledger_files
 from service.hooks.config import secret_files
-from service.jobs import contents, queue, turns
+from service.jobs import contents, copies, queue, turns
 from service.jobs.artifacts import StoreUnavailableError, writing
 from service.jobs.ledger import Ledger
 from service.jobs.models import COMPARED, Artifact, ArtifactKind, Job, JobKind, Lease
@@ -133,6 +134,8 @@ class Worker:
                     raise LeaseLostError
             done = "job waits for its credentials" if signed else "job succeeded"
             log.info(done, seconds=round(time.monotonic() - began, 2))
+            if not signed:
+                self._announce_copies(job)
         except (StoreUnavailableError, OperationalError) as error:
             self.ledger.release(lease)  # without a message: a sweeper announces it again after a while
             log.warning("job put back: the artifact store or the ledger does not answer", reason=str(error))
@@ -159,8 +162,17 @@ class Worker:
                         self.ledger, self.artifacts, {source.sha256, *(file.sha256 for file in compared if file)}
                     )
 
+    def _announce_copies(self, job: Job) -> None:
+        """Announce the copies that a job's success has let go; what fails here, a sweeper makes up for."""
+        try:
+            for copy in copies.queued(self.ledger.sessions, job.id):
+                queue.send(self.celery, copy, job.queue)
+        except (KombuError, OSError, OperationalError) as error:
+            log.warning("copies could not be announced; a sweeper will find them", error=str(error))
+
     def _work(self, job: Job, source: Artifact, folder: Path, heartbeat: Heartbeat) -> None:
-        font, logo = map(job.artifact, (ArtifactKind.FONT, ArtifactKind.LOGO))
+        parts = (ArtifactKind.FONT, ArtifactKind.LOGO, ArtifactKind.PLACEMENT, ArtifactKind.TEXTS)
+        given = {kind: part for kind in parts if (part := job.artifact(kind))}
         verification = None
         if job.kind is JobKind.VERIFICATION:
             assert job.started_at is not None
@@ -176,10 +188,13 @@ class Worker:
                 },
                 anchors=self._anchors(),
             )
+        fetched = {kind: self._fetch(job.lease, part, folder, heartbeat) for kind, part in given.items()}
         work = Work(
             input=self._fetch(job.lease, source, folder, heartbeat),
-            font=self._fetch(job.lease, font, folder, heartbeat) if font else None,
-            logo=self._fetch(job.lease, logo, folder, heartbeat) if logo else None,
+            font=fetched.get(ArtifactKind.FONT),
+            logo=fetched.get(ArtifactKind.LOGO),
+            placement=fetched.get(ArtifactKind.PLACEMENT),
+            texts=fetched.get(ArtifactKind.TEXTS),
             parameters=job.parameters,
             budgets=self.settings.budgets,
             folder=folder,

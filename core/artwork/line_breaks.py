@@ -30,7 +30,7 @@ def line_breaks(text: str, most: int = MOST_LINES) -> list[tuple[str, ...]]:
         return [tuple(given)]
     units = _units(text.strip())
     layouts = [_balanced(units, count) for count in range(1, min(most, len(units)) + 1)]
-    return list(takewhile(lambda lines: len(lines) == 1 or max(map(_width, lines)) >= _shortest(lines), layouts))
+    return list(takewhile(lambda lines: len(lines) == 1 or max(map(width_in_ems, lines)) >= _shortest(lines), layouts))
 
 
 def _shortest(lines: tuple[str, ...]) -> float:
@@ -55,8 +55,8 @@ def _is_hangul(character: str) -> bool:
 
 def _balanced(units: list[str], count: int) -> tuple[str, ...]:
     """Units in ``count`` lines: the longest is as short as can be, and the lengths differ least by their squares."""
-    reach = [0.0, *accumulate(map(_width, units))]
-    spaces = [_width(unit) - _width(unit.rstrip()) for unit in units]
+    reach = [0.0, *accumulate(map(width_in_ems, units))]
+    spaces = [width_in_ems(unit) - width_in_ems(unit.rstrip()) for unit in units]
     # By the number of units set: the longest line, the sum of squares, and where lines end.
     best: dict[int, tuple[float, float, tuple[int, ...]]] = {0: (0.0, 0.0, (0,))}
     for _ in range(count):
@@ -72,9 +72,9 @@ def _balanced(units: list[str], count: int) -> tuple[str, ...]:
     return tuple("".join(units[start:stop]).strip() for start, stop in pairwise(best[len(units)][2]))
 
 
-def _width(line: str) -> float:
+def width_in_ems(line: str) -> float:
     """Width of a line in ems, estimated by the kind of its characters."""
-    return sum(_advance(cluster[0]) for cluster in grapheme_clusters(line))
+    return sum(_advance(cluster[0]) for cluster in (line if line.isascii() else grapheme_clusters(line)))
 
 
 def _advance(character: str) -> float:

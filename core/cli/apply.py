@@ -24,6 +24,7 @@ from core.cli.files import STANDARD, read_file, require_streams
 from core.cli.options import Json, Quiet
 from core.cli.order import Order, Style, Telling, mark_one
 from core.cli.status import Status
+from core.cli.texts import INDEX, read_texts
 from core.errors import ErrorCode, MeshmarkError
 from core.labels.profiles import Label
 from core.parameters import Parameters, parse_parameters
@@ -43,6 +44,7 @@ EPILOG = """Examples:
 meshmark apply dragon.glb preview.glb --text DRAFT --color "#d02020"
 meshmark apply models --out marked --text "Example Ltd" --jobs 4
 meshmark apply part.stl -o marked.stl --text "Example Ltd" --color none
+meshmark apply lamp.glb --out lamps --copies orders.csv
 meshmark apply 'in/*.stl' --out marked --logo logo.svg --report reports
 meshmark apply - - --label eu < in.glb > out.glb"""
 REGION = (
@@ -178,6 +180,14 @@ def apply(
         Evaluate | None,
         typer.Option(help="Which metrics to measure; default: full with --report, else none.", rich_help_panel=RESULTS),
     ] = None,
+    copies: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="T.csv",
+            help="A copy of each file for each line, with its own `text`, all at the same places.",
+            rich_help_panel=MANY,
+        ),
+    ] = None,
     preview_model: Annotated[
         Path | None,
         typer.Option(
@@ -215,23 +225,29 @@ def apply(
     if out is not None and len(paths) == 1 and out.suffix.lower() in (".glb", *ENDINGS) and not out.is_dir():
         paths, out = [*paths, out], None
     given = locals()
-    written = [report, preview, turntable, poster, preview_model]
+    written = report, preview, turntable, poster, preview_model
     source = result = None
+    _require_copies(copies, out, text)
     if out is None:
         source, result = _pair(paths)
         require_streams([source, font, logo, declaration], [result, *written], as_json=json)
     else:
-        require_streams([font, logo, declaration], [])
+        require_streams([font, logo, declaration, copies], [])
         _require_folders([out, *written])
     given["format"] = file_format or (format_of(result) if result else None)
     parameters = parameters_of(given)
     style = Style(parameters, read_file(font) if font else None, read_file(logo) if logo else None)
-    parameters.require_content(logo is not None)
     telling = Telling(quiet, json)
     if source and result:
+        parameters.require_content(logo is not None)
         return mark_one(Order(source, result, *written), style, telling)
     assert out is not None
-    return mark_many(orders(paths, Folders(out, *written)), style, jobs, telling)
+    folders = Folders(out, *written)
+    if copies is not None:
+        wanted = orders(paths, folders, read_texts(copies, parameters, logo is not None))
+        return mark_many(wanted, style, jobs, telling, out / INDEX)
+    parameters.require_content(logo is not None)
+    return mark_many(orders(paths, folders), style, jobs, telling)
 
 
 def format_of(result: Path) -> FileFormat:
@@ -319,6 +335,21 @@ def _require_folders(folders: list[Path | None]) -> None:
             ErrorCode.INVALID_REQUEST,
             "With `--out`, results lie in folders, not on standard output.",
             "Name folders, or mark one file: `meshmark apply - - < in.glb > out.glb`.",
+        )
+
+
+def _require_copies(copies: Path | None, out: Path | None, text: str) -> None:
+    """Refuse copies without a folder for them, and beside a text of all.
+
+    Raises:
+        MeshmarkError: ``invalid_request``.
+    """
+    if copies is not None and (out is None or text):
+        raise MeshmarkError(
+            ErrorCode.INVALID_REQUEST,
+            "`--copies` goes with `--out`, and takes the place of `--text`.",
+            "Name a folder for the copies, and write their texts into the list: `meshmark apply IN --out DIR --copies "
+            "texts.csv`.",
         )
 
 

@@ -2,7 +2,8 @@
 
 import sys
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,12 +12,14 @@ from core.cli.files import STANDARD, read_file, write_file, write_json
 from core.cli.progress import Progress, progress
 from core.cli.status import STATUS_OF, Status
 from core.cli.terminal import as_json, say, say_error, say_json
+from core.cli.texts import Line
 from core.errors import ErrorCode, MeshmarkError
 from core.notices import NoticeCode
 from core.parameters import Parameters
 
 if TYPE_CHECKING:
     from core.formats.format import OutputFile
+    from core.pipeline import Result
 
 LOADING = "loading"  # the stage before the engine's own: its libraries
 
@@ -32,6 +35,7 @@ class Order:
     turntable: Path | None = None
     poster: Path | None = None
     preview_model: Path | None = None
+    copies: tuple["CopyOrder", ...] = ()
 
     @property
     def pictures(self) -> dict[str, Path]:
@@ -42,8 +46,25 @@ class Order:
     @property
     def results(self) -> list[Path]:
         """All files that are to be written."""
-        beside = [path for path in (self.report, self.preview_model) if path is not None]
-        return [self.output, *beside, *self.pictures.values()]
+        return [
+            path
+            for each in self.parts
+            for path in (each.output, each.report, each.preview_model, *each.pictures.values())
+            if path is not None
+        ]
+
+    @property
+    def parts(self) -> "list[Order]":
+        """The orders of its copies, or itself where it has none."""
+        return [copy.order for copy in self.copies] or [self]
+
+
+@dataclass(frozen=True)
+class CopyOrder:
+    """A copy for one buyer: its line in the list of texts, and the names of its results."""
+
+    line: Line
+    order: Order
 
 
 @dataclass(frozen=True)
@@ -75,6 +96,7 @@ class Outcome:
         error: that kept it from being done; None where it was done.
         trace: of an error that is not handled.
         export: the file in another format, where one was written.
+        copies: the outcome of each copy, where the order has some; this one is theirs together.
     """
 
     order: Order
@@ -84,14 +106,19 @@ class Outcome:
     error: MeshmarkError | None = None
     trace: str = ""
     export: Path | None = None
+    copies: "tuple[Outcome, ...]" = ()
 
     def summary(self) -> str:
-        """Marks and seconds in words."""
+        """Marks and seconds in words, or copies and seconds."""
+        if self.copies:
+            done = sum(copy.error is None for copy in self.copies)
+            return f"{done} of {len(self.copies)} copies in {self.seconds:.1f} s"
         return f"{self.watermarks} watermark{'s' * (self.watermarks != 1)} in {self.seconds:.1f} s"
 
     def as_json(self) -> dict[str, Any]:
         """The outcome for programs; names of files that were not written are null."""
-        written = {name: str(path) if path else None for name, path in asdict(self.order).items()}
+        names = [field.name for field in fields(Order) if field.name != "copies"]
+        written = {name: str(path) if (path := getattr(self.order, name)) else None for name in names}
         return {
             **(written if self.error is None else dict.fromkeys(written) | {"input": str(self.order.input)}),
             "export": str(self.export) if self.export else None,
@@ -113,6 +140,8 @@ def mark(order: Order, style: Style, tell: Progress | None) -> Outcome:
     data = read_file(order.input)
     if tell is not None:
         tell(LOADING, 0.0)
+    if order.copies:
+        return _mark_copies(data, order, style, tell)
     from core.pipeline import watermark  # torch and the geometry libraries take seconds: not for --help or a typo
 
     result = watermark(
@@ -123,6 +152,42 @@ def mark(order: Order, style: Style, tell: Progress | None) -> Outcome:
         preview=order.preview is not None,
         progress=_of_stages_asked_for(tell, order, style.parameters) if tell else None,
     )
+    return _written(order, result)
+
+
+def _mark_copies(data: bytes, order: Order, style: Style, tell: Progress | None) -> Outcome:
+    """Mark all copies of one file, each with its own text, and write the results of each as soon as they are made."""
+    from core.series import watermark_series
+
+    def told(number: int, stage: str, share: float) -> None:
+        if tell is not None:
+            tell(stage, (number + share) / len(order.copies))
+
+    wanted = [style.parameters.model_copy(update={"text": copy.line.text}) for copy in order.copies]
+    results = watermark_series(
+        data,
+        wanted,
+        font=style.font,
+        logo=style.logo,
+        preview=order.preview is not None,
+        progress=lambda number, *part: _of_stages_asked_for(partial(told, number), order, style.parameters)(*part),
+    )
+    outcomes = []
+    for copy, result in zip(order.copies, results, strict=True):
+        if isinstance(result, MeshmarkError):
+            outcomes.append(Outcome(copy.order, error=result))
+        else:
+            outcomes.append(_written(copy.order, result))
+    marks, seconds = (sum(getattr(each, name) for each in outcomes) for name in ("watermarks", "seconds"))
+    return Outcome(order, marks, seconds, copies=tuple(outcomes))
+
+
+def _written(order: Order, result: "Result") -> Outcome:
+    """Write the results of one file.
+
+    Raises:
+        MeshmarkError: a picture is missing, or a file cannot be written.
+    """
     warnings = result.report["warnings"]
     export = export_path(order, result.export) if result.export else None
     files = {order.output: result.file.data} | ({export: result.export.data} if result.export and export else {})

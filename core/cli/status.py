@@ -38,7 +38,7 @@ STATUS_OF: dict[Code, Status] = {
     **dict.fromkeys(
         (
             *(ErrorCode.INVALID_PARAMETERS, ErrorCode.EMPTY_TEXT, ErrorCode.MISSING_GLYPHS, ErrorCode.UNKNOWN_REGION),
-            ErrorCode.INVALID_REQUEST,
+            *(ErrorCode.INVALID_REQUEST, ErrorCode.TEXT_TOO_LONG),
         ),
         Status.USAGE,
     ),

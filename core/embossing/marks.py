@@ -9,6 +9,7 @@ import numpy as np
 from core.analysis.contrast import Look
 from core.arrays import Float
 from core.artwork.advice import smaller, subject
+from core.artwork.layouts import Layouts
 from core.embossing.emboss import EMBOSS, EmbossOptions, Mark, emboss
 from core.embossing.islands import Letters
 from core.embossing.mesh import WorkingMesh
@@ -168,7 +169,7 @@ def emboss_marks(
         last = value
         placement = search_again(context, placement, list(marks), refusals.keys() | doubtful, rng)
     if not marks:
-        raise _nothing_embossed(refusals, context)
+        raise nothing_embossed(refusals, context.layouts, context.parameters)
     return Marks(placement, marks, refusals)
 
 
@@ -194,14 +195,15 @@ def _over(boxes: Boxes, obstacles: tuple[Float, Float], same_side: float) -> set
     return set(beside[inside].tolist())
 
 
-def _nothing_embossed(refusals: dict[int, Refusal], context: PlacementContext) -> MeshmarkError:
+def nothing_embossed(refusals: dict[int, Refusal], layouts: Layouts, asked: Parameters) -> MeshmarkError:
+    """The error that a text in these ``layouts`` was refused at every place, most often for one reason."""
     worst, times = Counter(refusals.values()).most_common(1)[0]
     reason, remedy = EXPLAINED[worst]
-    tried, asked = len(refusals), context.parameters
+    tried = len(refusals)
     width = asked.size if asked.size_exact else None
     return MeshmarkError(
         ErrorCode.NO_PLACEMENT,
-        f"The {subject(context.layouts)} could not be cut into any of the {tried} places found, "
+        f"The {subject(layouts)} could not be cut into any of the {tried} places found, "
         f"{'' if times == tried else f'most of them ({times}) '}because {reason}.",
-        remedy.format(smaller=smaller(context.layouts, width)),
+        remedy.format(smaller=smaller(layouts, width)),
     )

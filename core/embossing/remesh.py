@@ -195,10 +195,11 @@ class Ground:
     def bridged(self, rings: list[Float], tolerance: float, shortest: float) -> list[Float]:
         """The ``rings`` (N, 2) with their sides bisected until none is further than ``tolerance`` from the surface."""
         shares = np.array([0.0, 0.25, 0.5, 0.75, 1.0])[:, None, None]
-        unknown = [np.ones(len(ring), dtype=bool) for ring in rings]
+        start, sizes = np.concatenate(rings), np.array([len(ring) for ring in rings])
+        unknown = np.ones(len(start), dtype=bool)
         for _ in range(ROUNDS):
-            start, sides = _chained(rings)
-            which = np.flatnonzero(np.concatenate(unknown))
+            sides = _sides(sizes)
+            which = np.flatnonzero(unknown)
             first, way = start[which], start[sides[which, 1]] - start[which]
             probes = (first + shares * way).reshape(-1, 2)
             height = self.raised(probes, self.under(probes)[0])[:, 2].reshape(len(shares), -1)
@@ -207,12 +208,12 @@ class Ground:
             split[which] = (error > tolerance) & (np.linalg.norm(way, axis=1) > shortest)
             if not split.any():
                 break
-            ends = np.cumsum([len(ring) for ring in rings])[:-1]
             middle = (start + start[sides[:, 1]]) / 2
-            halves = list(zip(rings, np.split(split, ends), np.split(middle, ends), strict=True))
-            rings = [np.insert(ring, np.flatnonzero(cut) + 1, at[cut], axis=0) for ring, cut, at in halves]
-            unknown = [np.repeat(cut, 1 + cut) for _, cut, _ in halves]
-        return rings
+            ring = np.repeat(np.arange(len(sizes)), sizes)
+            sizes = sizes + np.bincount(ring[split], minlength=len(sizes))
+            start = np.insert(start, np.flatnonzero(split) + 1, middle[split], axis=0)
+            unknown = np.repeat(split, 1 + split)
+        return np.split(start, np.cumsum(sizes)[:-1])
 
 
 def distance_to_edges(points: Float, edges: Float, toward: Float | None = None) -> Float:
@@ -293,11 +294,15 @@ def _edges(patch: Patch, replaced: Int, stays: _Stays) -> tuple[Int, Int, Int]:
 
 def _chained(rings: list[Float]) -> tuple[Float, Int]:
     """The points (N, 2) of all ``rings`` and their sides (N, 2)."""
-    sizes = np.array([len(ring) for ring in rings])
+    return np.concatenate(rings), _sides(np.array([len(ring) for ring in rings]))
+
+
+def _sides(sizes: Int) -> Int:
+    """The sides (N, 2) of rings with so many points each, one after another."""
     start = np.repeat(np.cumsum(sizes) - sizes, sizes)
     place = np.arange(sizes.sum()) - start
     following = start + (place + 1) % np.repeat(sizes, sizes)
-    return np.concatenate(rings), np.column_stack([np.arange(sizes.sum()), following])
+    return np.column_stack([np.arange(sizes.sum()), following])
 
 
 def _samples(segments: Float, spacing: float) -> Float:

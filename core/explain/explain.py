@@ -78,7 +78,7 @@ def explain(
         run.progress(0.0)
 
     begin("reading")
-    asset = marking.read(data, run)
+    asset = marking.read(data, budgets)
     begin("lettering")
     layouts = marking.letter(run)
     surface = asset.analysis.surface
@@ -88,7 +88,7 @@ def explain(
         begin("embossing")
         embossed = marking.emboss(asset, candidates, run)
         begin("writing")
-        output = marking.write_model(asset, candidates, embossed, run)
+        output = marking.write_model(asset, candidates.ground, embossed, run)
     except MeshmarkError as error:
         facts = _facts(trace) | {"error": {"code": error.code, "message": error.message, "remedy": error.remedy}}
         return Explanation(surface, trace, Boxes.empty(), Boxes.empty(), None, facts, error)

@@ -64,3 +64,21 @@ def hard_to_read(height: Float, contrast: Float) -> list[Notice]:
             'Ask for `color` "auto": each mark then has a colour that stands out from its ground.',
         )
     ]
+
+
+def too_low(highest: float, is_text: bool, capped: bool) -> Notice:
+    """The notice that no mark reads well: its lines, or a logo's details, are so high at most (size-30 units).
+
+    Args:
+        highest: of the marks.
+        is_text: not a logo alone.
+        capped: the ``size`` that was asked for allows no more.
+    """
+    use = "use a shorter text" if is_text else "use a simpler logo"
+    return Notice(
+        NoticeCode.SMALL_TEXT,
+        f"No {'text' if is_text else 'logo'} on this asset reads well: "
+        f"{'the highest is' if is_text else 'its details are'} {highest:.2g} high where the asset's largest side is "
+        f"{MODEL_SIZE:g}, and legible only from close up." + ("" if capped else " Nothing higher has room."),
+        f"Ask for a larger `size`, or {use}." if capped else f"{use.capitalize()}.",
+    )

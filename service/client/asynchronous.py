@@ -15,7 +15,7 @@ from service.client.batches import Outcome, all_of_async
 from service.client.exchange import Exchange
 from service.client.jobs import JobFacts
 from service.client.operations import Kind, Operations, filters_of, headers_of, job_path
-from service.client.orders import File, Form, Order, Sending, verification_form, watermark_form
+from service.client.orders import Copy, File, Form, Order, Sending, verification_form, watermark_form
 from service.client.plans import AsyncWire, run_async
 
 OnProgress = Callable[["AsyncJob"], object]
@@ -159,6 +159,28 @@ class AsyncClient:
     ) -> AsyncIterator[AsyncJob]:
         """As :meth:`service.client.Client.jobs`."""
         page = await run_async(self._do.first_page(kind, filters_of(state, created_after, created_before, metadata)))
+        while True:
+            for facts in page["items"]:
+                yield AsyncJob(facts, self._do)
+            if page["next"] is None:
+                return
+            page = await run_async(self._do.read(page["next"]))
+
+    async def copy(
+        self,
+        job_id: str,
+        copies: Sequence[Copy],
+        *,
+        webhook: str | None = None,
+        idempotency_key: str | None = None,
+    ) -> list[AsyncJob]:
+        """As :meth:`service.client.Client.copy`."""
+        made = await run_async(self._do.copy(job_id, copies, webhook, idempotency_key))
+        return [AsyncJob(facts, self._do) for facts in made]
+
+    async def copies(self, job_id: str) -> AsyncIterator[AsyncJob]:
+        """As :meth:`service.client.Client.copies`."""
+        page = await run_async(self._do.first_copies(job_id))
         while True:
             for facts in page["items"]:
                 yield AsyncJob(facts, self._do)

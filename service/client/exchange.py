@@ -22,7 +22,10 @@ FIRST_PAUSE, LONGEST_PAUSE = 0.5, 60.0  # seconds; a service that asks for a lon
 
 @dataclass(frozen=True)
 class Call:
-    """One request. `patience` are seconds beyond the usual ones in which nothing need come."""
+    """One request, with a form or with JSON.
+
+    `patience` are seconds beyond the usual ones in which nothing need come.
+    """
 
     method: str
     path: str
@@ -30,6 +33,7 @@ class Call:
     headers: Mapping[str, str] = field(default_factory=dict)
     form: Form | None = None
     patience: float = 0.0
+    json: Any = None
 
     @property
     def is_repeatable(self) -> bool:
@@ -114,6 +118,8 @@ class Exchange:
         options: dict[str, Any] = {"params": call.query} if call.query else {}
         if call.form:
             options |= {"data": call.form.data(), "files": files}
+        if call.json is not None:
+            options["json"] = call.json
         return self.wire.http.build_request(call.method, call.path, headers=headers, timeout=timeout, **options)
 
 

@@ -4,7 +4,7 @@ import io
 import json
 import os
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
@@ -14,7 +14,7 @@ import httpx2
 
 from service.client.exchange import Call, Exchange, backoff
 from service.client.jobs import JobFacts
-from service.client.orders import Form, new_key
+from service.client.orders import Copy, Form, new_key
 from service.client.plans import Plan
 from service.client.problems import MeshmarkProblem, unreachable
 
@@ -36,6 +36,11 @@ def headers_of(key: str | None) -> dict[str, str]:
 def job_path(kind: Kind, job_id: str) -> str:
     """Path of a job."""
     return f"/v1/{kind}/{quote(job_id, safe='')}"
+
+
+def copies_path(job_id: str) -> str:
+    """Path of a job's copies."""
+    return f"{job_path('watermarks', job_id)}/copies"
 
 
 def filters_of(
@@ -75,6 +80,19 @@ class Operations:
     def first_page(self, kind: Kind, filters: dict[str, str]) -> Plan[dict[str, Any]]:
         """First page of a list of jobs."""
         return dict((yield from self._exchange.ask(Call("GET", f"/v1/{kind}", {"limit": str(PAGE)} | filters))))
+
+    def copy(
+        self, job_id: str, copies: Sequence[Copy], webhook: str | None, key: str | None
+    ) -> Plan[list[dict[str, Any]]]:
+        """Facts of new copies of a job."""
+        body = {"copies": list(copies)} | ({} if webhook is None else {"webhook": webhook})
+        headers = {"Idempotency-Key": key or new_key()}
+        made = yield from self._exchange.ask(Call("POST", copies_path(job_id), headers=headers, json=body))
+        return list(made["items"])
+
+    def first_copies(self, job_id: str) -> Plan[dict[str, Any]]:
+        """First page of a list of copies."""
+        return dict((yield from self._exchange.ask(Call("GET", copies_path(job_id), {"limit": str(PAGE)}))))
 
     def delete(self, path: str) -> Plan[None]:
         """Cancel a job if it has not ended, and delete what is kept of it."""

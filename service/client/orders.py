@@ -3,16 +3,16 @@
 import json
 import os
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, TypedDict
+from typing import Any, Literal, NotRequired, TypedDict
 
 File = str | os.PathLike[str] | bytes  # a path, or the content itself
 Region = dict[str, Any]  # {"node": ...}, {"material": ...} or {"box": {"min": ..., "max": ...}}
 FormFile = tuple[str, Any]  # its name, and its bytes or an open file
-FORM_FIELDS = ("metadata", "webhook", "priority")
+FORM_FIELDS = ("metadata", "webhook", "priority", "copies")
 OF_WATERMARKS = (*FORM_FIELDS, "logo", "font", "cache")
 
 
@@ -67,12 +67,20 @@ class Sending(TypedDict, total=False):
     priority: Literal["high", "normal", "low"]
 
 
+class Copy(TypedDict):
+    """A copy of an asset with a text of its own."""
+
+    text: str
+    metadata: NotRequired[Mapping[str, str]]
+
+
 class Order(Marking, Sending, total=False):
     """Everything that goes with an asset to be watermarked, but its text."""
 
     logo: File
     font: File
     cache: bool
+    copies: Sequence[Copy]
 
 
 @dataclass(frozen=True)

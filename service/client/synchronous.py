@@ -15,7 +15,7 @@ from service.client.batches import Outcome, all_of
 from service.client.exchange import Exchange
 from service.client.jobs import JobFacts
 from service.client.operations import Kind, Operations, filters_of, headers_of, job_path
-from service.client.orders import File, Form, Order, Sending, verification_form, watermark_form
+from service.client.orders import Copy, File, Form, Order, Sending, verification_form, watermark_form
 from service.client.plans import SyncWire, run
 
 OnProgress = Callable[["Job"], object]
@@ -159,7 +159,7 @@ class Client:
             idempotency_key: of your own; else one is made up, with which the request can be repeated.
             wait: for the job's end.
             on_progress: called with the job at each change while it is waited for.
-            order: parameters, `logo`, `font`, `metadata`, `webhook`, `priority`, `cache`.
+            order: parameters, `logo`, `font`, `metadata`, `webhook`, `priority`, `cache`, `copies`.
 
         Raises:
             MeshmarkProblem: the service refuses or does not answer, or the job fails.
@@ -247,6 +247,42 @@ class Client:
             MeshmarkProblem: the service refuses, or does not answer.
         """
         page = run(self._do.first_page(kind, filters_of(state, created_after, created_before, metadata)))
+        while True:
+            yield from (Job(facts, self._do) for facts in page["items"])
+            if page["next"] is None:
+                return
+            page = run(self._do.read(page["next"]))
+
+    def copy(
+        self,
+        job_id: str,
+        copies: Sequence[Copy],
+        *,
+        webhook: str | None = None,
+        idempotency_key: str | None = None,
+    ) -> list[Job]:
+        """Jobs that mark copies of a job's asset with other texts at the places of its marks, as soon as they are
+        accepted.
+
+        Args:
+            job_id: of a watermark that has succeeded.
+            copies: each with its `text`, and `metadata` if you like.
+            webhook: that is sent when a copy ends.
+            idempotency_key: as of :meth:`watermark`.
+
+        Raises:
+            MeshmarkProblem: ``not_ready``, ``not_found``, ..., or the service refuses or does not answer.
+        """
+        made = run(self._do.copy(job_id, copies, webhook, idempotency_key))
+        return [Job(facts, self._do) for facts in made]
+
+    def copies(self, job_id: str) -> Iterator[Job]:
+        """The copies of a job in the order in which they were asked for; `facts` has the `text` of each.
+
+        Raises:
+            MeshmarkProblem: ``not_found``, or the service refuses or does not answer.
+        """
+        page = run(self._do.first_copies(job_id))
         while True:
             yield from (Job(facts, self._do) for facts in page["items"])
             if page["next"] is None:

@@ -40,6 +40,7 @@ def retry(ledger: Ledger, store: ArtifactStore, job_id: str) -> Job:
         webhook=dead.webhook,
         queue=dead.queue,
         priority=Priority(dead.priority),
+        copy_of=dead.copy_of,
         condition=lambda session, successor: dropped.hand_over(session, job_id, successor),
     )
     try:

@@ -16,7 +16,7 @@ The event of a change is recorded by the transaction of the change: see :mod:`se
 
 import uuid
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from typing import Any, NamedTuple
@@ -29,6 +29,7 @@ from sqlalchemy.orm import Session, sessionmaker
 from core.errors import MeshmarkError
 from service.correlation import correlation
 from service.errors import ServiceErrorCode
+from service.jobs import copies
 from service.jobs.clock import clock
 from service.jobs.database import connect
 from service.jobs.erasure import erase_job
@@ -60,7 +61,14 @@ BATCH = 50  # old jobs forgotten in one transaction, with some ten rows each
 EXCLUSIVE = {"sqlite": text("BEGIN IMMEDIATE"), "postgresql": text("SELECT pg_advisory_xact_lock(:key)")}
 MIGRATION = 7239017  # key of that lock for migrations: an arbitrary constant
 OUTPUTS = (
-    *(ArtifactKind.MODEL, ArtifactKind.REPORT, ArtifactKind.PREVIEW, ArtifactKind.TURNTABLE, ArtifactKind.POSTER),
+    *(
+        ArtifactKind.MODEL,
+        ArtifactKind.PLAN,
+        ArtifactKind.REPORT,
+        ArtifactKind.PREVIEW,
+        ArtifactKind.TURNTABLE,
+        ArtifactKind.POSTER,
+    ),
     *(ArtifactKind.EXPLANATION, ArtifactKind.LAYERS, ArtifactKind.CREDENTIALS, ArtifactKind.EVIDENCE),
     *(ArtifactKind.PREVIEW_MODEL, ArtifactKind.EXPORT),
 )
@@ -81,7 +89,7 @@ class Submission:
     """Tenant of a new job, and the options that come with it.
 
     `cache` allows it the results of an earlier job: see :mod:`service.jobs.cache`.
-    `signed` jobs have results with credentials.
+    `signed` jobs have results with credentials. `copy_of` is the job whose places a copy has.
     `condition` is called in the transaction that records the job, with its id, after the job was added;
     an error in it rolls the transaction back.
     """
@@ -95,6 +103,7 @@ class Submission:
     priority: Priority = Priority.NORMAL
     signed: bool = False
     kind: JobKind = JobKind.WATERMARK
+    copy_of: str | None = None
 
 
 BY_DEFAULT = Submission()
@@ -183,6 +192,7 @@ class Ledger:
                 id=str(uuid.uuid4()),
                 tenant_id=submission.tenant,
                 kind=submission.kind,
+                copy_of=submission.copy_of,
                 result_key=result_key,
                 queue=submission.queue,
                 priority=submission.priority,
@@ -205,6 +215,28 @@ class Ledger:
         ended(bool(results), JobState.SUCCEEDED)
         return job
 
+    def copy(
+        self,
+        parent: Job,
+        wanted: Sequence[copies.NewCopy],
+        stored: Callable[[str], bool],
+        webhook: str | None,
+        condition: Callable[[Session, str], None],
+    ) -> list[Job]:
+        """Record copies of a job that has succeeded; `stored` tests whether the store has the files that they share,
+        and `condition` is called with the id of the first, as that of a :class:`Submission`.
+
+        Raises:
+            MissingContentError: it does not, for the job's files are deleted; nothing is recorded.
+        """
+        shared = [Content(item.sha256, item.size) for item in parent.artifacts if item.kind in copies.SHARED]
+        with self._session.begin() as session:
+            _lock_content(session, shared, stored)
+            made = copies.add(session, parent, wanted, clock(session), webhook)
+            condition(session, made[0].id)
+        JOBS_ACCEPTED.inc(len(made))
+        return made
+
     def get(self, job_id: str, tenant: str = DEFAULT_TENANT) -> Job | None:
         """Current row of a tenant's job; None where there is none, and where it is another tenant's."""
         with self._session() as session:
@@ -217,7 +249,7 @@ class Ledger:
             claimed = self._move(
                 session,
                 job_id,
-                (Job.state == JobState.QUEUED,),
+                (Job.state == JobState.QUEUED, ~Job.held),
                 JobState.RUNNING,
                 moment,
                 stage=None,
@@ -397,6 +429,7 @@ class Ledger:
             silent = (
                 Job.state == JobState.QUEUED,
                 Job.queue == queue,
+                ~Job.held,
                 Job.enqueued_at < moment - timedelta(seconds=seconds),
             )
             free = select(Job.id).where(*silent).limit(limit).with_for_update(skip_locked=True)
@@ -445,13 +478,21 @@ class Ledger:
     ) -> bool:
         """Bring a job into a state and record the event; False where the condition does not hold.
 
-        Inputs that are kept only while the job runs are forgotten with its end.
+        Inputs that are kept only while the job runs are forgotten with its end. Copies that wait for the job are let go
+        by its success, and have its end where it has another.
         """
         moved = cls._set(session, (Job.id == job_id, *condition), state=state, **values)
         if moved:
             job = record(session, job_id, state, moment)
             if state not in ACTIVE and not job.keeps_input:
                 cls._drop(session, job_id, Artifact.kind.in_(COMPARED))
+            if state not in ACTIVE and not job.copy_of and (waiting := copies.held(session, job_id)):
+                if state is JobState.SUCCEEDED:
+                    copies.let_go(session, job, waiting)
+                else:
+                    ended_too = {**values, "held": False}
+                    for copy in waiting:
+                        cls._move(session, copy, (Job.state == JobState.QUEUED,), state, moment, **ended_too)
         return moved
 
     @staticmethod

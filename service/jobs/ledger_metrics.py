@@ -1,4 +1,5 @@
-"""Metrics of the jobs that have not ended, read from the ledger at each scrape.
+"""Metrics of the jobs that have not ended, read from the ledger at each scrape; copies that are held back wait for no
+worker, and are not among them.
 
 Ended jobs may be many millions; they are counted by the processes that ended them.
 """
@@ -34,7 +35,7 @@ class LedgerCollector(Collector):
             with self._sessions() as session:
                 moment = clock(session)
                 figures = (Job.state, Job.queue, func.count(), func.min(Job.created_at))
-                active = select(*figures).where(Job.state.in_(ACTIVE)).group_by(Job.state, Job.queue)
+                active = select(*figures).where(Job.state.in_(ACTIVE), ~Job.held).group_by(Job.state, Job.queue)
                 counts = (
                     select(func.count()).select_from(WebhookDelivery).where(*which) for which in (WAITING, UNDER_WAY)
                 )

@@ -60,21 +60,27 @@ def list_jobs(
         key, value = filters.metadata
         jobs = jobs.where(Job.metadata_entries.any((MetadataEntry.key == key) & (MetadataEntry.value == value)))
     if cursor:
-        last = _position(cursor)
+        last = position_of(cursor)
         jobs = jobs.where(
             tuple_(Job.created_at, Job.id) < tuple_(literal(last.created_at, UtcDateTime), literal(last.id))
         )
     with sessions() as session:
         found = list(session.scalars(jobs))
-    return Page(found[:limit], _cursor(found[limit - 1]) if len(found) > limit else None)
+    return Page(found[:limit], cursor_of(found[limit - 1]) if len(found) > limit else None)
 
 
-def _cursor(job: Job) -> str:
+def cursor_of(job: Job) -> str:
+    """Cursor of the jobs that follow one."""
     moment = job.created_at.astimezone(UTC).replace(tzinfo=None).isoformat(timespec="microseconds")
     return urlsafe_b64encode(f"{moment} {job.id}".encode()).decode().rstrip("=")
 
 
-def _position(cursor: str) -> Position:
+def position_of(cursor: str) -> Position:
+    """Position that a cursor stands for.
+
+    Raises:
+        MeshmarkError: ``invalid_request``, it is not one.
+    """
     try:
         text = urlsafe_b64decode(cursor + "=" * (-len(cursor) % 4)).decode("ascii")
         match = POSITION.fullmatch(text)

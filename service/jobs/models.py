@@ -114,10 +114,13 @@ class ArtifactKind(StrEnum):
     """Role of a stored file in its job."""
 
     INPUT = "input"
+    TEXTS = "texts"  # those of a job's copies, which its places are to have room for
+    PLACEMENT = "placement"  # of a copy: the plan of its job
     FONT = "font"
     LOGO = "logo"
     MODEL = "model"
     PREVIEW_MODEL = "preview_model"
+    PLAN = "plan"
     REPORT = "report"
     PREVIEW = "preview"
     TURNTABLE = "turntable"
@@ -235,6 +238,7 @@ class Job(Base):
         Index("ix_jobs_queue_tenant_id_started_at", "queue", "tenant_id", "started_at"),
         Index("ix_jobs_state_finished_at", "state", "finished_at"),
         Index("ix_jobs_sign_at", "sign_at", **_only("sign_at IS NOT NULL")),
+        Index("ix_jobs_copy_of_created_at_id", "copy_of", "created_at", "id", **_only("copy_of IS NOT NULL")),
     )
 
     id: Mapped[str] = mapped_column(String(36), primary_key=True)
@@ -266,6 +270,8 @@ class Job(Base):
     webhook: Mapped[str | None] = mapped_column(String(2048))  # URL that is notified when this job ends
     event_count: Mapped[int] = mapped_column(default=0, server_default="0")  # the number of its latest event
     erased: Mapped[bool] = mapped_column(default=False, server_default=false())  # its client's data is erased
+    copy_of: Mapped[str | None] = mapped_column(String(36))  # see service.jobs.copies; that job may be gone
+    held: Mapped[bool] = mapped_column(default=False, server_default=false())  # until that job has succeeded
     artifacts: Mapped[list["Artifact"]] = relationship(lazy="selectin", order_by="Artifact.kind")
     metadata_entries: Mapped[list["MetadataEntry"]] = relationship(lazy="selectin", order_by="MetadataEntry.key")
 

@@ -48,7 +48,7 @@ def queue_of(sessions: sessionmaker[Session], job_id: str) -> Queue | None:
 
 
 def _waiting(queue: Queue) -> tuple[ColumnElement[bool], ...]:
-    return (Job.state == JobState.QUEUED, Job.queue == queue)
+    return (Job.state == JobState.QUEUED, Job.queue == queue, ~Job.held)
 
 
 def _waiting_tenants(queue: Queue) -> CTE:

@@ -124,7 +124,7 @@ def _result(
     try:
         if not paid:
             take_request(state, client)
-        job, replayed = _submit(state, client, item, known)
+        job, replayed, _ = _submit(state, client, item, known)
     except OperationalError:
         return _refused(ledger_unavailable())
     except MeshmarkError as error:

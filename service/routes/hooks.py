@@ -179,7 +179,7 @@ def _job_of(state: AppState, name: str, hook: HookSource, event: Event, backgrou
         record=partial(dropped.record, object_id=object_id, source=name, key=event.key),
     )
     try:
-        job, _ = submit(state, order)
+        job = submit(state, order).job
     except IntegrityError:  # another process heard of it at the same moment
         job_id = dropped.job_of(sessions, object_id)
         if job_id is None:

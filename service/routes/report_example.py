@@ -61,6 +61,7 @@ REPORT: JsonDict = {
         "metadata_only": False,
     },
     "seed": 7,
+    "plan": None,
     "engine": {"version": "0.1.0", "device": "cpu"},
     "units": {"model_size": 30.0, "scale": 17.46, "offset": [0.0, 0.1084, 0.19]},
     "eye": {"distance": 75.0, "fov": 29.14},

@@ -35,12 +35,14 @@ EXAMPLE: JsonDict = {
     "webhook": None,
     "priority": "normal",
     "error": None,
+    "copy_of": None,
     "links": {
         "self": "/v1/watermarks/6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11",
         "events": "/v1/watermarks/6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11/events",
         "model": "/v1/watermarks/6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11/model",
         "preview_model": None,
         "export": None,
+        "plan": None,
         "report": None,
         "preview": None,
         "turntable": None,
@@ -99,6 +101,7 @@ class LinksView(BaseModel):
     model: str | None
     preview_model: str | None
     export: str | None
+    plan: str | None
     report: str | None
     preview: str | None
     turntable: str | None
@@ -161,19 +164,26 @@ class JobView(AnyJobView):
 
     cached: Annotated[bool, Field(description="Whether the results are those of an earlier job of yours.")]
     parameters: Annotated[Parameters | None, Field(description="As you sent them; null once the job is deleted.")]
+    copy_of: Annotated[str | None, Field(description="The job whose places it has; null where it found its own.")]
     links: LinksView
 
     @classmethod
     def of(cls, job: Job, url: str) -> Self:
         """Response model of a job; `url` is the job's own."""
-        kinds = [kind for kind in OUTPUTS if kind in LinksView.model_fields]
-        parts = {kind.value: f"{url}/{kind}" if job.artifact(kind) else None for kind in kinds}
         return cls(
             **common(job),
             cached=job.cached,
             parameters=None if job.erased else Parameters.model_validate(job.parameters),
-            links=LinksView(self=url, events=f"{url}/events", **parts),
+            copy_of=job.copy_of,
+            links=links(job, url),
         )
+
+
+def links(job: Job, url: str) -> LinksView:
+    """Links to the parts of a job; `url` is the job's own."""
+    kinds = [kind for kind in OUTPUTS if kind in LinksView.model_fields]
+    parts = {kind.value: f"{url}/{kind}" if job.artifact(kind) else None for kind in kinds}
+    return LinksView(self=url, events=f"{url}/events", **parts)
 
 
 class JobPage(BaseModel):

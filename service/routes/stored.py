@@ -65,12 +65,12 @@ def send_file(request: Request, state: AppState, job: Job, kind: ArtifactKind, h
     """
     artifact = job.artifact(kind)
     if artifact is None:
-        raise _not_there(job, kind)
+        raise not_there(job, kind)
     try:
         return deliver(request, state.artifacts, state.content, artifact, headers)
     except FileNotFoundError:  # deleted since the ledger was read
         now = state.ledger.get(job.id, job.tenant_id)
-        raise _not_there(now, kind) if now else _no_job(job.id) from None
+        raise not_there(now, kind) if now else _no_job(job.id) from None
 
 
 def delete_job(state: AppState, client: Client, job: Job) -> None:
@@ -89,7 +89,8 @@ def _no_job(job_id: str) -> MeshmarkError:
     )
 
 
-def _not_there(job: Job, kind: ArtifactKind) -> MeshmarkError:
+def not_there(job: Job, kind: ArtifactKind) -> MeshmarkError:
+    """The error that a job has no file of some kind, by its state."""
     match job.state:
         case JobState.QUEUED | JobState.RUNNING:
             return MeshmarkError(

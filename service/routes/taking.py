@@ -146,4 +146,5 @@ def answer_accepted(
     if accepted.replayed:
         response.headers["Idempotent-Replayed"] = "true"
     else:
-        background.add_task(state.announcer.announce, accepted.job)  # the client does not wait for it
+        for job in (accepted.job, *accepted.started):
+            background.add_task(state.announcer.announce, job)  # the client does not wait for it

@@ -1,5 +1,7 @@
 """Response models of the verification routes."""
 
+from collections.abc import Sequence
+from datetime import datetime
 from typing import Annotated, Self
 
 from fastapi import Request
@@ -8,6 +10,7 @@ from pydantic.config import JsonDict
 
 from core.verify.parameters import VerificationParameters
 from service.jobs.models import PUBLIC_TENANT, ArtifactKind, Job
+from service.jobs.owners import Owner
 from service.routes.schemas import AnyJobView, common
 
 EXAMPLE: JsonDict = {
@@ -82,3 +85,76 @@ class VerificationPage(BaseModel):
 def view(request: Request, job: Job) -> VerificationView:
     """Response model of a verification."""
     return VerificationView.of(job, request.app.url_path_for("read_verification", job_id=job.id))
+
+
+class OwnerJob(BaseModel):
+    """A watermark job of yours."""
+
+    id: str
+    copy_of: Annotated[str | None, Field(description="The job that it is a copy of.")]
+    created_at: datetime
+    metadata: Annotated[dict[str, str], Field(description="What the client noted about it.")]
+    link: Annotated[str, Field(description="The job itself.")]
+
+
+class WatermarkRead(BaseModel):
+    """A text of yours that was read on the file."""
+
+    text: str
+    likeness: Annotated[float, Field(ge=0, le=1, description="Ratio to the best reading, without case and spaces.")]
+    readings: Annotated[int, Field(description="Marks that no other text of yours is more like.")]
+    jobs: Annotated[list[OwnerJob], Field(description="The jobs that embossed it, the newest first, at most 20.")]
+
+
+class WatermarksRead(BaseModel):
+    """Texts of yours that were read on the file, the likeliest first, at most 20."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {
+                    "items": [
+                        {
+                            "text": "ORDER-4711",
+                            "likeness": 1.0,
+                            "readings": 9,
+                            "jobs": [
+                                {
+                                    "id": "0d3a9a4e-7f0b-4c1e-9f39-0d2b1a7c9d12",
+                                    "copy_of": "6f1c2f0e-53a5-4f6e-9f39-0d2b1a7c9d11",
+                                    "created_at": "2026-01-31T12:00:00.000000Z",
+                                    "metadata": {"customer": "17"},
+                                    "link": "/v1/watermarks/0d3a9a4e-7f0b-4c1e-9f39-0d2b1a7c9d12",
+                                }
+                            ],
+                        }
+                    ]
+                }
+            ]
+        }
+    )
+
+    items: list[WatermarkRead]
+
+    @classmethod
+    def of(cls, request: Request, found: Sequence[Owner]) -> Self:
+        """Response model of texts that were read."""
+        items = [
+            WatermarkRead(
+                text=owner.text,
+                likeness=round(owner.likeness, 4),
+                readings=owner.readings,
+                jobs=[
+                    OwnerJob(
+                        id=job.id,
+                        copy_of=job.copy_of,
+                        created_at=job.created_at,
+                        metadata={entry.key: entry.value for entry in job.metadata_entries},
+                        link=request.app.url_path_for("read_watermark", job_id=job.id),
+                    )
+                    for job in owner.jobs
+                ],
+            )
+            for owner in found
+        ]
+        return cls(items=items)

@@ -6,10 +6,12 @@ from pathlib import PurePath
 from typing import Annotated, Any
 
 from fastapi import APIRouter, BackgroundTasks, File, Form, Request, Response, UploadFile, status
+from pydantic import ValidationError
 
 from core.credentials.facts import LONGEST_SIDECAR
 from core.errors import MeshmarkError
 from core.verify.parameters import VerificationParameters, parse_verification
+from core.verify.report import VerificationReport
 from service import access
 from service.access import Admitted, Client, GuardedRoute, PublicRoute
 from service.asset_route import PublicAssetRoute
@@ -18,6 +20,7 @@ from service.errors import ServiceErrorCode
 from service.idempotency_key import parse_idempotency_key
 from service.jobs.listing import Filters
 from service.jobs.models import ArtifactKind, JobKind, Priority
+from service.jobs.owners import owners
 from service.metadata import parse_metadata, parse_pair
 from service.orders import order_from
 from service.problems import problem_responses
@@ -32,7 +35,7 @@ from service.routes.lists import (
     StateQuery,
     page_of,
 )
-from service.routes.stored import UNKNOWN, delete_job, download, find_job, send_file
+from service.routes.stored import NOT_THERE, UNKNOWN, delete_job, download, find_job, not_there, send_file
 from service.routes.taking import (
     OF_FILES,
     IdempotencyKeyHeader,
@@ -45,7 +48,7 @@ from service.routes.taking import (
     accepted,
     answer_accepted,
 )
-from service.routes.verification_schemas import VerificationPage, VerificationView, view
+from service.routes.verification_schemas import VerificationPage, VerificationView, WatermarksRead, view
 from service.state import AppState, State
 from service.submission import Accepted, submit
 from service.waiting import Wait, preferred_wait
@@ -228,6 +231,7 @@ async def stream_verification_events(
 
 
 REPORT_FILE = download(ArtifactKind.REPORT, REPORT, "application/json")
+LARGEST_REPORT = 2**24  # bytes; one has a few kilobytes
 EVIDENCE_FILE = download(ArtifactKind.EVIDENCE, {"type": "string"}, "text/html")
 
 
@@ -248,6 +252,28 @@ def _report(request: Request, state: AppState, client: Client, job_id: str) -> R
     name = disposition(PurePath(job.filename).stem + ".verification.json")
     headers = {"Content-Type": "application/json", "Content-Disposition": name}
     return send_file(request, state, job, ArtifactKind.REPORT, headers)
+
+
+@router.get("/{job_id}/watermarks", summary="List watermarks whose texts were read", responses=NOT_THERE)
+async def list_watermarks_of_verification(
+    request: Request, state: State, client: Admitted, job_id: str
+) -> WatermarksRead:
+    """Watermarks of yours whose texts are those on the file as it was read, the likeliest first: whose copy it is."""
+    return await state.content.run(partial(_watermarks, request, state, client, job_id))
+
+
+def _watermarks(request: Request, state: AppState, client: Client, job_id: str) -> WatermarksRead:
+    job = find_job(state, client, job_id, KIND)
+    artifact = job.artifact(ArtifactKind.REPORT)
+    if artifact is None or artifact.size > LARGEST_REPORT:
+        raise not_there(job, ArtifactKind.REPORT)
+    try:
+        content = b"".join(state.artifacts.read(artifact.sha256, 0, artifact.size))
+        report = VerificationReport.model_validate_json(content, extra="ignore")
+    except (FileNotFoundError, ValidationError):  # deleted since the ledger was read, or no report
+        raise not_there(job, ArtifactKind.REPORT) from None
+    found = owners(state.ledger.sessions, client.tenant, [mark.text for mark in report.marks])
+    return WatermarksRead.of(request, found)
 
 
 @open_router.head(

@@ -13,6 +13,7 @@ from core.parameters import parse_parameters
 from service import access, exports
 from service.access import Admitted, Client, GuardedRoute
 from service.asset_route import AssetRoute
+from service.copies import check_copies, parse_copies
 from service.delivery import disposition
 from service.idempotency_key import parse_idempotency_key
 from service.jobs.listing import Filters
@@ -31,6 +32,7 @@ from service.routes.lists import (
     StateQuery,
     page_of,
 )
+from service.routes.plan_example import PLAN
 from service.routes.schemas import JobPage, JobView, view
 from service.routes.stored import UNKNOWN, delete_job, download, find_job, send_file
 from service.routes.taking import (
@@ -56,6 +58,7 @@ MEDIA_TYPES = {
     ArtifactKind.MODEL: ["model/gltf-binary"],
     ArtifactKind.PREVIEW_MODEL: ["model/gltf-binary"],
     ArtifactKind.EXPORT: [kind.media_type for kind in exports.KINDS.values()],
+    ArtifactKind.PLAN: ["application/json"],
     ArtifactKind.REPORT: ["application/json"],
     ArtifactKind.PREVIEW: ["image/png"],
     ArtifactKind.TURNTABLE: ["image/webp"],
@@ -68,6 +71,11 @@ CONTENT: dict[ArtifactKind, dict[str, Any]] = {
     ArtifactKind.MODEL: {"type": "string", "format": "binary"},
     ArtifactKind.PREVIEW_MODEL: {"type": "string", "format": "binary"},
     ArtifactKind.EXPORT: {"type": "string", "format": "binary"},
+    ArtifactKind.PLAN: {
+        "type": "object",
+        "description": "`meshmark.plan/1`, as the manual's page on copies describes it.",
+        "examples": [PLAN],
+    },
     ArtifactKind.REPORT: {
         "$ref": "#/components/schemas/Report",
         "description": "`meshmark.report/1`, as the manual's page on the report describes it.",
@@ -86,6 +94,7 @@ CONTENT: dict[ArtifactKind, dict[str, Any]] = {
 SUFFIXES = {
     ArtifactKind.MODEL: ".glb",
     ArtifactKind.PREVIEW_MODEL: ".preview.glb",
+    ArtifactKind.PLAN: ".plan.json",
     ArtifactKind.REPORT: ".report.json",
     ArtifactKind.PREVIEW: ".png",
     ArtifactKind.TURNTABLE: ".turntable.webp",
@@ -121,6 +130,18 @@ ParamsField = Annotated[
         },
     ),
 ]
+CopiesField = Annotated[
+    str | None,
+    Form(
+        description="Copies of the asset with other texts at the same places, 1 to 1,000, as JSON. Each is a job of "
+        "its own, which waits for this one: see GET /v1/watermarks/{job_id}/copies.",
+        examples=['[{"text": "ORDER-4711", "metadata": {"customer": "17"}}, {"text": "ORDER-4712"}]'],
+        json_schema_extra={
+            "contentMediaType": "application/json",
+            "contentSchema": {"type": "array", "maxItems": 1000, "items": {"$ref": "#/components/schemas/Copy"}},
+        },
+    ),
+]
 CacheQuery = Annotated[
     bool,
     Query(
@@ -150,15 +171,19 @@ async def create_watermark(
     priority: PriorityField = "normal",
     idempotency_key: IdempotencyKeyHeader = None,
     prefer: PreferHeader = None,
+    copies: CopiesField = None,
     cache: CacheQuery = True,
 ) -> JobView:
     """Accept an asset for watermarking. What can be seen to be wrong at once is refused at once."""
 
     def accept() -> Accepted:
+        parameters = parse_parameters(params)
+        wanted = [] if copies is None else parse_copies(copies)
+        checked = check_copies(wanted, parameters, logo=logo is not None, font=font is not None) if wanted else ()
         order = order_from(
             state,
             client.tenant,
-            parse_parameters(params),
+            parameters,
             parse_metadata(metadata),
             file=file,
             source_url=source_url,
@@ -169,6 +194,7 @@ async def create_watermark(
             logo=logo and state.artifacts.stage(logo.file, limit=state.settings.max_logo_bytes, name="logo"),
             key=None if idempotency_key is None else parse_idempotency_key(idempotency_key),
             cache=cache,
+            copies=checked,
         )
         return submit(state, order)
 
@@ -250,6 +276,12 @@ async def read_preview_model(request: Request, state: State, client: Admitted, j
 async def read_export(request: Request, state: State, client: Admitted, job_id: str) -> Response:
     """The watermarked model as STL, PLY, 3MF, or a ZIP of an OBJ with its materials; where `format` asked for it."""
     return await _deliver(request, state, client, job_id, ArtifactKind.EXPORT)
+
+
+@_offer(ArtifactKind.PLAN, "the plan")
+async def read_plan(request: Request, state: State, client: Admitted, job_id: str) -> Response:
+    """The places of the marks, which copies take; not of a copy."""
+    return await _deliver(request, state, client, job_id, ArtifactKind.PLAN)
 
 
 @_offer(ArtifactKind.REPORT, "the report")

@@ -6,7 +6,6 @@ import re
 import subprocess
 import zipfile
 from collections import Counter
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -49,9 +48,9 @@ def run_of(parameters: Parameters) -> Run:
 @pytest.fixture(scope="module")
 def box() -> tuple[Asset, Output]:
     run = run_of(SIX)
-    asset = marking.read(BOX, run)
+    asset = marking.read(BOX, run.request.budgets, run.request.parameters.format)
     candidates = marking.place(asset, marking.letter(run), run)
-    return asset, marking.write_model(asset, candidates, marking.emboss(asset, candidates, run), run)
+    return asset, marking.write_model(asset, candidates.ground, marking.emboss(asset, candidates, run), run)
 
 
 def export(box: tuple[Asset, Output], asked: FileFormat) -> Exported:
@@ -166,9 +165,9 @@ def test_the_report_has_the_export_and_the_file_is_published() -> None:
 def test_a_format_that_is_not_written_is_refused_before_any_work() -> None:
     run = run_of(SIX.model_copy(update={"format": FileFormat.SAME}))
     with pytest.raises(MeshmarkError) as caught:
-        marking.read(DAE, run)
+        marking.read(DAE, run.request.budgets, run.request.parameters.format)
     assert caught.value.code is ErrorCode.UNSUPPORTED_FORMAT
-    marking.read(OFF, replace(run))
+    marking.read(OFF, run.request.budgets, run.request.parameters.format)
 
 
 def test_one_of_several_uses_of_a_part_carries_the_mark_and_the_others_stay_one() -> None:
@@ -179,9 +178,9 @@ def test_one_of_several_uses_of_a_part_carries_the_mark_and_the_others_stay_one(
         '<item objectid="2"/><item objectid="2" transform="1 0 0 0 1 0 0 0 1 4.5 0 0"/>',
     )
     run = run_of(SIX.model_copy(update={"count": 1, "format": FileFormat.SAME}))
-    asset = marking.read(zipped({"3D/3dmodel.model": model}), run)
+    asset = marking.read(zipped({"3D/3dmodel.model": model}), run.request.budgets, run.request.parameters.format)
     candidates = marking.place(asset, marking.letter(run), run)
-    output = marking.write_model(asset, candidates, marking.emboss(asset, candidates, run), run)
+    output = marking.write_model(asset, candidates.ground, marking.emboss(asset, candidates, run), run)
     exported = exporting.with_export(asset, output, run).exported
     assert exported is not None
     written = zipfile.ZipFile(io.BytesIO(exported.file.data)).read("3D/3dmodel.model").decode()

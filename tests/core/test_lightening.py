@@ -79,7 +79,7 @@ def test_alone_it_is_the_model_and_nothing_else_of_the_asset_is_published(
     result, published = marked(alone)
     assert result.model == published["model"] == beside[1]["preview_model"]
     assert result.preview_model is None
-    assert set(published) == {"model", "report"}
+    assert set(published) == {"model", "plan", "report"}, "a plan has nothing of the shape"
     report = result.report
     assert report["model"]["sha256"] == report["preview_model"]["sha256"]
     assert report["model"]["faces"] == report["preview_model"]["faces"]
@@ -101,16 +101,18 @@ class Made:
         published: dict[str, bytes] = {}
         request = Request(UNMEASURED.model_copy(update={"preview_model": wish}).resolved())
         run = Run(request, lambda _share: None, published.__setitem__)
-        return lighten(self.asset, self.candidates, self.output, run), run, published
+        return lighten(self.asset, self.candidates.ground, self.output, run), run, published
 
 
 @pytest.fixture(scope="module")
 def made() -> Made:
     asked = UNMEASURED.model_copy(update={"preview_model": None})
     run = Run(Request(asked.resolved()), lambda _share: None, lambda _name, _data: None)
-    asset = marking.read(SPOT.read_bytes(), run)
+    asset = marking.read(SPOT.read_bytes(), run.request.budgets, run.request.parameters.format)
     candidates = marking.place(asset, marking.letter(run), run)
-    return Made(asset, candidates, marking.write_model(asset, candidates, marking.emboss(asset, candidates, run), run))
+    return Made(
+        asset, candidates, marking.write_model(asset, candidates.ground, marking.emboss(asset, candidates, run), run)
+    )
 
 
 def test_the_model_is_what_it_is_without_a_light_one(made: Made, beside: tuple[Result, dict[str, bytes]]) -> None:
@@ -127,7 +129,7 @@ def test_more_triangles_than_there_are_leave_the_shape_and_say_so(made: Made) ->
 
 
 def test_without_a_mark_on_it_there_is_no_light_model(made: Made, monkeypatch: pytest.MonkeyPatch) -> None:
-    def none_fits(_asset: Asset, _context: object, embossed: Embossed) -> Embossed:
+    def none_fits(_asset: Asset, _ground: object, embossed: Embossed, _parameters: object) -> Embossed:
         return replace(embossed, marks={})
 
     monkeypatch.setattr("core.lightening.embossed_again", none_fits)

@@ -50,6 +50,7 @@ def bearer(client: Client, tenant: str = "acme", *scopes: Scope) -> dict[str, st
 BODIES: dict[tuple[str, str], dict[str, Any]] = {
     ("POST", "/v1/watermarks"): {"files": {"file": ("asset.obj", asset())}, "data": {"params": '{"text": "HI"}'}},
     ("POST", "/v1/watermarks/batch"): {"json": {"items": [{"upload_id": "none", "parameters": {"text": "HI"}}]}},
+    ("POST", "/v1/watermarks/{job_id}/copies"): {"json": {"copies": [{"text": "YOU"}]}},
     ("POST", "/v1/verifications"): {"files": {"file": ("asset.obj", asset())}},
     ("POST", "/v1/conversions"): {"files": {"file": ("asset.obj", asset())}},
     ("POST", "/v1/uploads"): {"json": {"size": len(asset())}},

@@ -21,6 +21,7 @@ from core.choices import FileFormat
 from core.errors import ErrorCode, MeshmarkError
 from core.notices import Notice, NoticeCode
 from core.parameters import Parameters
+from core.plan import Plan, PlannedMark
 from core.report import Engine, FileFacts
 from core.verify.original import Against
 from core.verify.report import ReadMark, VerificationReport
@@ -62,6 +63,9 @@ def directed(
     budgets: Budgets,
     font: bytes | None = None,
     logo: bytes | None = None,
+    preview: bool = True,
+    plan: Plan | None = None,
+    copies: Sequence[str] = (),
     progress: Callable[[str, float], None] | None = None,
     publish: Callable[[str, bytes], None] | None = None,
 ) -> Result:
@@ -76,13 +80,17 @@ def directed(
     if "sign" in order:
         model += b" by %d" % os.getpid()
     publish("model", model)
+    if plan is None:
+        longest = max([parameters.text, *copies], key=len)
+        publish("plan", plan_for(data, parameters.model_copy(update={"text": longest})).to_json())
     missing = {"ocr": {"code": "not_measured", "message": "Not yet.", "remedy": "Wait."}}
     publish("report", json.dumps({"metrics": {"ocr": None, "missing": missing}}).encode())
     progress("evaluating", 0.0)
     ACTIONS[order.get("then", "work")](order)
     wait_for(order.get("wait_for_before_the_report"))
-    preview = bytes.fromhex(order.get("picture", "89504e47"))
-    publish("preview", preview)
+    picture = bytes.fromhex(order.get("picture", "89504e47")) if preview else None
+    if picture is not None:
+        publish("preview", picture)
     if parameters.format is not FileFormat.GLB:
         publish("export", b"ply\n")
     if parameters.explain:
@@ -94,12 +102,39 @@ def directed(
         publish("turntable", bytes.fromhex(order.get("animation", "52494646")))
         publish("poster", bytes.fromhex(order.get("animation", "52494646")))
     metrics = {"ocr": 1.0, "missing": {}}
-    told = {"text": parameters.text, "font": font is not None, "logo": logo is not None, "metrics": metrics}
+    told: dict[str, Any] = {"placed_for": plan and plan.parameters.text} if plan else {}
+    told |= {"text": parameters.text, "font": font is not None, "logo": logo is not None, "metrics": metrics}
     report = order.get("report", told)
     if "at_the_end" in order:
         publish("report", json.dumps(report).encode())
         ACTIONS[order["at_the_end"]](order)
-    return Result(model, report, preview)
+    return Result(model, report, picture)
+
+
+def plan_for(data: bytes, parameters: Parameters) -> Plan:
+    """A plan with one place."""
+    mark = PlannedMark(
+        center=(0, 0, 0),
+        axes=((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+        size=(3, 1, 1),
+        line_height=1,
+        color=None,
+        glows=False,
+        contrast=None,
+        lighter=False,
+        loss=0,
+        roughness=1,
+        views=(),
+    )
+    return Plan(
+        engine="0",
+        asset=hashlib.sha256(data).hexdigest(),
+        parameters=parameters,
+        offset=(0, 0, 0),
+        scale=1,
+        opaque=1,
+        marks=(mark,),
+    )
 
 
 @dataclass(frozen=True)

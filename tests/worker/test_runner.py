@@ -47,6 +47,7 @@ def test_stages_and_artifacts_arrive_in_order(template: Template, tmp_path: Path
         "reading",
         "placing",
         ArtifactKind.MODEL,
+        ArtifactKind.PLAN,
         ArtifactKind.REPORT,
         "evaluating",
         ArtifactKind.PREVIEW,

@@ -446,6 +446,7 @@ export default {
   "code.unknown_region": "A named part is not in the model",
   "code.different_model": "The suspect file is another model",
   "code.no_placement": "There is no place for a mark",
+  "code.text_too_long": "The text needs more room than its place has",
   "code.not_manifold": "A closed solid is needed",
   "code.rendering_unavailable": "Pictures cannot be drawn here",
   "code.evaluation_failed": "The result could not be measured",

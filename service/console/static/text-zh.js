@@ -446,6 +446,7 @@ export default {
   "code.unknown_region": "模型中没有指定的部件",
   "code.different_model": "可疑文件与原始模型不是同一个模型",
   "code.no_placement": "找不到可以放置标记的位置",
+  "code.text_too_long": "文字超出了所定位置的空间",
   "code.not_manifold": "需要封闭的实体",
   "code.rendering_unavailable": "此服务无法渲染图片",
   "code.evaluation_failed": "无法对结果进行测量",

@@ -104,7 +104,11 @@ def test_another_format_lies_beside_the_glb_and_never_on_the_input() -> None:
         export_path(Order(Path("a.stl"), Path("a.glb")), OutputFile(Format.STL, b""))
 
 
-def test_one_file_is_written_where_out_has_the_ending_of_a_format(tmp_path: Path) -> None:
+def test_one_file_is_written_where_out_has_the_ending_of_a_format(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        monkeypatch.setenv(name, "1")  # which the command would set for good
     source, result = tmp_path / "cube.glb", tmp_path / "cube.stl"
     source.write_bytes(simple(CUBE, CUBE_FACES).to_glb())
     assert main(["apply", str(source), "-o", str(result), "--label", "eu", "--metadata-only"]) == 0

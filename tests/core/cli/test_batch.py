@@ -1,5 +1,6 @@
 """Many files in one call of `meshmark apply`."""
 
+import csv
 import json
 import os
 import re
@@ -13,6 +14,7 @@ from core.cli.batch import Folders, orders
 from core.cli.order import Order, Outcome, Style
 from core.cli.pool import mark_all
 from core.cli.progress import Progress
+from core.cli.texts import read_texts
 from core.errors import ErrorCode, MeshmarkError
 from core.gltf.scene import scene_of
 from core.parameters import Parameters
@@ -142,3 +144,65 @@ def test_a_process_that_dies_takes_no_other_file_with_it(inputs: Path, monkeypat
     assert outcomes[1].error is not None
     assert "SIGKILL" in outcomes[1].error.message
     assert "ZeroDivisionError" in outcomes[2].trace
+
+
+@pytest.fixture
+def listed(inputs: Path) -> Path:
+    """A list of three texts, one of which no font has letters for."""
+    path = inputs.parent / "orders.csv"
+    path.write_text('text,customer\nORDER-1,Ann\n"B/2: x y","Lee, Bo"\n\N{UNICORN FACE},Cy\n')
+    return path
+
+
+@pytest.mark.usefixtures("listed")
+def test_each_line_of_a_list_has_its_own_copy_and_an_index_says_which(inputs: Path) -> None:
+    asked = ["apply", "in/b.glb", "in/broken.stl", "-o", "out", "--report", "reports", "--copies", "orders.csv"]
+    done = piped(inputs.parent, *asked, "--count", "1", "--evaluate", "none", "--json")
+    assert done.returncode == 1
+    assert {path.name for path in Path("out").iterdir()} == {"b-1-ORDER-1.glb", "b-2-B-2-x-y.glb", "copies.csv"}
+    with Path("out/copies.csv").open(newline="") as file:
+        index = [*csv.DictReader(file)]
+    assert [(row["text"], row["customer"], row["input"], row["output"], row["error"]) for row in index] == [
+        ("ORDER-1", "Ann", "in/b.glb", "out/b-1-ORDER-1.glb", ""),
+        ("B/2: x y", "Lee, Bo", "in/b.glb", "out/b-2-B-2-x-y.glb", ""),
+        ("\N{UNICORN FACE}", "Cy", "in/b.glb", "", "missing_glyphs"),
+        ("ORDER-1", "Ann", "in/broken.stl", "", "unknown_format"),
+        ("B/2: x y", "Lee, Bo", "in/broken.stl", "", "unknown_format"),
+        ("\N{UNICORN FACE}", "Cy", "in/broken.stl", "", "unknown_format"),
+    ]
+    reports = [json.loads(Path(f"reports/b-{name}.json").read_text()) for name in ("1-ORDER-1", "2-B-2-x-y")]
+    assert [report["watermarks"][0]["text"] for report in reports] == ["ORDER-1", "B/2: x y"]
+    assert len(json.loads(done.stdout)["files"]) == 4
+
+
+LISTS = {
+    "nothing": ("", "a column `text`"),
+    "no column of texts": ("name\nAnn\n", "a column `text`"),
+    "a column twice": ("text,a,a\nx,1,2\n", "none twice"),
+    "a column of the results": ("text,output\nx,y\n", "none of those of results"),
+    "no line": ("text\n", "0 lines"),
+    "too many lines": ("text\n" + "".join(f"{n}\n" for n in range(1001)), "1,001 lines"),
+    "a short line": ("text,a\nx\n", "1 columns for copy 1"),
+    "a text twice": ("text\nx\ny\n x \n", "in the copies 1 and 3"),
+    "an empty text": ('text,a\nx,1\n" ",2\n', "Copy 2 of texts.csv"),
+    "a text without end": ("text\n" + "x" * 201 + "\n", "Copy 1 of texts.csv"),
+    "an open quote": ('text\n"x\n', "cannot be read as CSV"),
+    "no text at all": ("text\n\xff", "cannot be read as CSV"),
+}
+
+
+@pytest.mark.parametrize(("content", "said"), LISTS.values(), ids=LISTS.keys())
+def test_a_list_of_texts_that_is_none_is_refused_before_any_work(
+    content: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("texts.csv").write_bytes(content.encode("latin-1"))
+    with pytest.raises(MeshmarkError, match=said):
+        read_texts(Path("texts.csv"), Parameters(), logo=False)
+
+
+@pytest.mark.usefixtures("listed")
+@pytest.mark.parametrize("asked", [["in/b.glb", "out.glb"], ["in", "-o", "out", "--text", "a"]])
+def test_copies_have_a_folder_and_no_other_text(asked: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["apply", *asked, "--copies", "orders.csv"]) == 2
+    assert "`--copies` goes with `--out`" in capsys.readouterr().err

@@ -9,6 +9,7 @@ from manifold3d import Manifold, OpType
 
 from core import marking
 from core.arrays import Bool
+from core.budgets import DEFAULT_BUDGETS
 from core.choices import Evaluate
 from core.embossing import emboss, marks
 from core.embossing.emboss import Mark
@@ -86,7 +87,7 @@ def test_where_all_places_on_a_side_are_refused_more_are_searched_for(monkeypatc
 
 def test_places_over_thin_walls_are_left_to_others_that_cover_as_much(monkeypatch: pytest.MonkeyPatch) -> None:
     before = {tuple(mark["center"]) for mark in run_stages(CUBE, request()).report["watermarks"]}
-    units = marking.read(CUBE, Run(request(), lambda _: None, lambda *_: None)).scene.surface
+    units = marking.read(CUBE, DEFAULT_BUDGETS).scene.surface
 
     def thin(boxes: Boxes, *_: Any) -> Bool:
         centers = boxes.center / units.scale + units.offset
@@ -116,7 +117,7 @@ def test_where_every_mark_costs_more_than_it_shows_the_search_still_ends(
 def test_however_much_each_search_regains_there_are_only_so_many(monkeypatch: pytest.MonkeyPatch) -> None:
     cutter = Cutter(monkeypatch, times=10_000, pooled=False)
     run = Run(request(), lambda _: None, lambda *_: None)
-    asset, layouts = marking.read(CUBE, run), marking.letter(run)
+    asset, layouts = marking.read(CUBE, DEFAULT_BUDGETS), marking.letter(run)
     found = marking.place(asset, layouts, run)
     mesh = WorkingMesh(asset.scene.surface, found.context.carrier.cuttable, asset.analysis.coincident)
     insatiable = MarkOptions(max_searches=3, min_improvement=-1.0)

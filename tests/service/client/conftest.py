@@ -32,7 +32,7 @@ class Hand:
 
     def queued(self) -> list[str]:
         with self.ledger.sessions() as session:
-            return list(session.scalars(select(Job.id).where(Job.state == JobState.QUEUED)))
+            return list(session.scalars(select(Job.id).where(Job.state == JobState.QUEUED, ~Job.held)))
 
     def begin(self, job_id: str, stage: str = "reading") -> Lease:
         job = self.ledger.claim(job_id, 60)
@@ -45,10 +45,11 @@ class Hand:
 
     def succeed(self, lease: Lease) -> None:
         with self.ledger.sessions() as session:
-            kind = session.get_one(Job, lease.job_id).kind
+            job = session.get_one(Job, lease.job_id)
         files = {ArtifactKind.REPORT: json.dumps(REPORT).encode()}
-        if kind is JobKind.WATERMARK:
+        if job.kind is JobKind.WATERMARK:
             files |= {ArtifactKind.MODEL: MODEL, ArtifactKind.PREVIEW: b"\x89PNG"}
+            files |= {} if job.copy_of else {ArtifactKind.PLAN: b"{}"}
         else:
             files |= {ArtifactKind.EVIDENCE: b"<html>"}
         for part, content in files.items():

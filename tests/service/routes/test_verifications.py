@@ -439,3 +439,27 @@ def test_another_tenants_verification_is_not_there(public: Client) -> None:
     for method, part in (("GET", ""), ("GET", "/report"), ("GET", "/evidence"), ("GET", "/events"), ("DELETE", "")):
         response = public.http.request(method, place + part, headers=bearer(public, "beta"))
         assert response.status_code == 404, (method, part)
+
+
+def test_a_leaked_copy_is_traced_to_its_buyer(client: Client) -> None:
+    copies = [{"text": f"ORDER-47{number:02}", "metadata": {"customer": str(number)}} for number in range(40)]
+    data = {"params": '{"text": "SAMPLE"}', "copies": json.dumps(copies)}
+    job = client.http.post("/v1/watermarks", data=data, files={"file": ("asset.obj", asset())}).json()
+    place = sent(client, params='{"texts": ["0RDER-4711", "Order-4711", "ORDER-471"]}')
+    early = client.http.get(f"{place}/watermarks")
+    assert (early.status_code, early.json()["code"]) == (409, "not_ready")
+    client.run(place)
+    client.run(place)
+    first, *others = client.http.get(f"{place}/watermarks").json()["items"]
+    assert (first["text"], first["likeness"], first["readings"]) == ("ORDER-4711", 1.0, 3)
+    [copy] = first["jobs"]
+    assert (copy["metadata"], copy["copy_of"]) == ({"customer": "11"}, job["id"])
+    assert client.http.get(copy["link"]).json()["parameters"]["text"] == "ORDER-4711"
+    assert len(others) == 19
+    assert all(other["readings"] < 3 for other in others)
+    assert client.http.delete(copy["link"]).status_code == 204
+    left = client.http.get(f"{place}/watermarks").json()["items"]
+    assert "ORDER-4711" not in [each["text"] for each in left], "it is erased"
+    nobody = sent(client, params='{"texts": ["something else"]}')
+    client.run(nobody)
+    assert client.http.get(f"{nobody}/watermarks").json()["items"] == []

@@ -132,8 +132,9 @@ def test_a_body_that_is_no_form_is_refused(client: Client) -> None:
 def test_too_many_or_too_large_parts_are_refused(client: Client) -> None:
     four = [(name, (name, b"1")) for name in ("file", "file", "font", "logo")]
     refused(client, post(client, files=four), 400, "invalid_request")
-    refused(client, post(client, data=dict.fromkeys("abcdefg", "{}")), 400, "invalid_request")
+    refused(client, post(client, data=dict.fromkeys("abcdefgh", "{}")), 400, "invalid_request")
     refused(client, post(client, data={"params": " " * 70_000}), 400, "invalid_request")
+    refused(client, post(client, data={"params": "{}", "copies": " " * 1_100_000}), 400, "invalid_request")
 
 
 def test_a_file_over_the_limit_is_refused(client: Client) -> None:
