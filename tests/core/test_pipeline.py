@@ -141,7 +141,7 @@ def test_the_model_is_published_before_it_is_measured() -> None:
     watermark(SPOT.read_bytes(), FEW, progress=lambda stage, _: events.append(stage), publish=publish)
     order = list(dict.fromkeys(events))
     assert order[order.index("writing") :] == [
-        *("writing", "model", "reporting", "report", "rendering", "preview", "evaluating"),
+        *("writing", "model", "plan", "reporting", "report", "rendering", "preview", "evaluating"),
     ]
     # What stands should the measurement not end: everything but the metrics, and why they are missing.
     assert len(reports[0]["watermarks"]) == 3
@@ -270,7 +270,7 @@ def test_a_mark_that_no_viewer_draws_is_taken_out_before_anybody_gets_the_file(m
     _unseen_at_first(monkeypatch, [True, False, True])
     data = GlbWriter().mesh(CORNERS, CUBE_FACES).bytes()
     result = watermark(data, asked, preview=False, publish=lambda name, _: published.append(name))
-    assert published == ["model", "report"]
+    assert published == ["model", "plan", "report"]
     assert [mark["drawn"] for mark in result.report["watermarks"]] == [True, True]
     assert result.report["embossing"] == {"tried": 3, "verified": 2, "refused": {"undrawn": 1}}
     _unseen_at_first(monkeypatch)

@@ -342,7 +342,7 @@ def test_deleting_one_of_two_jobs_with_the_same_asset_keeps_the_others_files(cli
     first, second = client.submit(), client.submit()
     client.run(first)
     client.run(second)
-    assert len(stored(client)) == 4  # asset, model, report, preview: each content once
+    assert len(stored(client)) == 5  # asset, model, plan, report, preview: each content once
     client.http.delete(first)
     assert client.http.get(f"{second}/model").content == b"glTF of HI"
     client.http.delete(second)
