@@ -68,11 +68,18 @@ def ring_area(ring: Float) -> float:
 
 def inside_rings(points: Float, rings: Sequence[Float]) -> Bool:
     """(N,) those of (N, 2) ``points`` inside closed plane ``rings`` (K, 2) by the even-odd rule."""
-    result = np.zeros(len(points), dtype=bool)
-    for ring in rings:
-        for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):
-            spans = (a[1] > points[:, 1]) != (b[1] > points[:, 1])
-            if spans.any():
-                x = a[0] + (points[:, 1] - a[1]) * (b[0] - a[0]) / (b[1] - a[1] if b[1] != a[1] else 1.0)
-                result ^= spans & (points[:, 0] < x)
+    if not len(points) or not len(rings):
+        return np.zeros(len(points), dtype=bool)
+    start, end = np.concatenate(rings), np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+    # A side is crossed by the rays to the right from points of its heights only, which follow each other in this order.
+    order = np.argsort(points[:, 1], kind="stable")
+    x, y = points[order].T
+    first = np.searchsorted(y, np.minimum(start[:, 1], end[:, 1]))
+    count = np.searchsorted(y, np.maximum(start[:, 1], end[:, 1])) - first
+    side = np.repeat(np.arange(len(start)), count)
+    point = np.arange(len(side)) + np.repeat(first - np.cumsum(count) + count, count)
+    (from_x, from_y), (way_x, way_y) = start[side].T, (end - start)[side].T
+    crossed = point[x[point] < from_x + (y[point] - from_y) * way_x / way_y]
+    result = np.empty(len(points), dtype=bool)
+    result[order] = np.bincount(crossed, minlength=len(points)) % 2
     return result
