@@ -1,5 +1,7 @@
 """Copies of a watermark that clients ask for: a text for each buyer, and what they want to find it by."""
 
+import re
+from pathlib import PurePath
 from typing import Annotated, Any
 
 from pydantic import Field, StringConstraints, TypeAdapter, ValidationError
@@ -9,9 +11,11 @@ from core.errors import ErrorCode, MeshmarkError
 from core.parameters import Parameters, parse_parameters
 from core.validation import StrictModel, describe, first_repeat, shortened
 from service.jobs.copies import MOST, NewCopy
+from service.jobs.models import Job
 from service.metadata import parse_metadata
 
 LONGEST = 200  # characters of a text, as in Parameters
+NOT_IN_NAMES, LONGEST_NAME = re.compile(r"[^\w.-]+"), 60  # characters of a text that names of files do not have; most
 REMEDY = "Send 1 to 1,000 copies, each with its own `text`."
 
 
@@ -84,3 +88,11 @@ def _checked(number: int, copy: Copy, parameters: Parameters, logo: bool, font: 
     except MeshmarkError as error:
         where = f"copies.{number} ({shortened(copy.text)!r}): "
         raise MeshmarkError(error.code, where + error.message, error.remedy) from None
+
+
+def stem_of(job: Job) -> str:
+    """The beginning of the names of a job's results: the asset's own, and of a copy its text as far as names have it,
+    so that files of several buyers are told apart."""
+    stem = PurePath(job.filename).stem
+    text = "" if job.copy_of is None else NOT_IN_NAMES.sub("-", str(job.parameters["text"])).strip("-.")
+    return f"{stem}-{text[:LONGEST_NAME]}" if text else stem

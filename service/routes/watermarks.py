@@ -3,7 +3,6 @@
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from functools import partial
-from pathlib import PurePath
 from typing import Annotated, Any
 
 from fastapi import APIRouter, BackgroundTasks, File, Form, Query, Request, Response, UploadFile, status
@@ -13,7 +12,7 @@ from core.parameters import parse_parameters
 from service import access, exports
 from service.access import Admitted, Client, GuardedRoute
 from service.asset_route import AssetRoute
-from service.copies import check_copies, parse_copies
+from service.copies import check_copies, parse_copies, stem_of
 from service.delivery import disposition
 from service.idempotency_key import parse_idempotency_key
 from service.jobs.listing import Filters
@@ -336,7 +335,7 @@ def _delivery(request: Request, state: AppState, client: Client, job_id: str, ki
         suffix, media_type = _kind_of_export(state, job)
     else:
         suffix, [media_type] = SUFFIXES[kind], MEDIA_TYPES[kind]
-    name = PurePath(job.filename).stem + ".watermarked" + suffix
+    name = stem_of(job) + ".watermarked" + suffix
     headers = {"Content-Type": media_type, "Content-Disposition": disposition(name)}
     response = send_file(request, state, job, kind, headers)
     if kind is ArtifactKind.MODEL and job.artifact(ArtifactKind.CREDENTIALS):

@@ -51,7 +51,7 @@ def test_it_is_a_target_and_a_ci_job_of_its_own() -> None:
     assert "$(PYTHON) -m tests.docker " in makefile
     assert "docker-test" not in (ROOT / ".ci" / "run").read_text()
     (test,) = re.findall(r"^test:.*\n(?:\t.*\n)*", makefile, re.MULTILINE)
-    assert "docker" not in test.replace("docker/system-packages.sh", "")
+    assert "docker" not in re.sub(r"docker/(system|node)-packages\.sh", "", test)
     jobs = yaml.safe_load((ROOT / ".github" / "workflows" / "ci.yaml").read_text())["jobs"]
     calling = [name for name, job in jobs.items() if "make docker-test" in json.dumps(job)]
     assert calling == ["docker"]

@@ -1,10 +1,11 @@
 // A job: how it goes, and what came of it.
 import { Problem, follow, getJson, request, save } from "./api.js";
 import { SphereMap } from "./charts.js";
+import { CopiesTab } from "./copies-tab.js";
 import { ExplainTab, showLayers } from "./explain-tab.js";
 import { Filmstrip } from "./filmstrip.js";
 import { html, useEffect, useMemo, useRef, useState } from "./html.js";
-import { Facts, Icon, Meter, Notice, ProblemCard, Sentence, Tabs, useDrop } from "./parts.js";
+import { Facts, Icon, Meter, Notice, ProblemCard, Sentence, State, Tabs, active, useDrop } from "./parts.js";
 import { regionsOf } from "./regions.js";
 import { loadSchema, said } from "./schema.js";
 import { ACCEPT, look, useSeen } from "./seen.js";
@@ -16,7 +17,6 @@ import { PATH } from "./watermark-page.js";
 
 const STAGES = ["reading", "lettering", "placing", "embossing", "writing", "reporting", "rendering", "evaluating"];
 const PAPER = { ray: 0.74, coverage: 0.71, ocr: 0.62 }; // the paper's method, means over 22 assets: the manual's page "The benchmark"
-export const active = (job) => job && ["queued", "running"].includes(job.state);
 
 /** A job and its further course. */
 export function useJob(self) {
@@ -107,7 +107,6 @@ export function Progress({ job, onCancel, stages }) {
     </section>`;
 }
 
-export const State = ({ state }) => html`<span class=${`state ${state}`}>${t(`state.${state}`)}</span>`;
 
 export function JobPage({ id, go }) {
   const self = `${PATH}/${encodeURIComponent(id)}`;
@@ -191,10 +190,11 @@ export function JobPage({ id, go }) {
           <button type="button" class="primary" onClick=${again}>${t("job.again")}</button><//>`}
         ${["canceled", "expired"].includes(job.state) && html`<p>${t(`job.${job.state}`)}</p>`}
         ${job.state === "succeeded" && html`
-          <${Tabs} tabs=${[["result", t("tab.result")], ["report", t("tab.report")], ...(links.explanation ? [["explain", t("tab.explain")]] : []), ["api", t("tab.api")]]} current=${tab} onChange=${setTab}>
+          <${Tabs} tabs=${[["result", t("tab.result")], ["report", t("tab.report")], ...(links.explanation ? [["explain", t("tab.explain")]] : []), ...(links.plan ? [["copies", t("tab.copies")]] : []), ["api", t("tab.api")]]} current=${tab} onChange=${setTab}>
             ${tab === "result" && html`<${Result} job=${job} report=${report} stem=${stem} preview=${preview} current=${current} onMark=${setCurrent} onProblem=${setProblem} />`}
             ${tab === "report" && report && html`<${Details} job=${job} report=${report} marks=${marks} current=${current} onMark=${setCurrent} object=${after?.object} viewer=${viewer} />`}
             ${tab === "explain" && html`<${ExplainTab} facts=${explanation} object=${layers} visible=${visible} onVisible=${setVisible} current=${current} onMark=${setCurrent} />`}
+            ${tab === "copies" && html`<${CopiesTab} job=${job} stem=${stem} />`}
             ${tab === "api" && html`<${ApiTab} call=${{ path: PATH, parts: [["file", name]], params, result: { link: "model", name: `${stem}.watermarked.glb` } }} />`}
           <//>
           <div class="row wrap foot"><button type="button" onClick=${again}>${t("job.change")}</button>
@@ -278,6 +278,7 @@ function Details({ job, report, marks, current, onMark, object, viewer }) {
     <${Facts} rows=${[
       [t("fact.sent"), moment(job.created_at)],
       job.expires_at && [t("fact.expires"), moment(job.expires_at)],
+      job.copy_of && [t("fact.copyof"), html`<a href=${`#/jobs/${job.copy_of}`}><code class="hash">${job.copy_of}</code></a>`],
       [t("fact.cached"), t(`yes.${job.cached}`)],
       [t("fact.fonts"), report.fonts.map((font) => font.name).join(", ") || "–"],
       [t("fact.engine"), `${report.engine.version} · ${report.engine.device}`],

@@ -1,8 +1,8 @@
 // All jobs, newest first.
 import { getJson } from "./api.js";
 import { html, useEffect, useRef, useState } from "./html.js";
-import { State, active, usePicture } from "./job-page.js";
-import { Choice, Icon, ProblemCard } from "./parts.js";
+import { usePicture } from "./job-page.js";
+import { Choice, Icon, ProblemCard, State, active } from "./parts.js";
 import { moment, t } from "./text.js";
 
 const STATES = ["all", "running", "queued", "succeeded", "failed", "canceled", "expired"];

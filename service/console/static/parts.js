@@ -25,6 +25,9 @@ export const Icon = ({ name }) => html`
   <svg class="icon" viewBox="0 0 24 24" aria-hidden="true"><path d=${PATHS[name]} /></svg>
 `;
 
+export const active = (job) => job && ["queued", "running"].includes(job.state);
+export const State = ({ state }) => html`<span class=${`state ${state}`}>${t(`state.${state}`)}</span>`;
+
 /** A choice of a few, as radio buttons in a row. */
 export const Choice = ({ name, label, value, options, onChange, disabled = () => false }) => html`
   <div class="choice" role="radiogroup" aria-label=${label}>

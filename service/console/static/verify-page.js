@@ -2,8 +2,8 @@
 import { Problem, key, request, save, upload } from "./api.js";
 import { Field, FileField, sendsNothing } from "./form.js";
 import { html, useEffect, useMemo, useRef, useState } from "./html.js";
-import { Progress, State, active, useContent, useJob } from "./job-page.js";
-import { DropZone, Facts, Icon, Notice, ProblemCard, Tabs, useDrop } from "./parts.js";
+import { Progress, useContent, useJob } from "./job-page.js";
+import { DropZone, Facts, Icon, Notice, ProblemCard, State, Tabs, active, useDrop } from "./parts.js";
 import { ACCEPT, NotShownCard, fileFacts, useSeen } from "./seen.js";
 import { ApiTab } from "./snippets.js";
 import { Stage } from "./stage.js";

@@ -116,11 +116,21 @@ def test_a_file_is_dropped_looked_at_watermarked_compared_and_downloaded(browser
         expect(page.locator("details[open]").get_by_text("Adds, seen from all around")).to_be_visible()
         assert barriers(page) == []
 
+        page.get_by_role("tab", name="Copies").click()
+        expect(page.get_by_text("There are no copies yet.")).to_be_visible()
+        page.get_by_label("Texts of copies").fill("ORDER-1\n\nORDER-2")
+        page.get_by_role("button", name="Make 2 copies").click()
+        with page.expect_download() as download:
+            page.get_by_role("button", name="Download the copy ORDER-2").click()
+        assert download.value.suggested_filename == "cow-ORDER-2.watermarked.glb"
+        keep(page, "copies")
+        assert barriers(page) == []
+
         page.get_by_role("link", name="Jobs", exact=True).click()
-        expect(page.get_by_role("link", name="cow.glb").locator("img")).to_be_attached()
+        expect(page.get_by_role("link", name="cow.glb").filter(has_text="SAMPLE").locator("img")).to_be_attached()
         keep(page, "jobs")
         assert barriers(page) == []
-        page.get_by_role("link", name="cow.glb").click()
+        page.get_by_role("link", name="cow.glb").filter(has_text="SAMPLE").click()
         expect(page.get_by_role("button", name="Mark 2: SAMPLE")).to_be_attached()
         assert page.url.endswith(f"#/jobs/{job}")
 

@@ -64,7 +64,9 @@ def test_copies_wait_for_their_job_and_take_its_places(client: Client) -> None:
         job = client.http.get(copy["links"]["self"]).json()
         assert (job["state"], job["copy_of"], job["priority"]) == ("succeeded", url.rsplit("/", 1)[1], "low")
         assert (job["links"]["plan"], job["links"]["preview"], job["parameters"]["evaluate"]) == (None, None, "none")
-        assert client.http.get(copy["links"]["model"]).content == b"glTF of " + text.encode()
+        model = client.http.get(copy["links"]["model"])
+        assert model.content == b"glTF of " + text.encode()
+        assert f'filename="asset-{text}.watermarked.glb"' in model.headers["Content-Disposition"]
         assert client.http.get(copy["links"]["report"]).json()["placed_for"] == "ORDER-22"
 
 
