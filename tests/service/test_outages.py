@@ -44,7 +44,8 @@ def test_every_accepted_job_ends_once_though_database_and_store_fail_meanwhile(s
         ledger, store = Ledger(url), open_store(bucket_settings(bucket, tmp_path))
         stored = {item.sha256 for item in store.listing()}
         assert ledger.running() == set()
-        assert len(stored) == 2 * JOBS + 3  # an input and a plan of each; model, report and preview are the same for all
+        # An input and a plan of each; model, report and preview are the same for all.
+        assert len(stored) == 2 * JOBS + 3
         assert ledger.unreferenced(stored) == set()
         ledger.close()
         assert list((tmp_path / "data" / "scratch").iterdir()) == []
