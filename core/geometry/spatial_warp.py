@@ -54,7 +54,8 @@ class WarpIndex(SpatialIndex):
                 "Name a folder that can be written in WARP_CACHE_PATH, or set MESHMARK_DEVICE=cpu.",
             ) from error
         inwards = self._inwards(self.positions)
-        corners, single = inwards[self.faces], inwards.astype(np.float32)
+        with np.errstate(over="ignore"):  # of vertices that no face has: those of faces are at most 1
+            corners, single = inwards[self.faces], inwards.astype(np.float32)
         low, high = single[self.faces].min(axis=1) - SLACK, single[self.faces].max(axis=1) + SLACK
         mesh = wp.Mesh(self._sent(single, wp.vec3f), self._sent(self.faces.astype(np.int32).ravel(), wp.int32))
         return mesh, wp.Bvh(self._sent(low, wp.vec3f), self._sent(high, wp.vec3f)), self._sent(corners, wp.vec3d)
