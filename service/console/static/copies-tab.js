@@ -62,7 +62,7 @@ export function CopiesTab({ job, stem }) {
       <label for="copies">${t("copies.texts")}</label>
       <textarea id="copies" rows="3" value=${texts} aria-describedby="copies-hint" onInput=${(event) => setTexts(event.target.value)}></textarea>
       <p class="hint" id="copies-hint">${t("copies.hint")}</p>
-      <button type="submit" class="primary" disabled=${!wanted.length}>${t("copies.make", { n: wanted.length })}</button>
+      <button type="submit" class="primary" disabled=${!wanted.length}>${t(wanted.length ? "copies.make" : "copies.make.none", { n: wanted.length })}</button>
     </form>
     ${problem && html`<${ProblemCard} problem=${problem} />`}
     ${!problem && !items && html`<p class="quiet" role="status">${t("loading")}</p>`}

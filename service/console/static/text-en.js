@@ -377,6 +377,7 @@ export default {
   "copies.hint": "One in each line, up to 1,000: a copy for each buyer, with the marks at the same places.",
   "copies.make": "Make {n} copies",
   "copies.make.one": "Make one copy",
+  "copies.make.none": "Make copies",
   "copies.none": "There are no copies yet.",
   "copies.download": "Download the copy {text}",
   "fact.copyof": "Copy of",

@@ -377,6 +377,7 @@ export default {
   "copies.hint": "每行一个,最多 1,000 个:每位买家一份副本,标记位置相同。",
   "copies.make": "制作 {n} 份副本",
   "copies.make.one": "制作 1 份副本",
+  "copies.make.none": "制作副本",
   "copies.none": "还没有副本。",
   "copies.download": "下载副本 {text}",
   "fact.copyof": "副本来源",
