@@ -94,5 +94,5 @@ def stem_of(job: Job) -> str:
     """The beginning of the names of a job's results: the asset's own, and of a copy its text as far as names have it,
     so that files of several buyers are told apart."""
     stem = PurePath(job.filename).stem
-    text = "" if job.copy_of is None else NOT_IN_NAMES.sub("-", str(job.parameters["text"])).strip("-.")
+    text = "" if job.copy_of is None or job.erased else NOT_IN_NAMES.sub("-", str(job.parameters["text"])).strip("-.")
     return f"{stem}-{text[:LONGEST_NAME]}" if text else stem

@@ -109,6 +109,8 @@ def test_deleting_a_job_cancels_copies_that_wait_for_it_and_keeps_those_that_do_
     assert (gone.status_code, gone.json()["code"]) == (410, "job_expired")
     for copy in listed(client, url):
         assert client.http.delete(copy["links"]["self"]).status_code == 204
+        forgotten = client.http.get(copy["links"]["model"])
+        assert (forgotten.status_code, forgotten.json()["code"]) == (410, "job_expired")
     assert [*client.artifacts.listing()] == []
 
 
