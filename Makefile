@@ -71,6 +71,12 @@ compared: $(VENV)/.tests ## Mark every file of MESHES=DIR, attack it (ATTACKS="c
 	@test -n "$(MESHES)" || { echo "usage: make compared MESHES=DIR [ATTACKS=...]"; exit 2; }
 	@$(BIN)/python -m tests.compared $(MESHES) $(if $(ATTACKS),--attacks "$(ATTACKS)")
 
+bench: $(VENV)/.tests ## Compare seconds and memory with those at BEFORE=COMMIT (MESHES=DIR ASSETS="a b" RUNS=5 JSON=OUT)
+	@test -n "$(BEFORE)" || { echo 'usage: make bench BEFORE=COMMIT [AFTER=COMMIT] [MESHES=DIR] [ASSETS="cow fox"] [RUNS=5] [JSON=OUT]'; exit 2; }
+	@sh docker/system-packages.sh service
+	@$(BIN)/python -m tests.bench $(BEFORE) $(if $(AFTER),--after $(AFTER)) $(if $(MESHES),--meshes $(MESHES)) \
+		$(foreach each,$(ASSETS),--only $(each)) $(if $(RUNS),--runs $(RUNS)) $(if $(JSON),--json $(JSON))
+
 benchmark: $(VENV)/.tests ## Compare all methods on the files of MESHES=DIR; the report goes to OUT=DIR
 	@sh docker/system-packages.sh service
 	$(BIN)/meshmark benchmark $(MESHES) --out $(OUT)
@@ -130,4 +136,4 @@ $(VENV)/.tests: $(VENV)/.service
 	$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable '.[test,benchmark]'
 	touch $@
 
-.PHONY: help install demo run test check survey delivered formats features design labels verified compared lighter benchmark ablation fuzz faults load attacks audit docker-test pictures openapi clean
+.PHONY: help install demo run test check survey delivered formats features design labels verified compared lighter bench benchmark ablation fuzz faults load attacks audit docker-test pictures openapi clean
