@@ -77,6 +77,11 @@ bench: $(VENV)/.tests ## Compare seconds and memory with those at BEFORE=COMMIT 
 	@$(BIN)/python -m tests.bench $(BEFORE) $(if $(AFTER),--after $(AFTER)) $(if $(MESHES),--meshes $(MESHES)) \
 		$(foreach each,$(ASSETS),--only $(each)) $(if $(RUNS),--runs $(RUNS)) $(if $(JSON),--json $(JSON))
 
+performance: $(VENV)/.tests ## Measure every file of MESHES=DIR and write the tables of service/docs/performance.md (OUT=DIR: the profile, too)
+	@test -n "$(MESHES)" || { echo "usage: make performance MESHES=DIR [OUT=DIR]"; exit 2; }
+	@sh docker/system-packages.sh service fonts
+	@$(BIN)/python -m tests.performance $(MESHES) $(if $(OUT),--out $(OUT))
+
 benchmark: $(VENV)/.tests ## Compare all methods on the files of MESHES=DIR; the report goes to OUT=DIR
 	@sh docker/system-packages.sh service
 	$(BIN)/meshmark benchmark $(MESHES) --out $(OUT)
@@ -136,4 +141,4 @@ $(VENV)/.tests: $(VENV)/.service
 	$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable '.[test,benchmark]'
 	touch $@
 
-.PHONY: help install demo run test check survey delivered formats features design labels verified compared lighter bench benchmark ablation fuzz faults load attacks audit docker-test pictures openapi clean
+.PHONY: help install demo run test check survey delivered formats features design labels verified compared lighter bench performance benchmark ablation fuzz faults load attacks audit docker-test pictures openapi clean

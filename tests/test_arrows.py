@@ -50,8 +50,8 @@ BELOW = {
     "conversion": "formats gltf budgets",
     "evaluate": "report reporting metrics rendering analysis formats gltf geometry budgets",
     "lab": (
-        "pipeline stages report metrics rendering placement analysis artwork formats gltf geometry budgets parameters "
-        "processors validation"
+        "pipeline preload stages report metrics rendering placement analysis artwork formats gltf geometry budgets "
+        "parameters processors validation"
     ),
     "credentials": "report",
     "verify": (

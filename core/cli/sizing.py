@@ -22,12 +22,13 @@ def sizing(
     p95_wait: Annotated[float, typer.Option(metavar="S", help="Seconds that 95 % wait at most.")] = 30.0,
     busy: Annotated[float, typer.Option(metavar="SHARE", help="Most that workers may be busy.")] = 0.9,
     overhead: Annotated[float, typer.Option(metavar="S", help="Seconds of a job beside the engine.")] = 0.0,
+    without: Annotated[bool, typer.Option("--without-metrics", help="Count the stages up to the model alone.")] = False,
     seed: Seed = 0,
     json: Json = False,
 ) -> None:
     """Simulate a queue before workers that take as long as a profile says. Prints a Markdown table."""
     from core.lab.benchmark.queueing import Effort
-    from core.lab.benchmark.sizing import markdown, parse_mix
+    from core.lab.benchmark.sizing import markdown, parse_mix, without_metrics
     from core.lab.benchmark.sizing import sizing as simulate
 
     try:
@@ -36,6 +37,7 @@ def sizing(
         raise MeshmarkError(
             ErrorCode.INVALID_PARAMETERS, f"{profile} is no JSON.", "Give what `meshmark profile` wrote."
         ) from None
+    measured = without_metrics(measured) if without else measured
     effort, shares = Effort(seed=seed), parse_mix(mix)
     found = simulate(
         measured, numbers(arrivals), mix=shares, wait=p95_wait, busy=busy, overhead=overhead, effort=effort

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from core.errors import ErrorCode, MeshmarkError
 from core.lab.benchmark.markdown import number, table
-from core.lab.benchmark.profile import SCHEMA
+from core.lab.benchmark.profile import SCHEMA, TO_THE_MODEL
 from core.lab.benchmark.queueing import Draw, Effort, fewest_workers, waits
 
 HOUR = 3600.0
@@ -85,6 +85,22 @@ def sizing(
     return [_sized(each, draw, mean, wait, busy, effort) for each in arrivals]
 
 
+def without_metrics(profile: dict[str, Any]) -> dict[str, Any]:
+    """A ``meshmark.profile/1`` as of jobs with ``evaluate: none``: with the stages up to the written model alone.
+
+    Raises:
+        MeshmarkError: ``invalid_parameters`` for an invalid profile.
+    """
+    _require_profile(profile)
+    assets = [
+        asset | {"seconds": {stage: asset["seconds"][stage] for stage in TO_THE_MODEL}}
+        if asset["status"] == "ok"
+        else asset
+        for asset in profile["assets"]
+    ]
+    return profile | {"assets": assets}
+
+
 def parse_mix(text: str) -> tuple[Share, ...]:
     """``10000:70,100000:25,inf:5``: of all uploads, 70 parts up to 10,000 faces, 25 up to 100,000, the rest above.
 
@@ -120,10 +136,14 @@ def markdown(found: Sequence[Sizing], wait: float, busy: float) -> str:
     return f"{table(head, lines)}\n\n{promise}\n"
 
 
-def _service_times(profile: dict[str, Any], mix: Sequence[Share]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Seconds of each asset, and the probability that an upload is like it."""
+def _require_profile(profile: dict[str, Any]) -> None:
     if profile.get("schema") != SCHEMA:
         raise _refused("This is no profile.", "Give the profile.json that `meshmark profile DIR --out OUT` wrote.")
+
+
+def _service_times(profile: dict[str, Any], mix: Sequence[Share]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Seconds of each asset, and the probability that an upload is like it."""
+    _require_profile(profile)
     assets = [asset for asset in profile["assets"] if asset["status"] == "ok"]
     faces = np.array([asset["faces"] for asset in assets], dtype=float)
     seconds = np.array([sum(asset["seconds"].values()) for asset in assets])

@@ -1,8 +1,9 @@
 """A profile adds up, says the same to people and programs, and hides no asset."""
 
 import json
+import os
 import resource
-from pathlib import Path
+from pathlib import Path, PosixPath
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,9 @@ import trimesh
 from core.choices import Evaluate
 from core.errors import ErrorCode, MeshmarkError
 from core.lab.benchmark.markdown import number
-from core.lab.benchmark.profile import CLEAR_REFS, EVERY_STAGE, TO_THE_MODEL, markdown, profile, write_profile
+from core.lab.benchmark.profile import EVERY_STAGE, TO_THE_MODEL, _run_apart, markdown, profile, write_profile
 from core.lab.benchmark.statistics import power_law
+from core.parameters import Parameters
 
 SPOT = Path(__file__).parents[3] / "data" / "spot.glb"
 BALLS = {"coarse.stl": 1, "fine.stl": 3}  # subdivisions: 80 and 1280 faces
@@ -63,7 +65,9 @@ def test_every_asset_is_there_by_its_number_of_faces(profiled: dict[str, Any]) -
 
 def test_stages_sum_to_the_total_and_the_ratio_is_to_the_floor(profiled: dict[str, Any]) -> None:
     for row in marked(profiled):
-        assert list(row["seconds"]) == list(row["memory"]) == TO_THE_MODEL
+        assert list(row["seconds"]) == list(row["processor"]) == list(row["memory"]) == TO_THE_MODEL
+        assert row["processor_total"] == pytest.approx(sum(row["processor"].values()))
+        assert row["processor"]["placing"] > 0
         assert row["total"] == pytest.approx(sum(row["seconds"].values()))
         assert row["ratio"] == pytest.approx(row["total"] / row["floor"])
         assert 0 < row["floor"] < row["total"]
@@ -109,20 +113,20 @@ def test_the_markdown_says_what_the_json_says(profiled: dict[str, Any], tmp_path
     for line, row in zip(assets[1:], marked(read), strict=True):
         seconds = [number(row["seconds"][stage]) for stage in TO_THE_MODEL]
         counts = [f"{row[name]:,}" for name in ("bytes", "vertices", "faces")]
-        whole = [number(row[name]) for name in ("total", "floor", "ratio")]
+        whole = [number(row[name]) for name in ("total", "processor_total", "floor", "ratio")]
         assert line == [row["asset"], *counts, *seconds, *whole, f"{row['peak'] / 1e6:,.0f}"]
     for cells, line in zip(stages[1:], read["stages"], strict=True):
         growth = f"{number(line['law']['exponent'])} ± {number(line['law']['half'])}"
-        assert cells[:5] == [
+        assert cells[:6] == [
             line["stage"],
             number(line["mean"]),
+            "-" if line["stage"] == "floor" else number(line["processor"]),
             number(line["longest"]),
             f"{line['share']:.1%}",
             growth,
         ]
 
 
-@pytest.mark.skipif(not CLEAR_REFS.exists(), reason="only Linux lets a process forget its peak memory")
 def test_the_peak_is_of_the_assets_own_run(tmp_path: Path) -> None:
     held = np.ones(10**8)  # 800 MB on top of what other tests left
     highest = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
@@ -130,6 +134,19 @@ def test_the_peak_is_of_the_assets_own_run(tmp_path: Path) -> None:
     ball(tmp_path / "coarse.stl", 1)
     (row,) = profile(tmp_path)["assets"]
     assert row["peak"] < highest
+
+
+class Deadly(PosixPath):
+    """A file that ends the process that reads it."""
+
+    def read_bytes(self) -> bytes:
+        os._exit(3)
+
+
+def test_a_process_that_ends_without_a_result_is_a_row_and_not_a_hang() -> None:
+    row = _run_apart(Deadly("cow.glb"), Parameters(text="a"))
+    assert (row["status"], row["code"]) == ("failed", "engine_crashed")
+    assert "exit status 3" in row["message"]
 
 
 def test_with_metrics_the_later_stages_are_timed_too(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import pytest
 from core.cli import main
 from core.errors import ErrorCode, MeshmarkError
 from core.lab.benchmark.queueing import Effort
-from core.lab.benchmark.sizing import Share, markdown, parse_mix, sizing
+from core.lab.benchmark.sizing import Share, markdown, parse_mix, sizing, without_metrics
 
 LITTLE = Effort(runs=10, arrivals=500, warm_up=500)
 
@@ -59,6 +59,8 @@ def test_what_cannot_be_sized_is_refused() -> None:
     measured = profile(small=1.0)
     with pytest.raises(MeshmarkError, match="no profile"):
         sizing({"schema": "other"}, [1])
+    with pytest.raises(MeshmarkError, match="no profile"):
+        without_metrics({"schema": "other"})
     with pytest.raises(MeshmarkError, match="no asset"):
         sizing(measured, [1], mix=[Share(50, 1), Share(1000, 1)])
     with pytest.raises(MeshmarkError, match="Arrivals must"):
@@ -66,6 +68,14 @@ def test_what_cannot_be_sized_is_refused() -> None:
     for wait, overhead, busy in ((-1.0, 0.0, 0.9), (1.0, -1.0, 0.9), (1.0, 0.0, 0.96), (1.0, 0.0, 0.0)):
         with pytest.raises(MeshmarkError, match="Arrivals must"):
             sizing(measured, [1], wait=wait, overhead=overhead, busy=busy)
+
+
+def test_without_metrics_jobs_end_with_the_model() -> None:
+    stages = dict.fromkeys(("reading", "lettering", "placing", "embossing", "writing"), 1.0)
+    whole = {"status": "ok", "faces": 12, "seconds": stages | {"rendering": 3.0, "evaluating": 7.0}}
+    measured = {"schema": "meshmark.profile/1", "assets": [whole, {"status": "failed", "code": "no_placement"}]}
+    loads = [sizing(each, [3600], effort=LITTLE)[0].load for each in (measured, without_metrics(measured))]
+    assert loads == [15, 5]
 
 
 def test_workers_are_not_busier_than_allowed_however_many_they_are() -> None:
