@@ -23,7 +23,8 @@ def watermark(data, parameters, preview):
     "cli": """
 import sys
 from pathlib import Path
-Path(sys.argv[3]).write_bytes(Path(sys.argv[2]).read_bytes())
+def main():
+    Path(sys.argv[3]).write_bytes(Path(sys.argv[2]).read_bytes())
 """,
 }
 
