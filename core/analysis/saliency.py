@@ -7,9 +7,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
 
-from core.analysis.samples import SurfaceSamples
+from core.analysis.samples import Pairs, SurfaceSamples
 from core.arrays import Float, Int
-from core.geometry.boxes import Boxes
 from core.geometry.sampling import sample
 from core.geometry.surface import Surface
 
@@ -59,10 +58,10 @@ class Saliency(SurfaceSamples):
         """(N,) the salient points."""
         return self.value > self.threshold
 
-    def under(self, boxes: Boxes) -> tuple[Float, Float]:
-        """Mean ``value`` (B,) and share of salient points (B,) of the surface inside each of B boxes: see
-        :meth:`core.analysis.samples.SurfaceSamples.mean_in_boxes`."""
-        mean, share = self.mean_in_boxes(boxes, np.column_stack([self.value, self.salient])).T
+    def under(self, boxes: Pairs) -> tuple[Float, Float]:
+        """Mean ``value`` (B,) and share of salient points (B,) of the surface inside each of B boxes, given as
+        :meth:`core.analysis.samples.SurfaceSamples.pairs_in_boxes`."""
+        mean, share = boxes.mean(np.column_stack([self.value, self.salient])).T
         return mean, share
 
 

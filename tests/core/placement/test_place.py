@@ -385,8 +385,8 @@ def test_faces_are_not_marked_where_there_is_room_beside_them_and_other_features
     found = place(build_context(carrier(shape), facts, layouts(ASPECT), parameters, rng), rng)
     chosen = found.boxes[np.array(found.start)]
     assert len(chosen)
-    assert (regions.under(chosen)[0] <= 0.05).mean() > 0.8
-    assert (regions.under(found.boxes)[0] > 0.05).mean() > 0.2
+    assert (regions.under(regions.pairs_in_boxes(chosen))[0] <= 0.05).mean() > 0.8
+    assert (regions.under(regions.pairs_in_boxes(found.boxes))[0] > 0.05).mean() > 0.2
     height = found.boxes.center[:, 1]
     assert np.median(found.cost[height > 12]) > np.median(found.cost[height < -12])
 
