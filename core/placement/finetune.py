@@ -76,6 +76,7 @@ class LevenbergMarquardtOptions:
         coarse: first pass. Of the boxes that end well aligned, all but about one in twenty-five are below its slack.
         fine: second pass; all but one in a hundred are below its slack.
         exact: last pass, on the surface itself after those on its proxy.
+        every: one in so many of the outline's points gives the loss at the end.
         copy: tolerance of :func:`distinct` after the coarse pass: closer boxes end as copies of one another.
         roll_weight: loss limits; weight of the squared sine of the roll against the mean squared distance: enough to
             keep text upright where the surface allows it, and on a saddle, which is straight along its diagonals only;
@@ -93,6 +94,7 @@ class LevenbergMarquardtOptions:
     coarse: Pass = Pass(grid=(8, 2), steps=8, slack=0.025)
     fine: Pass = Pass(grid=(12, 3), steps=6, slack=0.015)
     exact: Pass = Pass(grid=(10, 3), steps=2, slack=0.005)
+    every: int = 3
     copy: float = 0.06
     roll_weight: float = 3.0
     damping: float = 1e-2
@@ -137,11 +139,13 @@ def perimeter(size: Float) -> Float:
     return np.concatenate([unit * size[:, None, :2], np.zeros((len(size), LOSS_POINTS, 1))], axis=2)
 
 
-def alignment_loss(boxes: Boxes, index: SpatialIndex) -> Float:
-    """(B,) mean squared distance, squared size-30 units, of each box's 179 outline points to the surface."""
-    points = np.einsum("bpi,bij->bpj", perimeter(boxes.size), boxes.axes) + boxes.center[:, None, :]
+def alignment_loss(boxes: Boxes, index: SpatialIndex, every: int = 1) -> Float:
+    """(B,) mean squared distance, squared size-30 units, of each box's 179 outline points to the surface, or of one in
+    ``every`` so many."""
+    local = perimeter(boxes.size)[:, ::every]
+    points = np.einsum("bpi,bij->bpj", local, boxes.axes) + boxes.center[:, None, :]
     distance, _, _ = index.closest(points.reshape(-1, 3))
-    return np.asarray((distance**2).reshape(len(boxes), LOSS_POINTS).mean(axis=1))
+    return np.asarray((distance**2).reshape(local.shape[:2]).mean(axis=1))
 
 
 class Closest(Protocol):
@@ -178,8 +182,8 @@ def levenberg_marquardt(
         options: tuned values.
 
     Returns:
-        the fitted boxes, and their :func:`alignment_loss` (B,); inf where a box was rejected: it stayed too far from
-        the surface, came close to a better one, or was not kept by ``keep`` or ``recentre``.
+        the fitted boxes, and their :func:`alignment_loss` (B,), by every third point; inf where a box was rejected: it
+        stayed too far from the surface, came close to a better one, or was not kept by ``keep`` or ``recentre``.
     """
     device = torch.device(index.device)
     center, axes, rough = _fit(boxes, proxy or index, device, options.coarse, options)
@@ -230,7 +234,7 @@ def correct(
             boxes.axes[active, 1] if up is None else up[active],
         )
         active = active[squared < loss_limit(boxes.size[active], options) + options.exact.slack]
-        loss[active] = alignment_loss(Boxes(center, axes, boxes.size)[active], index)
+        loss[active] = alignment_loss(Boxes(center, axes, boxes.size)[active], index, options.every)
     return Boxes(center, axes, boxes.size), loss
 
 
