@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
+import torch
 
 from core.arrays import Bool, Float, Int
 from core.artwork.artwork import Artwork
@@ -104,7 +105,13 @@ def fit(
 
     solver = context.options.levenberg_marquardt
     boxes, loss = levenberg_marquardt(
-        boxes, context.carrier.index, context.surfels, keep_after_coarse, recentre_on_support, solver
+        boxes,
+        context.carrier.index,
+        context.surfels,
+        context.under,
+        keep_after_coarse,
+        recentre_on_support,
+        solver,
     )
     return _survivors(context, boxes, loss, loss_limit(boxes.size, solver), left, Boxes.concat(*overhanging))
 
@@ -113,7 +120,8 @@ def refit(context: PlacementContext, boxes: Boxes) -> Placement:
     """Those of the ``boxes``, which are nearly on the surface, that may carry the text where they are."""
     fitted, loss = correct(
         boxes,
-        context.carrier.index,
+        context.under,
+        torch.device(context.carrier.index.device),
         lambda moved: _recentred_on_support(context, moved),
         options=context.options.levenberg_marquardt,
     )
@@ -219,7 +227,7 @@ def _candidates(
     context: PlacementContext,
     artwork: Artwork,
     size: tuple[float, float, float],
-    wanted: Float | None,
+    wanted: Bool | None,
     rng: np.random.Generator,
 ) -> Boxes:
     """Boxes of a ``size`` to start from; where directions are ``wanted``, only on surface that looks there."""
