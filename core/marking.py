@@ -323,8 +323,9 @@ def _hidden_by_texture(embossed: Embossed, ground: Ground) -> list[Notice]:
     if texture is None or not plain or ground.layouts.logo == "qr":
         return []
     boxes = Boxes.concat(*plain)
-    _, _, busy = texture.under(boxes)
-    seen = contrast(texture.color_under(boxes), busy, (), embossed.placement.objective)
+    under = texture.pairs_in_boxes(boxes)
+    _, _, busy = texture.under(under)
+    seen = contrast(texture.color_under(under), busy, (), embossed.placement.objective)
     return hard_to_read(ground.layouts.line_height(boxes.size), seen)
 
 

@@ -7,11 +7,10 @@ from scipy.ndimage import label
 from scipy.spatial import cKDTree
 
 from core.analysis.saliency import Saliency, otsu
-from core.analysis.samples import SurfaceSamples
+from core.analysis.samples import Pairs, SurfaceSamples
 from core.analysis.symmetry import MirrorPlane
 from core.analysis.texture import TextureSaliency
 from core.arrays import Bool, Float, Int
-from core.geometry.boxes import Boxes
 from core.geometry.products import product
 from core.geometry.surface import Surface
 
@@ -79,10 +78,10 @@ class FeatureRegions(SurfaceSamples):
     face: Bool
     likely: Bool
 
-    def under(self, boxes: Boxes) -> tuple[Float, Float]:
+    def under(self, boxes: Pairs) -> tuple[Float, Float]:
         """Shares (B,) of the surface inside each of B boxes that are on a ``face``, and ``likely`` on a feature."""
         values = np.column_stack([self.face, self.likely]).astype(np.float64)
-        face, likely = self.mean_in_boxes(boxes, values).T
+        face, likely = boxes.mean(values).T
         return face, likely
 
 

@@ -7,9 +7,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
 
-from core.analysis.samples import SurfaceSamples
+from core.analysis.samples import Pairs, SurfaceSamples
 from core.arrays import Float, Int
-from core.geometry.boxes import Boxes
 from core.geometry.sampling import sample
 from core.geometry.surface import Surface
 
@@ -23,7 +22,8 @@ class SaliencyOptions:
     Attributes:
         samples: of the surface's area.
         radii: size-30 units: an eye, a finger, an ear.
-        cells: to a radius; neighbours are summed up in cubes of this size.
+        cells: to a radius; neighbours are summed up in cubes of this size. With 4 it takes 1.5 times as long, and the
+            map is the same but for 0.02 (root mean square, six assets).
         contrast: raw saliency; least difference between the means of salient regions and the rest: that of a ball of
             radius 6 and a plane, or a deviation of normals of 3 degrees (root mean square) in the direction of least
             variance. Less is the shape of a vase (0.06), the facets of a ball of 320 faces (0.07) or the noise of the
@@ -33,7 +33,7 @@ class SaliencyOptions:
 
     samples: int = 20_000
     radii: tuple[float, ...] = (0.4, 0.8, 1.6)
-    cells: int = 4
+    cells: int = 2
     contrast: float = 0.1
 
 
@@ -59,10 +59,10 @@ class Saliency(SurfaceSamples):
         """(N,) the salient points."""
         return self.value > self.threshold
 
-    def under(self, boxes: Boxes) -> tuple[Float, Float]:
-        """Mean ``value`` (B,) and share of salient points (B,) of the surface inside each of B boxes: see
-        :meth:`core.analysis.samples.SurfaceSamples.mean_in_boxes`."""
-        mean, share = self.mean_in_boxes(boxes, np.column_stack([self.value, self.salient])).T
+    def under(self, boxes: Pairs) -> tuple[Float, Float]:
+        """Mean ``value`` (B,) and share of salient points (B,) of the surface inside each of B boxes, given as
+        :meth:`core.analysis.samples.SurfaceSamples.pairs_in_boxes`."""
+        mean, share = boxes.mean(np.column_stack([self.value, self.salient])).T
         return mean, share
 
 

@@ -14,6 +14,31 @@ NEAREST = 64  # samples around a box with too few, among which these are chosen
 
 
 @dataclass(frozen=True, eq=False)
+class Pairs:
+    """Boxes and the samples under them, see :meth:`SurfaceSamples.pairs_in_boxes`.
+
+    Attributes:
+        box: (P,) the box of each pair.
+        sample: (P,) the sample of each.
+        boxes: number of all boxes.
+    """
+
+    box: Int
+    sample: Int
+    boxes: int
+
+    @cached_property
+    def samples(self) -> Int:
+        """(B,) number of samples under each box, at least 1."""
+        return np.maximum(np.bincount(self.box, minlength=self.boxes), 1)
+
+    def mean(self, values: Float) -> Float:
+        """(B, K) means of ``values`` (N, K) over the samples under each of B boxes."""
+        total = [np.bincount(self.box, weights=column[self.sample], minlength=self.boxes) for column in values.T]
+        return np.column_stack(total) / self.samples[:, None]
+
+
+@dataclass(frozen=True, eq=False)
 class SurfaceSamples:
     """Points on a surface.
 
@@ -29,15 +54,8 @@ class SurfaceSamples:
     def _tree(self) -> cKDTree:
         return cKDTree(self.points)
 
-    def mean_in_boxes(self, boxes: Boxes, values: Float) -> Float:
-        """(B, K) means of ``values`` (N, K) over the samples under each of B boxes: see :meth:`pairs_in_boxes`."""
-        owner, which = self.pairs_in_boxes(boxes)
-        count = np.maximum(np.bincount(owner, minlength=len(boxes)), 1)
-        total = [np.bincount(owner, weights=column[which], minlength=len(boxes)) for column in values.T]
-        return np.column_stack(total) / count[:, None]
-
-    def pairs_in_boxes(self, boxes: Boxes) -> tuple[Int, Int]:
-        """Pairs of a box and a sample inside it: (P,), (P,).
+    def pairs_in_boxes(self, boxes: Boxes) -> Pairs:
+        """Pairs of a box and a sample inside it.
 
         Points whose normals point away from the box are on the far side of thin geometry and do not count. A box with
         fewer than 8 points inside, smaller than the spacing of the samples, has the 8 nearest to its centre whose
@@ -51,7 +69,7 @@ class SurfaceSamples:
             nearest = self._nearest(boxes[few])
             owner = np.concatenate([owner[kept], np.repeat(few, nearest.shape[1])])
             which = np.concatenate([which[kept], nearest.ravel()])
-        return owner, which
+        return Pairs(owner, which, len(boxes))
 
     def _inside(self, boxes: Boxes) -> tuple[Int, Int]:
         """Pairs of a box and a point inside it whose normal points towards it: (P,), (P,)."""

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.analysis.motion import turns
-from core.analysis.samples import SurfaceSamples
+from core.analysis.samples import Pairs, SurfaceSamples
 from core.arrays import Float, Int
-from core.geometry.boxes import Boxes
 from core.geometry.products import product
 from core.geometry.surface import Surface
 from core.geometry.triangles import barycentric
@@ -36,19 +35,15 @@ class SkinDeformation(SurfaceSamples):
     nodes: Int
     torn: Float
 
-    def under(self, boxes: Boxes) -> Float:
+    def under(self, boxes: Pairs) -> Float:
         """(B,) articulation of the surface inside each of B boxes, 0 to 1: how much its text is torn on average over
         pairs of joints, drawn by the mean weights (Rao 1982; the Gini impurity where any two joints tear it). 0 where
         all of the text follows one joint. Where two share it half and half it is half of what these two tear it,
         whether one moves the left half and the other the right (the text breaks) or both move all of it (blended
         rotations shrink)."""
-        owner, which = self.pairs_in_boxes(boxes)
-        cell = owner[:, None] * len(self.nodes) + np.searchsorted(self.nodes, self.joints[which])
-        total = np.bincount(cell.ravel(), self.weights[which].ravel(), len(boxes) * len(self.nodes))
-        share = (
-            total.reshape(len(boxes), len(self.nodes))
-            / np.maximum(np.bincount(owner, minlength=len(boxes)), 1)[:, None]
-        )
+        cell = boxes.box[:, None] * len(self.nodes) + np.searchsorted(self.nodes, self.joints[boxes.sample])
+        total = np.bincount(cell.ravel(), self.weights[boxes.sample].ravel(), boxes.boxes * len(self.nodes))
+        share = total.reshape(boxes.boxes, len(self.nodes)) / boxes.samples[:, None]
         return np.asarray(np.clip((product(share, self.torn) * share).sum(axis=1), 0, 1))
 
 

@@ -7,9 +7,8 @@ from scipy.spatial import cKDTree
 
 from core.analysis.color import base_color
 from core.analysis.saliency import otsu
-from core.analysis.samples import SurfaceSamples
+from core.analysis.samples import Pairs, SurfaceSamples
 from core.arrays import Float, Int
-from core.geometry.boxes import Boxes
 from core.geometry.surface import Surface
 from core.gltf.colors import cielab
 from core.gltf.scene import Scene
@@ -62,16 +61,16 @@ class TextureSaliency(SurfaceSamples):
     color: Float
     threshold: float
 
-    def under(self, boxes: Boxes) -> tuple[Float, Float, Float]:
+    def under(self, boxes: Pairs) -> tuple[Float, Float, Float]:
         """Mean ``saliency`` (B,), share of samples above the threshold (B,) and mean ``color_variance`` (B,) of the
-        surface inside each of B boxes: see :meth:`core.analysis.samples.SurfaceSamples.mean_in_boxes`."""
+        surface inside each of B boxes, given as :meth:`core.analysis.samples.SurfaceSamples.pairs_in_boxes`."""
         values = np.column_stack([self.saliency, self.saliency > self.threshold, self.color_variance])
-        mean, share, busy = self.mean_in_boxes(boxes, values).T
+        mean, share, busy = boxes.mean(values).T
         return mean, share, busy
 
-    def color_under(self, boxes: Boxes) -> Float:
+    def color_under(self, boxes: Pairs) -> Float:
         """(B, 3) mean ``color`` of the surface inside each of B boxes."""
-        return self.mean_in_boxes(boxes, self.color)
+        return boxes.mean(self.color)
 
 
 def texture_saliency(

@@ -2,11 +2,12 @@
 
 import numpy as np
 
-from core.arrays import Float
+from core.arrays import Bool, Float
 from core.geometry.products import product
 
 STEP = np.radians(30)
 EYE_DISTANCE = 75.0  # of a camera from the middle of the size-30 frame
+BLOCK = 512  # points at a time: these tables fit into a processor's cache
 MARGIN = 1.03  # radius of what a camera sees over that of the asset
 
 
@@ -44,6 +45,20 @@ def cosines_to_cameras(points: Float, vectors: Float, directions: Float) -> Floa
     ahead = EYE_DISTANCE * product(vectors, directions.T) - np.einsum("ni,ni->n", vectors, points)[:, None]
     squared = EYE_DISTANCE**2 - 2 * EYE_DISTANCE * product(points, directions.T) + (points**2).sum(axis=1)[:, None]
     return np.asarray(ahead / np.sqrt(squared))
+
+
+def looks_at_cameras(points: Float, vectors: Float, directions: Float, least: float) -> Bool:
+    """(N, D) which unit ``vectors`` (N, 3) at ``points`` (N, 3) have a cosine, see :func:`cosines_to_cameras`, of at
+    ``least`` this positive number."""
+    result = np.empty((len(points), len(directions)), dtype=bool)
+    for start in range(0, len(points), BLOCK):
+        point, vector = points[start : start + BLOCK], vectors[start : start + BLOCK]
+        ahead = EYE_DISTANCE * product(vector, directions.T)
+        ahead -= (vector * point).sum(axis=1, keepdims=True)
+        bound = product(point, -2 * EYE_DISTANCE * least**2 * directions.T)
+        bound += least**2 * (EYE_DISTANCE**2 + (point**2).sum(axis=1, keepdims=True))
+        np.copyto(result[start : start + BLOCK], (ahead > 0) & (np.square(ahead) >= bound))
+    return result
 
 
 def fibonacci_directions(count: int) -> Float:

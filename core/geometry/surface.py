@@ -65,7 +65,9 @@ class Surface:
     @cached_property
     def radius(self) -> float:
         """Distance of the farthest drawn point from the middle of the frame, size-30 units."""
-        used = self.positions[np.unique(self.faces)]
+        drawn = np.zeros(len(self.positions), dtype=bool)
+        drawn[self.faces] = True
+        used = self.positions[drawn]
         used = used[np.abs(used).max(axis=1) <= self.reach]
         return float(np.linalg.norm(used, axis=1).max(initial=0.0))
 

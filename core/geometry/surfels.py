@@ -8,6 +8,7 @@ from core.geometry.sampling import sample
 from core.geometry.surface import Surface
 
 COUNT = 20_000
+LEAF = 32  # of the tree: queries take a sixth less time than with 16
 OVERLAP = 3.0  # radius of a disc over that of a disc of its share of the area: random samples leave gaps of that size
 
 
@@ -29,7 +30,7 @@ class Surfels:
         self.centers, self._face = sample(surface, COUNT, rng)
         self.normals = surface.normals[self._face]
         self._radius = OVERLAP * float(np.sqrt(surface.areas.sum() / (np.pi * COUNT)))
-        self._tree = cKDTree(self.centers)
+        self._tree = cKDTree(self.centers, leafsize=LEAF)
 
     def closest(self, points: Float) -> tuple[Float, Int, Float]:
         """Nearest disc point of each of (N, 3) ``points``: distance (N,), face (N,), point (N, 3)."""

@@ -23,5 +23,5 @@ def se(saliency: Saliency, boxes: Boxes) -> tuple[float, Float]:
     Returns:
         The error, and the mean saliency (B,), 0 to 1, of the surface inside each box.
     """
-    mean, share = saliency.under(boxes)
+    mean, share = saliency.under(saliency.pairs_in_boxes(boxes))
     return float((share > VOTE).sum() / max(len(boxes), 1)), mean

@@ -3,12 +3,13 @@
 from collections.abc import Callable
 
 import numpy as np
+import torch
 
 from core.arrays import Bool, Float, Int
 from core.artwork.artwork import Artwork
 from core.choices import Mode, Profile, Solver
 from core.geometry.boxes import Boxes
-from core.geometry.directions import cosines_to_cameras, to_cameras
+from core.geometry.directions import to_cameras
 from core.geometry.sampling import sample
 from core.geometry.spatial import Eye
 from core.placement.candidates import along_strips, candidates, right_way_up
@@ -31,7 +32,7 @@ from core.placement.filters import (
 )
 from core.placement.finetune import adam, correct, distinct, levenberg_marquardt, loss_limit
 from core.placement.legibility import text_width
-from core.placement.objective import FACING_VIEW, Placement, contrast, facing, likelihood
+from core.placement.objective import Placement, contrast, facing, likelihood
 from core.placement.rejection import Stage
 from core.placement.selection import visibility
 from core.placement.watch import Watch
@@ -63,7 +64,7 @@ def fit(
     context: PlacementContext,
     artwork: Artwork,
     width: float,
-    wanted: Float | None,
+    wanted: Bool | None,
     rng: np.random.Generator,
     progress: Callable[[float], None],
 ) -> tuple[Placement, dict[Stage, int]]:
@@ -73,8 +74,8 @@ def fit(
         context: the shared inputs.
         artwork: one of the layouts.
         width: of it.
-        wanted: (K, 3) only candidates that look towards one of these directions, within 45 degrees, are fitted; None
-            for all.
+        wanted: (D,) only candidates that look towards one of these directions, within 45 degrees, are fitted; None for
+            all.
         rng: the source of every draw.
         progress: called with the share done, 0 to 1, by the slow solver.
 
@@ -104,7 +105,13 @@ def fit(
 
     solver = context.options.levenberg_marquardt
     boxes, loss = levenberg_marquardt(
-        boxes, context.carrier.index, context.surfels, keep_after_coarse, recentre_on_support, solver
+        boxes,
+        context.carrier.index,
+        context.surfels,
+        context.under,
+        keep_after_coarse,
+        recentre_on_support,
+        solver,
     )
     return _survivors(context, boxes, loss, loss_limit(boxes.size, solver), left, Boxes.concat(*overhanging))
 
@@ -113,7 +120,8 @@ def refit(context: PlacementContext, boxes: Boxes) -> Placement:
     """Those of the ``boxes``, which are nearly on the surface, that may carry the text where they are."""
     fitted, loss = correct(
         boxes,
-        context.carrier.index,
+        context.under,
+        torch.device(context.carrier.index.device),
         lambda moved: _recentred_on_support(context, moved),
         options=context.options.levenberg_marquardt,
     )
@@ -219,7 +227,7 @@ def _candidates(
     context: PlacementContext,
     artwork: Artwork,
     size: tuple[float, float, float],
-    wanted: Float | None,
+    wanted: Bool | None,
     rng: np.random.Generator,
 ) -> Boxes:
     """Boxes of a ``size`` to start from; where directions are ``wanted``, only on surface that looks there."""
@@ -227,25 +235,22 @@ def _candidates(
     if options.radius is not None:
         points, face = sample(context.ground, options.samples, rng)
         return candidates(points, context.ground.normals[face], size, options.radius)
-    # Each layout gets its share of the boxes: a place that one fits into mostly serves the others as well.
-    number, most = options.samples, options.number / len(context.layouts.artworks)
+    # Several layouts have fewer boxes each: a place that one fits into mostly serves the others as well.
+    most = options.number / np.sqrt(len(context.layouts.artworks))
     if wanted is not None:
-        share = max(options.more * len(wanted) / len(context.targets.directions), options.fewest)
-        number, most = options.more_samples, options.number * share
-    points, face = sample(context.ground, number, rng)
-    normals = context.ground.normals[face]
-    if wanted is not None:
-        looking = np.flatnonzero((cosines_to_cameras(points, normals, wanted) >= FACING_VIEW).any(axis=1))
-        points, normals = points[looking[: 2 * options.samples]], normals[looking[: 2 * options.samples]]
-        number = number * len(points) // max(len(looking), 1)
-    shown = _in_sight(context, points, normals, context.targets.directions if wanted is None else wanted, rng)
-    area = float(context.ground.areas.sum()) * len(shown) / number
-    shown = shown[: options.samples]
+        most *= max(options.more * float(wanted.mean()), options.fewest)
+    order = rng.permutation(len(context.surfels.centers))
+    order = order[context.looking[order][:, slice(None) if wanted is None else wanted].any(axis=1)]
+    tested = order[: options.samples]
+    shown = tested[_in_sight(context, tested, wanted, rng)]
     if not len(shown):
         return Boxes.empty()
-    boxes = candidates(points[shown], normals[shown], size, float(np.sqrt(PACKING * area / (options.choice * most))))
+    share = len(order) / len(context.looking) * len(shown) / len(tested)
+    area = float(context.ground.areas.sum()) * share
+    points, normals = context.surfels.centers[shown], context.surfels.normals[shown]
+    boxes = candidates(points, normals, size, float(np.sqrt(PACKING * area / (options.choice * most))))
     narrow = options.narrow * min(text_width(1.0, artwork.line_height), size[0])
-    around = shown[:: int(np.ceil(len(shown) * 4 * narrow**2 / (area * options.strip_density)))]
+    around = slice(None, None, int(np.ceil(len(shown) * 4 * narrow**2 / (area * options.strip_density))))
     return _most_supported(context, along_strips(boxes, points[around], normals[around], narrow, options))
 
 
@@ -262,20 +267,19 @@ def _support(context: PlacementContext, boxes: Boxes) -> Float:
     return support(met, boxes, context.carrier.component)
 
 
-def _in_sight(
-    context: PlacementContext, points: Float, normals: Float, directions: Float, rng: np.random.Generator
-) -> Int:
-    """Indices of the ``points`` (N, 3) of the surface, with unit ``normals`` (N, 3), that are visible from one of a few
-    ``directions`` (K, 3) within 45 degrees of their normal."""
-    hidden = cosines_to_cameras(points, normals, directions) < FACING_VIEW
-    order = rng.random(hidden.shape, dtype=np.float32)
-    order[hidden] = np.inf
-    few = min(context.options.candidates.probes, len(directions))
-    probe = np.argpartition(order, few - 1, axis=1)[:, :few]
-    point, turn = np.nonzero(np.isfinite(np.take_along_axis(order, probe, axis=1)))
-    start = points[point] + SKIN * normals[point]
-    _, face = context.carrier.index.first_hit(start, to_cameras(start, directions[probe[point, turn]]), Eye.FAR)
-    return np.unique(point[face < 0])
+def _in_sight(context: PlacementContext, which: Int, wanted: Bool | None, rng: np.random.Generator) -> Bool:
+    """(N,) surfels, those with numbers ``which`` (N,), that are visible from one of a few of the directions they look
+    at, of the ``wanted`` (D,) ones alone if these are given."""
+    turns = rng.permutation(context.looking.shape[1] if wanted is None else np.flatnonzero(wanted))
+    looking = context.looking[np.ix_(which, turns)]
+    looking &= looking.cumsum(axis=1, dtype=np.int16) <= context.options.candidates.probes
+    point, turn = np.nonzero(looking)
+    start = context.surfels.centers[which[point]] + SKIN * context.surfels.normals[which[point]]
+    toward = to_cameras(start, context.targets.directions[turns[turn]])
+    _, face = context.carrier.index.first_hit(start, toward, Eye.FAR)
+    seen = np.zeros(len(which), dtype=bool)
+    seen[point[face < 0]] = True
+    return seen
 
 
 def _valued(
@@ -294,12 +298,13 @@ def _valued(
     bent, preferred = curvature_deviation(boxes, met.height), np.zeros(len(boxes))
     if context.facts.regions is not None:
         preferred = context.facts.regions.preference(above(boxes, met, 0.0), met.face)
-    _, salient = context.facts.saliency.under(boxes)
+    under = context.facts.saliency.pairs_in_boxes(boxes)  # all facts are known at the same samples
+    _, salient = context.facts.saliency.under(under)
     details, busy, legible = np.zeros(len(boxes)), np.zeros(len(boxes)), np.ones(len(boxes))
     if context.facts.texture is not None:
-        _, details, busy = context.facts.texture.under(boxes)
-        legible = contrast(context.facts.texture.color_under(boxes), busy, parameters.palette, objective)
-    face, likely = np.zeros((2, len(boxes))) if context.facts.features is None else context.facts.features.under(boxes)
+        _, details, busy = context.facts.texture.under(under)
+        legible = contrast(context.facts.texture.color_under(under), busy, parameters.palette, objective)
+    face, likely = np.zeros((2, len(boxes))) if context.facts.features is None else context.facts.features.under(under)
     line = context.layouts.line_height(boxes.size)
     height = line * legible
     last_resort = (salient > objective.max_salient) | (details > objective.max_detail)
@@ -313,7 +318,7 @@ def _valued(
             boxes, line, context.carrier.index, context.normals, relief, context.options.filters
         ),
         folded=fold,
-        articulation=np.zeros(len(boxes)) if context.facts.skin is None else context.facts.skin.under(boxes),
+        articulation=np.zeros(len(boxes)) if context.facts.skin is None else context.facts.skin.under(under),
         detail=details,
         busy=busy,
         face=face > objective.max_feature,

@@ -64,7 +64,7 @@ from numpy.typing import NDArray
 
 from core.arrays import Bool, Float, Int
 from core.geometry.boxes import Boxes
-from core.geometry.directions import cosines_to_cameras, fibonacci_directions, view_directions
+from core.geometry.directions import cosines_to_cameras, fibonacci_directions, looks_at_cameras, view_directions
 from core.geometry.products import product
 from core.geometry.surface import Surface
 from core.gltf.colors import cielab, hex_linear
@@ -73,7 +73,7 @@ from core.placement.pairs import proximity, ragged, stacked
 
 Single = NDArray[np.float32]
 
-FACING_VIEW = np.cos(np.radians(45.0))  # a mark turned further away is not readable from that view
+FACING_VIEW = float(np.cos(np.radians(45.0)))  # a mark turned further away is not readable from that view
 WORTH_DIGITS = 6  # of an objective that is about 1
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # weights of linear sRGB (ITU-R BT.709)
 
@@ -159,8 +159,9 @@ class Targets:
 
 def centroid(surface: Surface) -> Float:
     """(3,) of a surface with area, size-30 units."""
-    middle = surface.positions[surface.faces].mean(axis=1)
-    return np.asarray((surface.areas[:, None] * middle).sum(axis=0) / surface.areas.sum())
+    corners = (surface.positions.take(surface.faces[:, corner], axis=0) for corner in range(3))
+    moment = sum((surface.areas[:, None] * corner).sum(axis=0) for corner in corners)
+    return np.asarray(moment / (3 * surface.areas.sum()))
 
 
 def targets(surface: Surface, objective: Objective = OBJECTIVE) -> Targets:
@@ -208,7 +209,7 @@ class Placement:
     def gain(self, chosen: Sequence[int]) -> Float:
         """(B,) the gain in the objective from adding each box to the ``chosen``."""
         best, second = self.coverage(chosen)
-        added = (self._added(best, second) * self.weight).sum(axis=1)
+        added = (self._added(self.likelihood, best, second) * self.weight).sum(axis=1)
         return _even(added - self.pairs(chosen).sum(axis=1) - self.cost)
 
     def gain_without(self, chosen: Sequence[int]) -> Float:
@@ -217,12 +218,16 @@ class Placement:
         Only in those targets does that make a difference in which the one left out is best or second best.
         """
         (best, second, third), owner = self._leaders(chosen)
-        whole = self._added(best, second) * self.weight
+        whole = self._added(self.likelihood, best, second) * self.weight
         gain = np.repeat(whole.sum(axis=1)[:, None], len(chosen), axis=1)
         for rank, (one, other) in enumerate([(second, third), (best, third)]):
-            without = self._added(one, other) * self.weight - whole
-            for number in range(len(chosen)):
-                gain[:, number] += without[:, owner[rank] == number].sum(axis=1)
+            order = np.argsort(owner[rank], kind="stable")
+            order = order[np.searchsorted(owner[rank][order], 0) :]  # without the targets that nothing covers
+            if len(order):
+                numbers, first = np.unique(owner[rank][order], return_index=True)
+                likelihood = self.likelihood[:, order]
+                without = self._added(likelihood, one[order], other[order]) * self.weight[order] - whole[:, order]
+                gain[:, numbers] += np.add.reduceat(without, first, axis=1)
         pairs = self.pairs(chosen)
         return _even(gain - (pairs.sum(axis=1, keepdims=True) - pairs) - self.cost[:, None])
 
@@ -234,13 +239,14 @@ class Placement:
         order = np.argsort(-rows, axis=0, kind="stable")[:3]
         return np.take_along_axis(rows, order, axis=0), np.where(order < len(chosen), order, -1)[:2]
 
-    def _added(self, best: Single, second: Single) -> Single:
-        """(B, J) the gain of each box in each target that others cover ``best`` and ``second`` best (J,)."""
-        redundant = np.minimum(self.likelihood, best)
+    def _added(self, likelihood: Single, best: Single, second: Single) -> Single:
+        """(B, J) the gain of each box, of a ``likelihood`` (B, J), in targets that others cover ``best`` and ``second``
+        best (J,)."""
+        redundant = np.minimum(likelihood, best)
         redundant -= second
         np.maximum(redundant, 0, out=redundant)
         redundant *= self.objective.redundancy
-        added = self.likelihood - best
+        added = likelihood - best
         np.maximum(added, 0, out=added)
         added += redundant
         return added
@@ -285,7 +291,7 @@ def _even(worth: Float) -> Float:
 
 def facing(boxes: Boxes, directions: Float) -> Bool:
     """(B, D) which boxes look to the camera in each direction (D, 3) within 45 degrees."""
-    return np.asarray(cosines_to_cameras(boxes.center, boxes.axes[:, 2], directions) >= FACING_VIEW)
+    return looks_at_cameras(boxes.center, boxes.axes[:, 2], directions, FACING_VIEW)
 
 
 def contrast(ground: Float, busy: Float, palette: Sequence[str], objective: Objective = OBJECTIVE) -> Float:

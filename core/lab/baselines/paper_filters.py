@@ -46,7 +46,7 @@ def paper_filters(prepared: Prepared, boxes: Boxes, aligned: Bool, count: int, r
     boxes = boxes[apart(boxes, rng)]
     blocked = occluded(boxes, top_face(boxes), prepared.index, BEYOND)
     boxes = _some(boxes[~blocked], "another part is in front of them")
-    _, salient = prepared.saliency.under(boxes)
+    _, salient = prepared.saliency.under(prepared.saliency.pairs_in_boxes(boxes))
     boxes = _some(boxes[salient <= VOTE], "they lie on salient regions")
     return boxes[choose(boxes, count, rng)]
 

@@ -96,6 +96,7 @@ def test_a_fur_that_is_salient_all_over_is_split_until_no_region_is_most_of_it()
 def test_a_box_knows_how_much_of_it_is_on_a_face() -> None:
     points = np.column_stack([np.linspace(-4, 4, 80), np.zeros(80), np.zeros(80)])
     regions = FeatureRegions(points, np.tile([0.0, 0.0, 1.0], (80, 1)), points[:, 0] > 0, points[:, 0] > 10)
-    face, likely = regions.under(Boxes(np.zeros((1, 3)), np.eye(3)[None], np.array([[10.0, 1.0, 1.0]])))
+    box = Boxes(np.zeros((1, 3)), np.eye(3)[None], np.array([[10.0, 1.0, 1.0]]))
+    face, likely = regions.under(regions.pairs_in_boxes(box))
     assert face.tolist() == [0.5]
     assert likely.tolist() == [0.0]

@@ -235,6 +235,10 @@ def test_a_shape_without_area_is_refused() -> None:
     assert caught.value.code is ErrorCode.NO_FACES
 
 
+def under(saliency: Saliency, marks: Boxes) -> tuple[np.ndarray, np.ndarray]:
+    return saliency.under(saliency.pairs_in_boxes(marks))
+
+
 def hand_made() -> Saliency:
     """A sheet of points one unit apart that face +Z, salient at x > 0; the same 0.1 below, facing down, all salient."""
     x, y = np.meshgrid(np.arange(-9.5, 10), np.arange(-9.5, 10), indexing="ij")
@@ -251,19 +255,19 @@ def hand_made() -> Saliency:
 
 def test_what_lies_in_a_box_and_faces_it_is_averaged() -> None:
     marks = boxes(box((5, 0, 0), (4, 4, 1)), box((-5, 0, 0), (4, 4, 1)), box((1, 0, 0), (8, 4, 1)))
-    mean, share = hand_made().under(marks)
+    mean, share = under(hand_made(), marks)
     assert mean.tolist() == pytest.approx([0.8, 0.2, (5 * 0.8 + 3 * 0.2) / 8])
     assert share.tolist() == pytest.approx([1, 0, 5 / 8])
 
 
 def test_a_box_on_the_other_side_sees_that_side() -> None:
     down = box((-5, 0, -0.1), (4, 4, 1), axes=np.diag([-1.0, 1, -1]))
-    assert hand_made().under(down)[1][0] == 1
+    assert under(hand_made(), down)[1][0] == 1
 
 
 def test_a_box_smaller_than_the_samples_asks_the_nearest_that_face_it() -> None:
     marks = boxes(box((5, 0, 0), (0.2, 0.1, 0.1)), box((-5, 0, 0), (0.2, 0.1, 0.1)), box((5, 0, 0), (4, 4, 1)))
-    mean, share = hand_made().under(marks)
+    mean, share = under(hand_made(), marks)
     assert mean.tolist() == pytest.approx([0.8, 0.2, 0.8])
     assert share.tolist() == [1, 0, 1]
 
@@ -271,10 +275,10 @@ def test_a_box_smaller_than_the_samples_asks_the_nearest_that_face_it() -> None:
 def test_where_no_side_faces_the_box_the_nearest_points_count_either_way() -> None:
     shape = saliency(inside_out(cuboid(10, 10, 10)), seed=0)
     tip = np.array([[1, -1, 0], [1, 1, -2], [1, 1, 1]]) / np.sqrt([[2], [6], [3]])
-    _, share = shape.under(boxes(box((0, 0, 5)), box((5, 5, 5), (0.2, 0.1, 0.1), axes=tip)))
+    _, share = under(shape, boxes(box((0, 0, 5)), box((5, 5, 5), (0.2, 0.1, 0.1), axes=tip)))
     assert share.tolist() == [0, 1]
 
 
 def test_no_boxes_have_no_saliency() -> None:
     none = Boxes.empty()
-    assert [len(part) for part in hand_made().under(none)] == [0, 0]
+    assert [len(part) for part in under(hand_made(), none)] == [0, 0]

@@ -21,23 +21,23 @@ def sheet() -> tuple[SurfaceSamples, np.ndarray]:
 
 def test_several_values_are_averaged_over_what_faces_each_box() -> None:
     samples, values = sheet()
-    means = samples.mean_in_boxes(boxes(box((5, 0, 0), (4, 4, 1)), box((-5, 2, 0), (2, 6, 1))), values)
+    means = samples.pairs_in_boxes(boxes(box((5, 0, 0), (4, 4, 1)), box((-5, 2, 0), (2, 6, 1)))).mean(values)
     assert means == pytest.approx(np.array([[5, FRONT], [-5, FRONT]]))
 
 
 def test_a_box_turned_over_sees_the_other_side() -> None:
     samples, values = sheet()
     down = box((-5, 0, -0.1), (4, 4, 1), axes=np.diag([-1.0, 1, -1]))
-    assert samples.mean_in_boxes(down, values)[0] == pytest.approx([-5, BACK])
+    assert samples.pairs_in_boxes(down).mean(values)[0] == pytest.approx([-5, BACK])
 
 
 def test_a_box_smaller_than_the_samples_asks_the_eight_nearest() -> None:
     samples, values = sheet()
-    means = samples.mean_in_boxes(boxes(box((5, 0, 0), (0.2, 0.1, 0.1)), box((-5, 0, 0), (4, 4, 1))), values)
+    means = samples.pairs_in_boxes(boxes(box((5, 0, 0), (0.2, 0.1, 0.1)), box((-5, 0, 0), (4, 4, 1)))).mean(values)
     assert means == pytest.approx(np.array([[5, FRONT], [-5, FRONT]]))
 
 
 def test_no_boxes_have_no_means() -> None:
     samples, values = sheet()
     none = Boxes.empty()
-    assert samples.mean_in_boxes(none, values).shape == (0, 2)
+    assert samples.pairs_in_boxes(none).mean(values).shape == (0, 2)

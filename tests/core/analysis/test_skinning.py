@@ -19,7 +19,9 @@ def made(weights: list[tuple[float, float]], torn: float = 1.0) -> SkinDeformati
 
 
 def under(found: SkinDeformation) -> float:
-    return float(found.under(Boxes(np.zeros((1, 3)), np.eye(3)[None], np.array([[10.0, 1.0, 1.0]])))[0])
+    return float(
+        found.under(found.pairs_in_boxes(Boxes(np.zeros((1, 3)), np.eye(3)[None], np.array([[10.0, 1.0, 1.0]]))))[0]
+    )
 
 
 def test_text_that_follows_one_joint_is_free_of_joints() -> None:
@@ -36,7 +38,8 @@ def test_joints_that_hardly_turn_against_each_other_count_less() -> None:
 
 
 def test_no_boxes_have_no_articulation() -> None:
-    assert len(made([(0.5, 0.5)] * 40).under(Boxes.empty())) == 0
+    found = made([(0.5, 0.5)] * 40)
+    assert len(found.under(found.pairs_in_boxes(Boxes.empty()))) == 0
 
 
 def an_arm(degrees: float | None = None) -> Document:

@@ -67,12 +67,20 @@ def found(shown: Scene, seed: int = 0) -> TextureSaliency:
     return result
 
 
+def under(texture: TextureSaliency, marks: Boxes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return texture.under(texture.pairs_in_boxes(marks))
+
+
+def color_under(texture: TextureSaliency, marks: Boxes) -> np.ndarray:
+    return texture.color_under(texture.pairs_in_boxes(marks))
+
+
 def at(x: float, y: float, size: tuple[float, float, float] = (2, 1, 1)) -> Boxes:
     return box((x, y, 0), size)
 
 
 def test_an_eye_stands_out_and_what_is_beside_it_does_not() -> None:
-    mean, share, busy = found(plate(drawn(*eye(5, 4)))).under(boxes(at(5, 4), at(9, 4), at(-5, 4), at(5, -4)))
+    mean, share, busy = under(found(plate(drawn(*eye(5, 4)))), boxes(at(5, 4), at(9, 4), at(-5, 4), at(5, -4)))
     assert share[0] > 0.95
     assert mean[0] > 0.8
     assert busy[0] > 0.7
@@ -93,7 +101,7 @@ def test_small_print_stands_out() -> None:
         ImageDraw.Draw(image).text((100, 100 + 14 * row), "Made by hand 1234", fill=(40, 40, 40))
     scale = 30 / SIZE
     middle = at(150 * scale - 15, 15 - 120 * scale, (4, 1.5, 1))
-    _, share, busy = found(plate(np.asarray(image))).under(boxes(middle, at(5, -5)))
+    _, share, busy = under(found(plate(np.asarray(image))), boxes(middle, at(5, -5)))
     assert share[0] > 0.9
     assert busy[0] > 0.4
     assert share[1] == 0
@@ -156,15 +164,15 @@ def test_noise_is_busy_and_a_gradient_is_not() -> None:
 
 
 def test_an_eye_stands_out_of_grain() -> None:
-    _, share, busy = found(plate(drawn(*eye(5, 4), ground=noise(150, 230)))).under(boxes(at(5, 4), at(-5, 4)))
+    _, share, busy = under(found(plate(drawn(*eye(5, 4), ground=noise(150, 230)))), boxes(at(5, 4), at(-5, 4)))
     assert share[0] > 0.9
     assert share[1] < 0.02
     assert 0.1 < busy[1] < busy[0] / 2
 
 
 def test_the_border_of_a_large_patch_stands_out_less_than_an_eye() -> None:
-    mean, share, _ = found(plate(drawn(((-6, 0), 6, 80), *eye(6, 0)))).under(
-        boxes(at(6, 0), at(0, 0), at(-6, 0, (5, 2, 1)))
+    mean, share, _ = under(
+        found(plate(drawn(((-6, 0), 6, 80), *eye(6, 0)))), boxes(at(6, 0), at(0, 0), at(-6, 0, (5, 2, 1)))
     )
     assert mean[0] > mean[1] > 0
     assert share[2] == 0
@@ -202,8 +210,9 @@ def test_vertex_colours_are_seen() -> None:
     positions = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
     spot = np.hypot(positions[:, 0] - 0.3, positions[:, 1]) < 0.05
     colors = np.where(spot[:, None], [0, 0, 0], [0.9, 0.8, 0.7]).astype(np.float32)
-    _, share, _ = found(scene(GlbWriter().mesh(positions, faces, {"COLOR_0": colors}))).under(
-        boxes(at(4.5, 0, (1, 1, 1)), at(-4.5, 0, (1, 1, 1)))
+    _, share, _ = under(
+        found(scene(GlbWriter().mesh(positions, faces, {"COLOR_0": colors}))),
+        boxes(at(4.5, 0, (1, 1, 1)), at(-4.5, 0, (1, 1, 1))),
     )
     assert share.tolist() == [1, 0]
 
@@ -212,16 +221,16 @@ def test_parts_of_different_materials_are_told_apart() -> None:
     """An eye that is a part of its own, just above the face."""
     writer = GlbWriter().mesh(QUAD, QUAD_FACES, material=plain((1, 0.7, 0.6, 1)))
     writer.mesh(QUAD * 0.05 + [0.3, 0, 1e-4], QUAD_FACES, material=plain((0, 0, 0, 1)))
-    _, share, _ = found(scene(writer)).under(boxes(at(4.5, 0.75, (1, 0.5, 1)), at(-4.5, 0, (1, 1, 1))))
+    _, share, _ = under(found(scene(writer)), boxes(at(4.5, 0.75, (1, 0.5, 1)), at(-4.5, 0, (1, 1, 1))))
     assert share[0] > 0.9
     assert share[1] == 0
 
 
 def test_the_colour_under_a_box_is_the_mean_of_the_surface_in_it() -> None:
     result = found(plate(np.repeat([[[255, 0, 0]] * 8 + [[0, 255, 0]] * 8], 16, axis=0)))
-    inside = result.color_under(boxes(at(-7, 0), at(7, 0), at(-7, 0, (1e-3, 1e-3, 1e-3))))
+    inside = color_under(result, boxes(at(-7, 0), at(7, 0), at(-7, 0, (1e-3, 1e-3, 1e-3))))
     assert inside == pytest.approx(np.array([[1, 0, 0], [0, 1, 0], [1, 0, 0]]))
-    (across,) = result.color_under(at(0, 0, (12, 8, 1)))
+    (across,) = color_under(result, at(0, 0, (12, 8, 1)))
     assert across == pytest.approx([0.5, 0.5, 0], abs=0.04)  # the luminance within 0.02
 
 
@@ -229,14 +238,14 @@ def test_boxes_on_the_two_sides_of_a_sheet_see_their_own_colour() -> None:
     back = np.diag([-1.0, 1, -1])
     writer = GlbWriter().mesh(QUAD, QUAD_FACES, material=plain((1, 1, 1, 1)))
     result = found(scene(writer.mesh(QUAD @ back - [0, 0, 0.003], QUAD_FACES, material=plain((0, 0, 0, 1)))))
-    front, rear = result.color_under(boxes(at(0, 0), box((0, 0, 0), (2, 1, 1), axes=back)))
+    front, rear = color_under(result, boxes(at(0, 0), box((0, 0, 0), (2, 1, 1), axes=back)))
     assert front == pytest.approx([1, 1, 1])
     assert rear == pytest.approx([0, 0, 0])
 
 
 def test_no_boxes_have_no_colour() -> None:
     none = Boxes.empty()
-    assert len(found(plate(drawn(*eye(5, 4)))).color_under(none)) == 0
+    assert len(color_under(found(plate(drawn(*eye(5, 4)))), none)) == 0
 
 
 @settings(max_examples=10)

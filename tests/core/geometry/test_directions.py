@@ -8,6 +8,7 @@ from core.geometry.directions import (
     cosines_to_cameras,
     fibonacci_directions,
     field_of_view,
+    looks_at_cameras,
     to_cameras,
     view_directions,
 )
@@ -68,3 +69,13 @@ def test_cosines_are_those_of_the_ways_to_the_cameras(seed: int) -> None:
     np.testing.assert_allclose(np.diagonal(found), (ways * vectors).sum(axis=1), atol=1e-12)
     several = to_cameras(np.stack([points, points + 1], axis=1), directions)
     np.testing.assert_allclose(several[:, 1], EYE_DISTANCE * directions - points - 1)
+
+
+def test_whether_cameras_are_looked_at_is_what_the_cosines_say() -> None:
+    rng = np.random.default_rng(0)
+    points, vectors, directions = rng.uniform(-15, 15, (1500, 3)), rng.normal(size=(1500, 3)), fibonacci_directions(40)
+    vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
+    for least in (0.1, np.cos(np.radians(45)), 0.999):
+        expected = cosines_to_cameras(points, vectors, directions) >= least
+        assert np.array_equal(looks_at_cameras(points, vectors, directions, least), expected)
+    assert looks_at_cameras(points[:0], vectors[:0], directions, 0.5).shape == (0, 40)
