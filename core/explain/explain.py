@@ -148,7 +148,7 @@ def _worth(trace: Trace, candidates: Candidates, shown: Embossed) -> list[dict[s
     placement, chosen = shown.placement, list(shown.marks)
     costs = prices(trace.terms(placement.boxes[_numbers(chosen)]), candidates.context.options.objective)
     pairs = placement.pairs(chosen)[chosen].sum(axis=1)
-    gain = placement.gain_without(chosen)[chosen, np.arange(len(chosen))]
+    gain = np.diagonal(placement.gain_without(chosen, np.array(chosen)))
     covers = gain + placement.cost[chosen] + pairs
     views = placement.visible[chosen][:, : len(candidates.context.targets.up)].sum(axis=1)
     return [

@@ -206,30 +206,31 @@ class Placement:
         (best, second, _), _ = self._leaders(chosen)
         return best, second
 
-    def gain(self, chosen: Sequence[int]) -> Float:
-        """(B,) the gain in the objective from adding each box to the ``chosen``."""
+    def gain(self, chosen: Sequence[int], among: Int) -> Float:
+        """(M,) the gain in the objective from adding each of the boxes ``among`` (M,) to the ``chosen``."""
         best, second = self.coverage(chosen)
-        added = (self._added(self.likelihood, best, second) * self.weight).sum(axis=1)
-        return _even(added - self.pairs(chosen).sum(axis=1) - self.cost)
+        added = (self._added(self.likelihood[among], best, second) * self.weight).sum(axis=1)
+        return _even(added - self.pairs(chosen)[among].sum(axis=1) - self.cost[among])
 
-    def gain_without(self, chosen: Sequence[int]) -> Float:
-        """(B, K) :meth:`gain` where each of the K ``chosen`` boxes in turn is left out.
+    def gain_without(self, chosen: Sequence[int], among: Int) -> Float:
+        """(M, K) :meth:`gain` where each of the K ``chosen`` boxes in turn is left out.
 
         Only in those targets does that make a difference in which the one left out is best or second best.
         """
         (best, second, third), owner = self._leaders(chosen)
-        whole = self._added(self.likelihood, best, second) * self.weight
+        likelihood = self.likelihood[among]
+        whole = self._added(likelihood, best, second) * self.weight
         gain = np.repeat(whole.sum(axis=1)[:, None], len(chosen), axis=1)
         for rank, (one, other) in enumerate([(second, third), (best, third)]):
             order = np.argsort(owner[rank], kind="stable")
             order = order[np.searchsorted(owner[rank][order], 0) :]  # without the targets that nothing covers
             if len(order):
                 numbers, first = np.unique(owner[rank][order], return_index=True)
-                likelihood = self.likelihood[:, order]
-                without = self._added(likelihood, one[order], other[order]) * self.weight[order] - whole[:, order]
+                without = self._added(likelihood[:, order], one[order], other[order]) * self.weight[order]
+                without -= whole[:, order]
                 gain[:, numbers] += np.add.reduceat(without, first, axis=1)
-        pairs = self.pairs(chosen)
-        return _even(gain - (pairs.sum(axis=1, keepdims=True) - pairs) - self.cost[:, None])
+        pairs = self.pairs(chosen)[among]
+        return _even(gain - (pairs.sum(axis=1, keepdims=True) - pairs) - self.cost[among, None])
 
     def _leaders(self, chosen: Sequence[int]) -> tuple[Single, Int]:
         """(3, J) the three largest likelihoods of the ``chosen`` boxes for each target, 0 where there are fewer, and

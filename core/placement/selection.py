@@ -13,7 +13,7 @@ from core.geometry.spatial import Eye, SpatialIndex
 from core.placement.filters import overlapping
 from core.placement.objective import Placement, facing
 
-Free = Callable[[list[int]], Bool]  # (B,) boxes that overlap none of the given; (B, K) none of them but the K-th
+Overlaps = Callable[[list[int]], Bool]  # (B, 1 + K) boxes that must not be used, and those that overlap K others
 
 NEGLIGIBLE = 1e-6  # gain of the objective up to which nothing is exchanged
 
@@ -93,43 +93,40 @@ def climb(
     def overlaps(chosen: list[int]) -> Bool:
         return np.stack([~usable, *(overlap(one) for one in chosen)], axis=1)
 
-    def free(chosen: list[int]) -> Bool:
-        return np.asarray(~overlaps(chosen).any(axis=1))
-
-    def free_without(chosen: list[int]) -> Bool:
-        table = overlaps(chosen)
-        return np.asarray(table.sum(axis=1, keepdims=True) == table[:, 1:])
-
     chosen = list(fixed)
     for one in start:
-        if len(chosen) < count and one not in chosen and free(chosen)[one]:
+        if len(chosen) < count and one not in chosen and not overlaps(chosen)[one].any():
             chosen.append(one)
-    _add(placement, chosen, free, count)
+    _add(placement, chosen, overlaps, count)
     for _ in range(options.exchanges):
-        if not _exchange(placement, chosen, free_without, len(fixed)):
+        if not _exchange(placement, chosen, overlaps, len(fixed)):
             break
-        _add(placement, chosen, free, count)
+        _add(placement, chosen, overlaps, count)
     return chosen
 
 
-def _add(placement: Placement, chosen: list[int], free: Free, count: int) -> None:
+def _add(placement: Placement, chosen: list[int], overlaps: Overlaps, count: int) -> None:
     """Add the box of the greatest gain, while there is any. The first is added without a gain, too: an asset is never
     left unmarked."""
     while len(chosen) < count:
-        gain = np.where(free(chosen), placement.gain(chosen), -np.inf)
-        if len(gain) == 0 or gain.max() <= (0 if chosen else -np.inf):
+        free = np.flatnonzero(~overlaps(chosen).any(axis=1))
+        gain = placement.gain(chosen, free)
+        if len(gain) == 0 or (chosen and gain.max() <= 0):
             return
-        chosen.append(int(gain.argmax()))
+        chosen.append(int(free[gain.argmax()]))
 
 
-def _exchange(placement: Placement, chosen: list[int], free_without: Free, fixed: int) -> bool:
+def _exchange(placement: Placement, chosen: list[int], overlaps: Overlaps, fixed: int) -> bool:
     """Make the one change of a single box, another in its place or none, that raises the objective most, if any."""
     if len(chosen) == fixed:
         return False
-    gain = placement.gain_without(chosen)[:, fixed:]
-    own = gain[chosen[fixed:], np.arange(gain.shape[1])]
-    gain[~free_without(chosen)[:, fixed:]] = -np.inf
-    best, which = gain.max(axis=0), gain.argmax(axis=0)
+    met = overlaps(chosen)
+    among = np.flatnonzero(met.sum(axis=1) <= 1)  # others would take the places of two
+    met = met[among]
+    gain = placement.gain_without(chosen, among)[:, fixed:]
+    own = gain[np.searchsorted(among, chosen[fixed:]), np.arange(gain.shape[1])]
+    gain[(met.sum(axis=1, keepdims=True) != met[:, 1:])[:, fixed:]] = -np.inf
+    best, which = gain.max(axis=0), among[gain.argmax(axis=0)]
     better = np.maximum(best, 0 if len(chosen) > 1 else -np.inf) - own
     position = int(better.argmax())
     if better[position] <= NEGLIGIBLE:
