@@ -11,7 +11,7 @@ import numpy as np
 from manifold3d import CrossSection, JoinType
 from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinates
 
-from core.arrays import Bool, Float
+from core.arrays import Bool, Float, Int
 from core.artwork.artwork import SOFT_REACH
 from core.artwork.raster import filled
 
@@ -80,6 +80,11 @@ class HeightField:
     letters: CrossSection
     outlines: tuple[Float, ...]
     contours: tuple[Float, ...]
+
+    @cached_property
+    def covered_before(self) -> Int:
+        """(H + 1, W + 1) number of covered texels in the rows and columns before each."""
+        return np.asarray(np.pad(self.covered.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0))))
 
     @cached_property
     def _slopes(self) -> tuple[Float, Float]:

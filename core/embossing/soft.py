@@ -13,9 +13,10 @@ from core.embossing.lift import MIN_AGREEMENT, obstructed
 from core.embossing.mesh import WorkingMesh
 from core.embossing.patch import Patch
 from core.embossing.refusal import Refusal
-from core.embossing.remesh import Remesh, distance_to_edges, remesh
+from core.embossing.remesh import Remesh, remesh
 from core.geometry.boxes import Boxes
 from core.geometry.products import cross, product
+from core.geometry.segments import distance_to_edges
 from core.geometry.spatial import SpatialIndex
 from core.geometry.triangles import unit
 from core.gltf.edit import Kind
@@ -107,10 +108,11 @@ def _heights(field: HeightField, found: Remesh) -> tuple[Float, Float]:
     triangles, and 0 on what these do not use."""
     plane = found.points[:, :2]
     height, gradient, nearest = field.at(plane), field.gradient(plane), plane.copy()
-    distance = distance_to_edges(plane, field.near(plane[found.boundary]), nearest)
-    share = np.minimum(distance / (EASE * field.slope), 1.0)
+    reach = EASE * field.slope
+    distance = distance_to_edges(plane, field.near(plane[found.boundary]), reach, nearest)
+    share = np.minimum(distance / reach, 1.0)
     away = unit(np.pad(plane - nearest, ((0, 0), (0, 1))))[:, :2]
-    steep = 6 * share * (1 - share) / (EASE * field.slope)
+    steep = 6 * share * (1 - share) / reach
     gradient = eased(share)[:, None] * gradient + (steep * height)[:, None] * away
     height *= eased(share)
     # Where the trench runs out the ground stays as it is, to the last digit: what is not moved can carry other marks.

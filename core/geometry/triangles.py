@@ -34,6 +34,19 @@ def barycentric(points: Float, triangles: Float) -> Float:
     return np.asarray(result / result.sum(axis=-1, keepdims=True))
 
 
+def plane_barycentric(points: Float, triangles: Float) -> Float:
+    """(N, 3) barycentric coordinates of (N, 2) ``points`` in (N, 3, 2) triangles of the plane, each in its own, clamped
+    into it: those of :func:`barycentric`, bit for bit."""
+    a, b, c = (triangles[:, corner] for corner in range(3))
+    area = doubled_area(a, b, c)
+    square = np.maximum(area * area, np.finfo(float).tiny)
+    v, w = doubled_area(a, points, c) * area / square, doubled_area(a, b, points) * area / square
+    result = np.clip(np.stack([1 - v - w, v, w]), 0.0, 1.0)
+    result[result < 1e-9] = 0.0
+    result /= result[0] + result[1] + result[2]
+    return np.ascontiguousarray(result.T)
+
+
 def bisected(corners: Float, longest: float) -> tuple[Float, Int]:
     """Triangles (N, 3, 3) cut in two across their longest edges until no edge is longer than ``longest``: the pieces
     (M, 3, 3) and the number (M,) of the triangle that each is of."""
