@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 import pythoncdt
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 from core.arrays import Bool, Float, Int
-from core.geometry.edges import connected
 from core.geometry.grouping import among
 from core.geometry.triangles import doubled_area, inside_rings
 
@@ -57,8 +58,12 @@ class Triangulation:
 
     def _parts(self, walls: Bool) -> Int:
         """(M,) a number for each group of triangles that are joined by sides other than the ``walls`` (M, 3)."""
-        one, side = np.nonzero(~walls & (self.neighbours >= 0))
-        return connected(len(self.triangles), one, self.neighbours[one, side])
+        passed = ~walls & (self.neighbours >= 0)
+        start = np.concatenate([[0], np.cumsum(np.count_nonzero(passed, axis=1))])
+        to = self.neighbours[passed]
+        graph = csr_array((np.ones(len(to)), to, start), shape=(len(passed), len(passed)))
+        # All pairs go both ways: what is strongly connected is connected, and is found without their transpose.
+        return np.asarray(connected_components(graph, connection="strong")[1], dtype=np.int64)
 
     def _sides_on(self, edges: Int) -> Bool:
         """(M, 3) sides of the triangles that are among the directed ``edges`` (E, 2)."""

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from core.arrays import Bool, Float, Int
+from core.arrays import Float, Int
+from core.embossing.rings import Rings
 from core.geometry.spatial import SpatialIndex
 from core.geometry.triangles import doubled_area, plane_barycentric
 
@@ -13,28 +14,16 @@ INSIDE = 1e-7  # text widths or barycentric coordinate; points this far outside 
 
 
 @dataclass(frozen=True, eq=False)
-class Rings:
-    """Closed rings over the ground, one after another.
+class LaidRings(Rings):
+    """Rings laid over the ground.
 
     Attributes:
-        points: (N, 2) in the plane.
-        sizes: (R,) number of points of each.
         faces: (N,) the triangle under each point, or nearest to it.
         beside: (N,) the distance to it in the plane.
     """
 
-    points: Float
-    sizes: Int
     faces: Int
     beside: Float
-
-    @property
-    def ahead(self) -> Int:
-        """(N,) the number of the next point of the ring."""
-        result = np.arange(1, len(self.points) + 1)
-        end = np.cumsum(self.sizes)
-        result[end - 1] = end - self.sizes
-        return result
 
 
 class Ground:
@@ -73,46 +62,37 @@ class Ground:
         )
         return np.asarray(-least / doubled_area(a, b, c))
 
-    def bridged(self, rings: list[Float], tolerance: float, shortest: float) -> Rings:
+    def bridged(self, rings: list[Float], tolerance: float, shortest: float) -> LaidRings:
         """The ``rings`` (N, 2) with their sides bisected until none is further than ``tolerance`` from the surface, or
         as short as ``shortest``."""
-        points, sizes = np.concatenate(rings), np.array([len(ring) for ring in rings])
-        found = Rings(points, sizes, *self.under(points))
-        unknown = np.ones(len(points), dtype=bool)
+        found = Rings.of(rings)
+        faces, beside = self.under(found.points)
+        unknown = np.ones(len(found.points), dtype=bool)
         for _ in range(ROUNDS):
-            inside, ahead = found.beside < INSIDE, found.ahead
-            in_one = (found.faces == found.faces[ahead]) & inside & inside[ahead]  # a triangle, and thus on the surface
-            way = found.points[ahead] - found.points
-            long = np.sqrt(way[:, 0] * way[:, 0] + way[:, 1] * way[:, 1]) > shortest
-            which = np.flatnonzero(unknown & ~in_one & long)
-            found, unknown = self._bisected(found, which, tolerance)
-            if not unknown.any():
+            ahead, inside = found.ahead, beside < INSIDE
+            in_one = (faces == faces[ahead]) & inside & inside[ahead]  # a triangle, and thus on the surface
+            which = np.flatnonzero(unknown & ~in_one & found.longer(shortest))
+            start, end = found.points[which], found.points[ahead[which]]
+            middle = (start + end) / 2
+            probes = np.concatenate([(start + middle) / 2, middle, (middle + end) / 2])
+            under, away = self.under(probes)
+            low, high, *between = self._height(
+                np.concatenate([start, end, probes]), np.concatenate([faces[which], faces[ahead[which]], under])
+            ).reshape(5, -1)
+            error = [
+                np.abs(at - low - share * (high - low)) for share, at in zip((0.25, 0.5, 0.75), between, strict=True)
+            ]
+            split = np.flatnonzero(np.max(error, axis=0) > tolerance)
+            if not len(split):
                 break
-        return found
+            found = found.with_points(which[split], middle[split])
+            faces = np.insert(faces, which[split] + 1, under[len(which) + split])
+            beside = np.insert(beside, which[split] + 1, away[len(which) + split])
+            new = which[split] + np.arange(len(split))  # of each pair of halves the first
+            unknown = np.zeros(len(found.points), dtype=bool)
+            unknown[new] = unknown[new + 1] = True
+        return LaidRings(found.points, found.sizes, faces, beside)
 
-    def _bisected(self, rings: Rings, which: Int, tolerance: float) -> tuple[Rings, Bool]:
-        """The ``rings`` with those of their sides ``which`` bisected that are further than ``tolerance`` from the
-        surface, and the sides (N,) that are new."""
-        ahead = rings.ahead[which]
-        start, end = rings.points[which], rings.points[ahead]
-        middle = (start + end) / 2
-        probes = np.concatenate([(start + middle) / 2, middle, (middle + end) / 2])
-        faces, beside = self.under(probes)
-        all_points = np.concatenate([start, end, probes])
-        all_faces = np.concatenate([rings.faces[which], rings.faces[ahead], faces])
-        first, last, *between = self.height(self.weights(all_points, all_faces), all_faces).reshape(5, -1)
-        error = [
-            np.abs(height - first - share * (last - first))
-            for height, share in zip(between, (0.25, 0.5, 0.75), strict=True)
-        ]
-        far = np.flatnonzero(np.maximum(np.maximum(*error[:2]), error[2]) > tolerance)
-        split = np.zeros(len(rings.points), dtype=bool)
-        split[which[far]] = True
-        at, halves = which[far] + 1, len(which) + far  # of the middles among the probes
-        ring = np.repeat(np.arange(len(rings.sizes)), rings.sizes)
-        return Rings(
-            np.insert(rings.points, at, middle[far], axis=0),
-            rings.sizes + np.bincount(ring[which[far]], minlength=len(rings.sizes)),
-            np.insert(rings.faces, at, faces[halves]),
-            np.insert(rings.beside, at, beside[halves]),
-        ), np.repeat(split, 1 + split)
+    def _height(self, points: Float, faces: Int) -> Float:
+        """(N,) of the surface at (N, 2) ``points`` in triangles (N,)."""
+        return self.height(self.weights(points, faces), faces)

@@ -14,6 +14,7 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinat
 from core.arrays import Bool, Float, Int
 from core.artwork.artwork import SOFT_REACH
 from core.artwork.raster import filled
+from core.embossing.rings import Rings
 
 MAX_TEXELS = 1_000_000  # of a field: an eighth of a second
 FINER = 4  # texels of the letters' mask for each of the field, along and across
@@ -130,7 +131,7 @@ def height_field(letters: CrossSection, stroke: float | None = None, options: Pr
     texel = max(options.texel * slope, float(np.sqrt(np.prod(high - low) / MAX_TEXELS)))
     columns, rows = (np.ceil((high - low) / texel).astype(np.int64) + 1).tolist()
     fine = filled(outlines, low - texel / 2, FINER / texel, (columns * FINER, rows * FINER))
-    mask = fine.reshape(rows, FINER, columns, FINER).mean(axis=(1, 3))
+    mask = _shares(fine, FINER)
     near, wide = (gaussian_filter(mask, width * stroke / texel) for width in (options.slope, options.trench))
     beside = distance_transform_edt(mask < 0.5) * texel
     heights = (options.rise * near - options.sink * wide) * eased(2 * (1 - beside / reach))
@@ -138,11 +139,17 @@ def height_field(letters: CrossSection, stroke: float | None = None, options: Pr
     tolerance = options.coarse * slope
     around = [_offset(letters, at * -slope, slope).simplify(tolerance) for at in options.contours]
     around.append(_offset(letters, reach, slope).simplify(2 * tolerance))
-    return replace(
-        field,
-        outlines=tuple(_bisected(ring, field, options) for ring in outlines),
-        contours=tuple(_bisected(ring, field, options) for section in around for ring in section.to_polygons()),
-    )
+    contours = [ring for section in around for ring in section.to_polygons()]
+    rings = _bisected(Rings.of([*outlines, *contours]), field, options).separate()
+    return replace(field, outlines=tuple(rings[: len(outlines)]), contours=tuple(rings[len(outlines) :]))
+
+
+def _shares(mask: Bool, side: int) -> Float:
+    """(H, W) shares of the squares of ``side`` by ``side`` texels of a mask (H side, W side) that it covers."""
+    high, wide = mask.shape
+    by_row = mask.view(np.uint8).reshape(high // side, side, wide).sum(axis=1, dtype=np.uint8)
+    count = sum(by_row[:, column::side] for column in range(side))
+    return np.asarray(count / side**2)
 
 
 def eased(share: Float) -> Float:
@@ -157,18 +164,22 @@ def _offset(letters: CrossSection, by: float, slope: float) -> CrossSection:
     return letters.offset(by, JoinType.Round, 2.0, min(sides, 32))
 
 
-def _bisected(ring: Float, field: HeightField, options: ProfileOptions) -> Float:
-    """The ``ring`` (N, 2) with its sides bisected until the field is about linear along each."""
+def _bisected(rings: Rings, field: HeightField, options: ProfileOptions) -> Rings:
+    """The ``rings`` with their sides bisected until the field is about linear along each."""
+    height = field.at(rings.points)
+    unknown = np.ones(len(height), dtype=bool)
     for _ in range(ROUNDS):
-        ahead = np.roll(ring, -1, axis=0)
-        first, last = field.at(ring), field.at(ahead)
-        error = [
-            np.abs(field.at(ring + share * (ahead - ring)) - first - share * (last - first))
-            for share in (0.25, 0.5, 0.75)
-        ]
-        long = np.linalg.norm(ahead - ring, axis=1) > options.shortest * field.slope
-        split = np.flatnonzero((np.max(error, axis=0) > options.bend) & long)
+        ahead = rings.ahead
+        which = np.flatnonzero(unknown & rings.longer(options.shortest * field.slope))
+        start, way = rings.points[which], rings.points[ahead[which]] - rings.points[which]
+        first, last = height[which], height[ahead[which]]
+        error = [np.abs(field.at(start + share * way) - first - share * (last - first)) for share in (0.25, 0.5, 0.75)]
+        split = which[np.max(error, axis=0) > options.bend]
         if not len(split):
             break
-        ring = np.insert(ring, split + 1, (ring[split] + ahead[split]) / 2, axis=0)
-    return ring
+        middle = (rings.points[split] + rings.points[ahead[split]]) / 2
+        rings, height = rings.with_points(split, middle), np.insert(height, split + 1, field.at(middle))
+        new = split + np.arange(len(split))  # of each pair of halves the first
+        unknown = np.zeros(len(height), dtype=bool)
+        unknown[new] = unknown[new + 1] = True
+    return rings
