@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 from manifold3d import CrossSection, JoinType
-from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinates
+from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from core.arrays import Bool, Float, Int
 from core.artwork.artwork import SOFT_REACH
@@ -88,14 +88,19 @@ class HeightField:
         return np.asarray(np.pad(self.covered.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0))))
 
     @cached_property
-    def _slopes(self) -> tuple[Float, Float]:
-        """(H, W) change of the heights to the right and up."""
+    def _with_slopes(self) -> Float:
+        """(H, W, 3) the heights, and their change to the right and up."""
         up, right = np.gradient(self.heights, self.texel)
-        return np.asarray(right), np.asarray(up)
+        return np.stack([self.heights, right, up], axis=-1)
 
     def at(self, points: Float) -> Float:
         """(N,) heights at (N, 2) points."""
         return self._sampled(self.heights, points)
+
+    def with_gradient(self, points: Float) -> tuple[Float, Float]:
+        """(N,) heights at (N, 2) points, and (N, 2) their change a text width."""
+        values = self._sampled(self._with_slopes, points)
+        return values[:, 0], values[:, 1:]
 
     def covers(self, points: Float) -> Bool:
         """(N,) bool, points (N, 2) in the footprint or close beside it."""
@@ -109,13 +114,21 @@ class HeightField:
         high = self.origin + self.texel * (np.array(self.heights.shape)[::-1] - 1)
         return np.asarray(edges[((edges.max(axis=1) >= self.origin) & (edges.min(axis=1) <= high)).all(axis=1)])
 
-    def gradient(self, points: Float) -> Float:
-        """(N, 2) change of the heights a text width at (N, 2) points."""
-        return np.column_stack([self._sampled(slope, points) for slope in self._slopes])
-
     def _sampled(self, values: Float, points: Float) -> Float:
-        column, row = ((points - self.origin) / self.texel).T
-        return np.asarray(map_coordinates(values, [row, column], order=1, mode="constant"))
+        """(N, ...) values of a raster (H, W, ...) at (N, 2) points, linear between the middles of texels, 0 beyond."""
+        high, wide = values.shape[:2]
+        x, y = ((points - self.origin) / self.texel).T
+        within = (x >= 0) & (x <= wide - 1) & (y >= 0) & (y <= high - 1)
+        left, low = (np.clip(np.floor(at), 0, most - 2).astype(np.int64) for at, most in ((x, wide), (y, high)))
+        across, up = x - left, y - low
+        total = np.zeros((len(points), *values.shape[2:]))
+        texels, beside = values.reshape(high * wide, *values.shape[2:]), (-1,) + (1,) * (values.ndim - 2)
+        for row, of_row in ((0, 1 - up), (1, up)):
+            for column, of_column in ((0, 1 - across), (1, across)):
+                texel = texels.take((low + row) * wide + left + column, axis=0)
+                total += texel * of_row.reshape(beside) * of_column.reshape(beside)
+        total[~within] = 0.0
+        return total
 
 
 def height_field(letters: CrossSection, stroke: float | None = None, options: ProfileOptions = PROFILE) -> HeightField:

@@ -119,9 +119,12 @@ def assign_to_patches(
     assigned: list[list[CrossSection]] = [[] for _ in found]
     center, axes, size = box.center[0], box.axes[0], box.size[0]
     aspect = size[1] / size[0] * letters.line
-    for island, points in zip(letters.islands, letters.samples, strict=True):
-        origins = center + size[0] * product(points, axes[:2]) + size[2] / 2 * axes[2]
-        distance, face = index.first_hit(origins, np.broadcast_to(-axes[2], origins.shape), Eye.ORIGIN)
+    samples = np.concatenate(letters.samples)
+    origins = center + size[0] * product(samples, axes[:2]) + size[2] / 2 * axes[2]
+    hits = index.first_hit(origins, np.broadcast_to(-axes[2], origins.shape), Eye.ORIGIN)
+    ends = np.cumsum([len(points) for points in letters.samples])[:-1]
+    by_island = zip(letters.islands, letters.samples, *(np.split(of_all, ends) for of_all in hits), strict=True)
+    for island, points, distance, face in by_island:
         met = distance <= size[2]
         votes = np.array([owner.get(f, -1) for f in face[met].tolist()], dtype=np.int64)
         if not len(votes):

@@ -49,8 +49,7 @@ class FaceGrid:
                     row = (x * self._shape[1] + y) * self._shape[2]
                     found.append(self._small[self._start[row + first[2]] : self._start[row + last[2] + 1]])
         faces = np.concatenate(found)
-        meets = np.all((self._high[faces] >= low) & (self._low[faces] <= high), axis=1)
-        return np.sort(faces[meets])
+        return np.sort(faces[_meet(self._low[faces], self._high[faces], low, high)])
 
 
 class Rows:
@@ -114,7 +113,7 @@ class WorkingMesh:
         self._new_source = np.empty((0, 3), dtype=np.int64)
         self._new_kind = np.empty(0, dtype=np.int8)
         self._new_mark = np.empty(0, dtype=np.int64)
-        self._marks = 0
+        self._mark_bounds = np.empty((0, 3)), np.empty((0, 3))
         self._new_alive = np.empty(0, dtype=bool)
         self._new_low = self._new_high = np.empty((0, 3))
         if resolution is None:
@@ -145,9 +144,8 @@ class WorkingMesh:
         """Ids of the faces, removed ones excluded, whose bounding box meets ``low``-``high``."""
         old = self._grid.overlapping(low, high)
         old = old[self._alive[old] & self._coincident.distinct[old]]
-        new = np.flatnonzero(self._new_alive)
-        if len(new):
-            new = new[np.all((self._new_high[new] >= low) & (self._new_low[new] <= high), axis=1)]
+        new = np.flatnonzero(self._new_alive & _meet(*self._mark_bounds, low, high)[self._new_mark])
+        new = new[_meet(self._new_low[new], self._new_high[new], low, high)]
         return np.concatenate([old, new + self.original_faces])
 
     def corners(self, ids: Int) -> Int:
@@ -203,11 +201,12 @@ class WorkingMesh:
         self._new_corners = np.concatenate([self._new_corners, corners])
         self._new_source = np.concatenate([self._new_source, source])
         self._new_kind = np.concatenate([self._new_kind, kind])
-        self._new_mark = np.concatenate([self._new_mark, np.full(len(corners), self._marks)])
-        self._marks += 1
+        self._new_mark = np.concatenate([self._new_mark, np.full(len(corners), len(self._mark_bounds[0]))])
         self._new_alive = np.concatenate([self._new_alive, np.ones(len(corners), dtype=bool)])
         low, high = _bounds(self.points, corners)
         self._new_low, self._new_high = np.concatenate([self._new_low, low]), np.concatenate([self._new_high, high])
+        lowest, highest = self._mark_bounds
+        self._mark_bounds = np.vstack([lowest, low.min(axis=0)]), np.vstack([highest, high.max(axis=0)])
 
     def edit(self) -> SurfaceEdit:
         """All changes, as the input of the lossless writer."""
@@ -231,6 +230,14 @@ class WorkingMesh:
             kind=self._new_kind[living],
             mark=self._new_mark[living],
         )
+
+
+def _meet(low: Float, high: Float, from_low: Float, to_high: Float) -> Bool:
+    """(N,) boxes ``low``-``high`` (N, 3 each) that meet one box ((3,) each)."""
+    result = np.ones(len(low), dtype=bool)
+    for axis in range(3):  # a reduction over so short an axis would be slow
+        result &= (high[:, axis] >= from_low[axis]) & (low[:, axis] <= to_high[axis])
+    return result
 
 
 def _bounds(points: Float, corners: Int) -> tuple[Float, Float]:

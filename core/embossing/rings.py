@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.arrays import Bool, Float, Int
+from core.geometry.products import length as length_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +36,7 @@ class Rings:
 
     def longer(self, length: float) -> Bool:
         """(N,) sides longer than ``length``."""
-        x, y = (self.points[self.ahead] - self.points).T
-        return np.asarray(np.sqrt(x * x + y * y) > length)
+        return np.asarray(length_of(self.points[self.ahead] - self.points) > length)
 
     def with_points(self, sides: Int, points: Float) -> "Rings":
         """The rings with (K, 2) ``points`` between the ends of the ``sides`` (K,)."""

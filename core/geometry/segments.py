@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from core.arrays import Bool, Float, Int
+from core.geometry.products import dot
 from core.geometry.triangles import doubled_area
 
 _BLOCK = 2**20  # pairs worked on at a time: bounds the memory where each box meets many
@@ -32,12 +33,12 @@ def distance_to_edges(points: Float, edges: Float, within: float, toward: Float 
     """
     best = np.full(len(points), np.inf)
     along = edges[:, 1] - edges[:, 0]
-    squared = np.maximum(_dot(along, along), np.finfo(float).tiny)
+    squared = np.maximum(dot(along, along), np.finfo(float).tiny)
     low, high = _boxes(edges)
     for point, edge in _meeting(points, points, low - within, high + within):
         way, away = along[edge], points[point] - edges[edge, 0]
-        away -= np.clip(_dot(away, way) / squared[edge], 0.0, 1.0)[:, None] * way
-        square = _dot(away, away)
+        away -= np.clip(dot(away, way) / squared[edge], 0.0, 1.0)[:, None] * way
+        square = dot(away, away)
         least = best.copy()
         np.minimum.at(least, point, square)
         if toward is not None:
@@ -47,11 +48,6 @@ def distance_to_edges(points: Float, edges: Float, within: float, toward: Float 
         best = least
     distance = np.sqrt(best)
     return np.where(distance <= within, distance, np.inf)
-
-
-def _dot(one: Float, other: Float) -> Float:
-    """(N,) inner products of (N, 2) vectors."""
-    return np.asarray(one[:, 0] * other[:, 0] + one[:, 1] * other[:, 1])
 
 
 def _boxes(segments: Float) -> tuple[Float, Float]:

@@ -5,13 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from core.arrays import Bool, Float, Int
-from core.geometry.products import cross
+from core.geometry.products import cross, length
 
 
 def unit(vectors: Float) -> Float:
     """(N, 3) vectors at length 1; zero where they have no direction."""
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.asarray(np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 1e-30))
+    size = length(vectors)[:, None]
+    return np.asarray(np.divide(vectors, size, out=np.zeros_like(vectors), where=size > 1e-30))
 
 
 def flat_normals(corners: Float) -> Float:
@@ -53,10 +53,10 @@ def bisected(corners: Float, longest: float) -> tuple[Float, Int]:
     source = np.arange(len(corners))
     done = [(corners[:0], source[:0])]
     while len(corners):
-        length = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)  # of ab, bc, ca
-        long = length.max(axis=1) > longest
+        sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)  # of ab, bc, ca
+        long = sides.max(axis=1) > longest
         done.append((corners[~long], source[~long]))
-        corners, source, edge = corners[long], source[long], length[long].argmax(axis=1)
+        corners, source, edge = corners[long], source[long], sides[long].argmax(axis=1)
         rows = np.arange(len(corners))
         a, b, c = (corners[rows, (edge + corner) % 3] for corner in range(3))
         middle = (a + b) / 2
