@@ -10,6 +10,7 @@ from core.geometry.spatial import SpatialIndex
 from core.geometry.triangles import doubled_area, plane_barycentric
 
 ROUNDS = 4  # of bisecting the sides of rings over bent ground, at most
+FEW = 1000  # triangles, up to which long ones are not cut up: that takes longer than all queries
 INSIDE = 1e-7  # text widths or barycentric coordinate; points this far outside a triangle are in it
 
 
@@ -38,7 +39,7 @@ class Ground:
     def __init__(self, points: Float, triangles: Int, which: Int) -> None:
         self._points, self._triangles, self._which = points, triangles, which
         flat = np.column_stack([points[:, :2], np.zeros(len(points))])
-        self._index = SpatialIndex(flat, triangles[which])
+        self._index = SpatialIndex(flat, triangles[which], cut=len(which) > FEW)
 
     def under(self, points: Float) -> tuple[Int, Float]:
         """The triangle (N,) under, or nearest to, each of (N, 2) ``points``, and the distance (N,) to it."""

@@ -206,7 +206,8 @@ class WorkingMesh:
         low, high = _bounds(self.points, corners)
         self._new_low, self._new_high = np.concatenate([self._new_low, low]), np.concatenate([self._new_high, high])
         lowest, highest = self._mark_bounds
-        self._mark_bounds = np.vstack([lowest, low.min(axis=0)]), np.vstack([highest, high.max(axis=0)])
+        least, most = ([bound(axis) for axis in side.T] for bound, side in ((np.min, low), (np.max, high)))
+        self._mark_bounds = np.vstack([lowest, least]), np.vstack([highest, most])
 
     def edit(self) -> SurfaceEdit:
         """All changes, as the input of the lossless writer."""

@@ -26,6 +26,7 @@ from core.gltf.primitives import (
     PrimitiveReader,
 )
 from core.gltf.skin import Skin, blend, influence_sets, read_influences, read_skin
+from core.gltf.textures import ReadTexture, texture_reader
 from core.gltf.viewer import Look, Viewed, has_area, viewed
 
 SINGULAR = 1e-6  # |det| over the product of the column lengths; matrices of less count as singular
@@ -47,6 +48,11 @@ class Scene:
     nodes: tuple[Node, ...]
     surface: Surface
     primitives: tuple[DrawnPrimitive, ...]
+
+    @cached_property
+    def texture(self) -> ReadTexture:
+        """The reader of the document's textures for analysis, which keeps the last ones."""
+        return texture_reader(self.document)
 
     @cached_property
     def viewed(self) -> Viewed:

@@ -23,7 +23,7 @@ from core.gltf.edit import LETTERS, Style, SurfaceEdit
 from core.gltf.materials import UNLIT, Material, sampled
 from core.gltf.primitives import Primitive
 from core.gltf.scene import Scene
-from core.gltf.textures import Texture, texture_reader
+from core.gltf.textures import ReadTexture, Texture, texture_reader
 
 VARIANTS, ANIMATION_POINTER = "KHR_materials_variants", "KHR_animation_pointer"
 # Extensions of a material that leave its base colour what is seen, where they have no texture.
@@ -91,11 +91,16 @@ class Coloring:
 
 
 class Tints:
-    """The tints of letters on the primitives of a document, each decided once."""
+    """The tints of letters on the primitives of a document, each decided once.
 
-    def __init__(self, document: Document) -> None:
+    Args:
+        document: that the primitives are of.
+        read: its textures; one of its own if None.
+    """
+
+    def __init__(self, document: Document, read: ReadTexture | None = None) -> None:
         self._document = document
-        self._read = texture_reader(document)
+        self._read = read or texture_reader(document)
         self._tint = lru_cache(None)(self._find)
         self._swatches = lru_cache(None)(self._search)
 
