@@ -5,6 +5,8 @@ import numpy as np
 from core.arrays import Bool, Int
 from core.geometry.edges import directed_edges
 
+_OLD, _NEW, _RIM = 0, 1, 2  # origins of edges
+
 
 def is_closed(removed: Int, boundary: Int, added: Int) -> bool:
     """True where (M, 3) ``added`` triangles replace (K, 3) ``removed`` ones without changing the topology around them.
@@ -15,13 +17,13 @@ def is_closed(removed: Int, boundary: Int, added: Int) -> bool:
     """
     size = int(max(removed.max(), added.max())) + 1
     old, new = directed_edges(removed), directed_edges(added)
-    both = np.concatenate([old, new, boundary])
-    key = np.minimum(*both.T) * size + np.maximum(*both.T)
-    order = np.argsort(key)
-    first = np.flatnonzero(np.diff(key[order], prepend=-1))
-    upward = np.where(both[order, 0] < both[order, 1], 1, -1)
-    is_old, is_new = order < len(old), (order >= len(old)) & (order < len(old) + len(new))
-    is_rim = order >= len(old) + len(new)
+    start, end = np.concatenate([old, new, boundary]).T
+    origin = np.repeat([_OLD, _NEW, _RIM], [len(old), len(new), len(boundary)])
+    # One number for an edge, its direction and its origin: numbers are sorted in a fraction of the time of their order.
+    numbers = np.sort(((np.minimum(start, end) * size + np.maximum(start, end)) * 2 + (start < end)) * 4 + origin)
+    first = np.flatnonzero(np.diff(numbers >> 3, prepend=-1))
+    upward = np.where(numbers & 4, 1, -1)
+    is_old, is_new, is_rim = (numbers & 3 == each for each in (_OLD, _NEW, _RIM))
 
     def tally(weight: Int | Bool) -> Int:
         return np.add.reduceat(weight, first, dtype=np.int64)

@@ -156,8 +156,10 @@ def _covered(corners: Float, field: HeightField) -> Int:
     """The numbers of those of the triangles (K, 3, 2) whose bounds meet the texels that the footprint covers."""
     covered = field.covered_before
     high = np.array(field.covered.shape)[::-1]
-    first = np.floor((corners.min(axis=1) - field.origin) / field.texel - 0.5).astype(np.int64)
-    last = np.ceil((corners.max(axis=1) - field.origin) / field.texel + 0.5).astype(np.int64) + 1
+    a, b, c = (corners[:, corner] for corner in range(3))
+    lowest, highest = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    first = np.floor((lowest - field.origin) / field.texel - 0.5).astype(np.int64)
+    last = np.ceil((highest - field.origin) / field.texel + 0.5).astype(np.int64) + 1
     left, bottom = np.clip(first, 0, high).T
     right, top = np.clip(last, 0, high).T
     return np.flatnonzero(covered[top, right] - covered[bottom, right] - covered[top, left] + covered[bottom, left] > 0)
@@ -239,12 +241,14 @@ def _corner_faces(points: Float, triangles: Int, ground_triangles: Int, under: t
     """
     faces, inside = under
     known = len(points) - len(faces)
-    last = triangles.max(axis=1)
+    last = np.maximum(np.maximum(triangles[:, 0], triangles[:, 1]), triangles[:, 2])
     face = np.where(last >= known, faces[np.maximum(last - known, 0)], -1)
     new = np.maximum(triangles - known, 0)
-    in_face = (faces[new] == face[:, None]) & inside[new]
-    at_vertex = (ground_triangles[face][:, None, :] == triangles[:, :, None]).any(axis=2)
-    certain = (face >= 0) & np.where(triangles >= known, in_face, at_vertex).all(axis=1)
+    a, b, c = ground_triangles[face].T
+    certain = face >= 0
+    for corner, number in zip(triangles.T, new.T, strict=True):
+        in_face = (faces[number] == face) & inside[number]
+        certain &= np.where(corner >= known, in_face, (corner == a) | (corner == b) | (corner == c))
     result = np.repeat(face[:, None], 3, axis=1)
 
     unsure = np.flatnonzero(~certain)

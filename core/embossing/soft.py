@@ -113,7 +113,7 @@ def _heights(field: HeightField, found: Remesh) -> tuple[Float, Float]:
     reach = EASE * field.slope
     distance = distance_to_edges(plane, field.near(plane[found.boundary]), reach, nearest)
     share = np.minimum(distance / reach, 1.0)
-    away = unit(np.pad(plane - nearest, ((0, 0), (0, 1))))[:, :2]
+    away = unit(plane - nearest)
     steep = 6 * share * (1 - share) / reach
     gradient = eased(share)[:, None] * gradient + (steep * height)[:, None] * away
     height *= eased(share)

@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+FEW = 2**13  # values that a processor's nearest cache holds: these are looked up in any order
+
 
 def group_rows(words: NDArray[np.uint32]) -> NDArray[np.int64]:
     """(N,) int64 labels 0..G-1 of (N, K) uint32 ``words``: equal rows, and only they, get equal labels.
@@ -37,6 +39,8 @@ def among(values: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.bo
     if not len(others):
         return np.zeros(len(values), dtype=bool)
     others = np.sort(others)
+    if len(others) < FEW:
+        return np.asarray(others[np.minimum(np.searchsorted(others, values), len(others) - 1)] == values)
     order = np.argsort(values)
     place = np.minimum(np.searchsorted(others, values[order]), len(others) - 1)
     result = np.empty(len(values), dtype=bool)

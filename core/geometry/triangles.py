@@ -9,7 +9,7 @@ from core.geometry.products import cross, length
 
 
 def unit(vectors: Float) -> Float:
-    """(N, 3) vectors at length 1; zero where they have no direction."""
+    """(N, K) vectors at length 1, for small K; zero where they have no direction."""
     size = length(vectors)[:, None]
     return np.asarray(np.divide(vectors, size, out=np.zeros_like(vectors), where=size > 1e-30))
 
