@@ -51,6 +51,8 @@ class SurfaceAnalysis:
 
     def with_file_winding(self, edit: SurfaceEdit) -> SurfaceEdit:
         """An edit of ``surface`` as one of the scene's own: every triangle wound like the face it was cut from."""
+        if not self.flipped[edit.corner_face].any():
+            return edit
         flipped = self.flipped[edit.source_face]
         order = np.where(flipped[:, None], [0, 2, 1], [0, 1, 2])
         rows = np.arange(len(order))[:, None]

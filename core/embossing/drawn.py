@@ -4,8 +4,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from core.arrays import Bool, Float
-from core.geometry.products import cross
+from core.geometry.products import cross, dot, length
 from core.geometry.surface import Surface
+from core.geometry.triangles import flat_normals
 from core.gltf.edit import Kind, SurfaceEdit
 from core.gltf.scene import Scene
 
@@ -39,7 +40,8 @@ def drawn_marks(
             continue
         corners = edit.position[mine]
         slack = ROUNDED * float(resolution[surface.faces[edit.source_face[mine]]].max())
-        low, high = corners.min(axis=(0, 1)) - slack, corners.max(axis=(0, 1)) + slack
+        by_axis = corners.reshape(-1, 3).T
+        low, high = [axis.min() - slack for axis in by_axis], [axis.max() + slack for axis in by_axis]
         # Undrawn triangles may be in the same place: of a hidden node with the same mesh.
         near = np.flatnonzero(seen.drawn & (x >= low[0]) & (x <= high[0]))
         for axis, number in ((y, 1), (z, 2)):
@@ -47,12 +49,14 @@ def drawn_marks(
         if not len(near):
             continue
         centers = np.column_stack([x[near], y[near], z[near]])
-        distance, which = cKDTree(centers).query(corners.mean(axis=1), distance_upper_bound=slack)
+        tree = cKDTree(centers, balanced_tree=False, compact_nodes=False)
+        middle = (corners[:, 0] + corners[:, 1] + corners[:, 2]) / 3
+        distance, which = tree.query(middle, distance_upper_bound=slack)
         there = np.isfinite(distance)
         face = near[np.where(there, which, 0)]
         outwards = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        front = np.einsum("ni,ni->n", found.normals[face], outwards) > 0
+        front = dot(flat_normals(found.positions[found.faces[face]]), outwards) > 0
         good = there & (front | ~seen.one_sided[face]) & (seen.opacity[face] >= opaque)
-        area = np.linalg.norm(outwards, axis=1)
+        area = length(outwards)
         drawn[mark] = area[good].sum() >= ENOUGH * area.sum()
     return drawn

@@ -14,6 +14,8 @@ def group_rows(words: NDArray[np.uint32]) -> NDArray[np.int64]:
     """
     labels = np.zeros(len(words), dtype=np.int64)
     for column in words.T:
+        if (column == column[:1]).all():
+            continue
         key = labels.astype(np.uint64) << np.uint64(32) | column
         labels = np.unique(key, return_inverse=True)[1]
     return labels
@@ -46,3 +48,10 @@ def among(values: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.bo
     result = np.empty(len(values), dtype=bool)
     result[order] = others[place] == values[order]
     return result
+
+
+def first_of_each(values: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(N,) for each of the small numbers ``values`` (N,), the place of the first one that is equal to it."""
+    place = np.empty(int(values.max(initial=-1)) + 1, dtype=np.int64)
+    place[values[::-1]] = np.arange(len(values))[::-1]  # of equal ones the last one stays
+    return place[values]

@@ -52,4 +52,4 @@ def solved(matrices: Float, right: Float) -> Float:
     by_row = np.stack([cross(y, z), cross(z, x), cross(x, y)], axis=-2)
     determinant = product(by_row[..., :1, :], x[..., None])[..., 0]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        return np.asarray(product(by_row, right[..., None])[..., 0] / determinant)
+        return np.stack([dot(by_row[..., row, :], right) for row in range(3)], axis=-1) / determinant

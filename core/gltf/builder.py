@@ -55,7 +55,10 @@ class Builder:
             accessor["normalized"] = source["normalized"]
         accessor |= {"count": len(rows), "type": source["type"]}
         if bounded:
-            accessor |= {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()}
+            accessor |= {
+                "min": [column.min().item() for column in rows.T],
+                "max": [column.max().item() for column in rows.T],
+            }
         columns, height = ELEMENT_TYPES[source["type"]]
         used = np.flatnonzero(rows.any(axis=1))
         if "bufferView" in source or like in self.document.draco or len(used) > SPARSE * len(rows):

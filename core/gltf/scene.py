@@ -288,7 +288,7 @@ def _bounds(document: Document, world: Float, faces: Int, primitives: list[Drawn
     that have an area, else of all."""
     used = np.zeros(len(world), dtype=bool)
     used[faces] = True
-    low, high = world[used].min(axis=0), world[used].max(axis=0)
+    low, high = _extremes(world[used])
     # Nearly always drawn faces reach all six sides, and the others need no test.
     outermost = ((world == low) | (world == high)).any(axis=1)
     rim = world[faces[_counting(document, world, faces, primitives, outermost[faces].any(axis=1))]].reshape(-1, 3)
@@ -301,6 +301,11 @@ def _bounds(document: Document, world: Float, faces: Int, primitives: list[Drawn
         return low, high
     corners = world[faces[counting]].reshape(-1, 3)
     return corners.min(axis=0), corners.max(axis=0)
+
+
+def _extremes(points: Float) -> tuple[Float, Float]:
+    """(3,) lowest and highest coordinates of (N, 3) points; a reduction over their rows would be slow."""
+    return np.array([axis.min() for axis in points.T]), np.array([axis.max() for axis in points.T])
 
 
 def _counting(document: Document, world: Float, faces: Int, primitives: list[DrawnPrimitive], tested: Bool) -> Int:

@@ -5,7 +5,7 @@ A material of their own would be the handle by which letters are selected and de
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, reduce
 from typing import Any
 
 import numpy as np
@@ -219,11 +219,19 @@ def _even(texture: Texture) -> tuple[Float, Float]:
     height, width = texture.pixels.shape[:2]
     side = max(1, min(SWATCH, min(height, width) // 16))
     rows, columns = height // side, width // side
-    tiles = texture.pixels[: rows * side, : columns * side, :3].reshape(rows, side, columns, side, 3)
-    low, high = tiles.min(axis=(1, 3)), tiles.max(axis=(1, 3))
+    pixels = texture.pixels[: rows * side, : columns * side]
+    low, high = (
+        reduce(bound, (by_row[:, pixel::side] for pixel in range(side)))[..., :3]
+        for bound in (np.minimum, np.maximum)
+        for by_row in (reduce(bound, (pixels[pixel::side] for pixel in range(side))),)
+    )
     row, column = np.nonzero((high - low <= EVEN).all(axis=2))
     at = (np.column_stack([column, row]) + 0.5) * side / (width, height)
-    return at, LINEAR[tiles[row, :, column]].mean(axis=(1, 2))
+    total = np.zeros((len(row), 3))
+    for down in range(side):
+        for across in range(side):
+            total += LINEAR[pixels[row * side + down, column * side + across, :3]]
+    return at, total / side**2
 
 
 def _pixels(texture: Texture, at: Float) -> Float:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from core.arrays import Bool, Float, Int
 from core.errors import ErrorCode, MeshmarkError
-from core.geometry.grouping import group_rows
+from core.geometry.grouping import first_of_each, group_rows
 from core.geometry.products import product, solved
 from core.geometry.triangles import flat_normals, unit
 from core.gltf.accessors import dequantize, read_accessor
@@ -113,7 +113,7 @@ def row_labels(cut: CutPrimitives, corners: Int) -> Int:
     Positions, joints and weights belong to the point and need no comparison.
     """
     wall = cut.wall[corners] & has_normals(cut)
-    words = [cut.vertex[corners, None].view(np.uint32), wall[:, None].astype(np.uint32)]
+    words = [wall[:, None].astype(np.uint32)]
     for values in cut.values:
         for name, value in values.items():
             if name == "POSITION" or name.startswith(("JOINTS_", "WEIGHTS_")):
@@ -123,7 +123,32 @@ def row_labels(cut: CutPrimitives, corners: Int) -> Int:
             coarse = name in ("NORMAL", "TANGENT")
             step = np.where(wall & coarse, SAME_WALL, SAME_ATTRIBUTE)[:, None] * largest
             words.append(np.round(value[corners] / step).astype(np.int32).view(np.uint32))
-    return group_rows(np.hstack(words))
+    return _labels(cut.vertex[corners], np.hstack(words))
+
+
+def _labels(vertex: Int, words: NDArray[np.uint32]) -> Int:
+    """(N,) labels 0..G-1, equal for equal ``vertex`` (N,) and ``words`` (N, K), by ascending vertex, then words.
+
+    Few vertices have several words: only theirs are sorted.
+    """
+    first, differs = first_of_each(vertex), np.zeros(len(vertex), dtype=bool)
+    for column in words.T:
+        differs |= column != column[first]
+    is_first = first == np.arange(len(first))
+    own = np.sort(vertex[is_first])
+    rank = np.empty(int(vertex.max(initial=-1)) + 1, dtype=np.int64)
+    rank[own] = np.arange(len(own))
+    rank = rank[vertex]
+    is_split = np.zeros(len(own), dtype=bool)
+    is_split[rank[differs]] = True
+    split = np.flatnonzero(is_split[rank])
+    part = group_rows(np.hstack([rank[split, None].astype(np.uint32), words[split]]))
+    owner = np.empty(int(part.max(initial=-1)) + 1, dtype=np.int64)
+    owner[part] = rank[split]
+    whole = np.cumsum(~is_split) - ~is_split  # vertices of one word before each
+    label = (whole + np.searchsorted(owner, np.arange(len(own))))[rank]
+    label[split] = whole[rank[split]] + part
+    return np.asarray(label)
 
 
 def has_normals(cut: CutPrimitives) -> bool:
@@ -209,11 +234,12 @@ def _shared(group: list[CutPrimitives], values: list[NDArray[Any]]) -> list[NDAr
 
 def _first_of_each(vertex: Int, original: Int) -> Int:
     """(C,) for each corner, the first corner of the same point, one at an untouched vertex before all others."""
-    order = np.lexsort((original < 0, vertex))
-    _, start, label = np.unique(vertex[order], return_index=True, return_inverse=True)
-    first = np.empty(len(vertex), dtype=np.int64)
-    first[order] = order[start][label]
-    return first
+    if not len(vertex):
+        return np.empty(0, dtype=np.int64)
+    place = np.empty(int(vertex.max()) + 1, dtype=np.int64)
+    for corners in (np.arange(len(vertex)), np.flatnonzero(original >= 0)):
+        place[vertex[corners[::-1]]] = corners[::-1]  # of several for one vertex, the last one stays
+    return place[vertex]
 
 
 def _require_invertible(drawn: DrawnPrimitive, matrices: Float) -> None:
