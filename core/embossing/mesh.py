@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from core.analysis.coincident import CoincidentFaces, single_layer
 from core.arrays import Bool, Float, Int
-from core.geometry.grouping import among
+from core.geometry.grouping import among, first_of_each
 from core.geometry.surface import Surface
 from core.geometry.triangles import barycentric
 from core.gltf.edit import Kind, SurfaceEdit
@@ -209,6 +209,22 @@ class WorkingMesh:
         least, most = ([bound(axis) for axis in side.T] for bound, side in ((np.min, low), (np.max, high)))
         self._mark_bounds = np.vstack([lowest, least]), np.vstack([highest, most])
 
+    def _weights(self, corners: Int, source: Int) -> Float:
+        """(M, 3, 3) barycentric coordinates of the bases of ``corners`` (M, 3) in the surface faces ``source`` (M, 3).
+
+        Most corners of a vertex have one source: its coordinates are calculated once.
+        """
+        vertex, face = corners.ravel(), source.ravel()
+        first = first_of_each(vertex)
+        alone = np.flatnonzero((first == np.arange(len(first))) | (face != face[first]))
+        number = np.empty(len(vertex), dtype=np.int64)
+        number[alone] = np.arange(len(alone))
+        of_first = np.flatnonzero(face == face[first])
+        number[of_first] = number[first[of_first]]
+        triangles = self.surface.positions[self.surface.faces[face[alone]]]
+        weights = barycentric(self.bases[vertex[alone], None], triangles)[:, 0]
+        return weights[number].reshape(*corners.shape, 3)
+
     def edit(self) -> SurfaceEdit:
         """All changes, as the input of the lossless writer."""
         living = self._new_alive
@@ -217,15 +233,13 @@ class WorkingMesh:
         same = self.surface.weld[rows] == corners[:, :, None]
         known = same.any(axis=2)
         original = np.where(known, np.take_along_axis(rows, same.argmax(axis=2)[..., None], axis=2)[..., 0], -1)
-        triangles = self.surface.positions[rows].reshape(-1, 3, 3)
-        weights = barycentric(self.bases[corners].reshape(-1, 1, 3), triangles).reshape(-1, 3, 3)
         return SurfaceEdit(
             keep=self._alive.copy(),
             vertex=corners,
             position=self.points[corners],
             source_face=source[:, 0],
             corner_face=source,
-            barycentric=np.where(known[..., None], same.astype(np.float64), weights),
+            barycentric=np.where(known[..., None], same.astype(np.float64), self._weights(corners, source)),
             original=original,
             tilt=self._tilts.rows[corners],
             kind=self._new_kind[living],

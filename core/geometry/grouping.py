@@ -55,3 +55,10 @@ def first_of_each(values: NDArray[np.int64]) -> NDArray[np.int64]:
     place = np.empty(int(values.max(initial=-1)) + 1, dtype=np.int64)
     place[values[::-1]] = np.arange(len(values))[::-1]  # of equal ones the last one stays
     return place[values]
+
+
+def ranks(values: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(N,) the number of different smaller ones among the small numbers ``values`` (N,)."""
+    is_there = np.zeros(int(values.max(initial=-1)) + 1, dtype=bool)
+    is_there[values] = True
+    return (np.cumsum(is_there) - 1)[values]

@@ -1,20 +1,17 @@
 """Segments in the plane: those that cross others, and distances to them."""
 
-from collections.abc import Iterator
-
 import numpy as np
 
-from core.arrays import Bool, Float, Int
+from core.arrays import Bool, Float
+from core.geometry.bounds import meeting
 from core.geometry.products import dot
 from core.geometry.triangles import doubled_area
-
-_BLOCK = 2**20  # pairs worked on at a time: bounds the memory where each box meets many
 
 
 def crossing(segments: Float, edges: Float) -> Bool:
     """(S,) those of the ``segments`` (S, 2, 2) that cross any of the ``edges`` (E, 2, 2) between their ends."""
     result = np.zeros(len(segments), dtype=bool)
-    for segment, edge in _meeting(*_boxes(segments), *_boxes(edges)):
+    for segment, edge in meeting(*_boxes(segments), *_boxes(edges)):
         (a, b), (c, d) = segments[segment].transpose(1, 0, 2), edges[edge].transpose(1, 0, 2)
         crossed = doubled_area(a, b, c) * doubled_area(a, b, d) < 0
         crossed &= doubled_area(c, d, a) * doubled_area(c, d, b) < 0
@@ -35,7 +32,7 @@ def distance_to_edges(points: Float, edges: Float, within: float, toward: Float 
     along = edges[:, 1] - edges[:, 0]
     squared = np.maximum(dot(along, along), np.finfo(float).tiny)
     low, high = _boxes(edges)
-    for point, edge in _meeting(points, points, low - within, high + within):
+    for point, edge in meeting(points, points, low - within, high + within):
         way, away = along[edge], points[point] - edges[edge, 0]
         away -= np.clip(dot(away, way) / squared[edge], 0.0, 1.0)[:, None] * way
         square = dot(away, away)
@@ -54,21 +51,3 @@ def _boxes(segments: Float) -> tuple[Float, Float]:
     """(S, 2) lowest and highest coordinates of ``segments`` (S, 2, 2)."""
     start, end = segments[:, 0], segments[:, 1]
     return np.minimum(start, end), np.maximum(start, end)
-
-
-def _meeting(low: Float, high: Float, other_low: Float, other_high: Float) -> Iterator[tuple[Int, Int]]:
-    """The pairs (P,), (P,) of boxes ``low``-``high`` (N, 2 each) and others (E, 2 each) that meet, in blocks by
-    ascending number of the other one."""
-    order = np.argsort(low[:, 0])
-    left, reach = low[order, 0], float((high[:, 0] - low[:, 0]).max(initial=0.0))
-    first = np.searchsorted(left, other_low[:, 0] - reach)
-    count = np.searchsorted(left, other_high[:, 0], side="right") - first
-    block = np.cumsum(count) // _BLOCK
-    for others in np.split(np.arange(len(count)), np.flatnonzero(np.diff(block)) + 1):
-        sizes = count[others]
-        other = np.repeat(others, sizes)
-        place = np.arange(len(other)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-        box = order[np.repeat(first[others], sizes) + place]
-        meet = high[box, 0] >= other_low[other, 0]
-        meet &= (low[box, 1] <= other_high[other, 1]) & (high[box, 1] >= other_low[other, 1])
-        yield box[meet], other[meet]

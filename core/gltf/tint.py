@@ -227,11 +227,9 @@ def _even(texture: Texture) -> tuple[Float, Float]:
     )
     row, column = np.nonzero((high - low <= EVEN).all(axis=2))
     at = (np.column_stack([column, row]) + 0.5) * side / (width, height)
-    total = np.zeros((len(row), 3))
-    for down in range(side):
-        for across in range(side):
-            total += LINEAR[pixels[row * side + down, column * side + across, :3]]
-    return at, total / side**2
+    whole = np.ascontiguousarray(pixels).view(np.uint32).reshape(rows, side, columns, side)[row, :, column]
+    by_pixel = np.ascontiguousarray(whole.reshape(len(row), side**2).T).view(np.uint8).reshape(side**2, len(row), 4)
+    return at, sum(LINEAR[colors[:, :3]] for colors in by_pixel) / side**2
 
 
 def _pixels(texture: Texture, at: Float) -> Float:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from core.arrays import Bool, Float, Int
 from core.errors import ErrorCode, MeshmarkError
-from core.geometry.grouping import first_of_each, group_rows
+from core.geometry.grouping import first_of_each, group_rows, ranks
 from core.geometry.products import product, solved
 from core.geometry.triangles import flat_normals, unit
 from core.gltf.accessors import dequantize, read_accessor
@@ -112,41 +112,36 @@ def row_labels(cut: CutPrimitives, corners: Int) -> Int:
     These are corners of the same point, both of a wall or neither where there are normals, whose attributes agree.
     Positions, joints and weights belong to the point and need no comparison.
     """
-    wall = cut.wall[corners] & has_normals(cut)
-    words = [wall[:, None].astype(np.uint32)]
-    for values in cut.values:
-        for name, value in values.items():
-            if name == "POSITION" or name.startswith(("JOINTS_", "WEIGHTS_")):
-                continue
-            value = np.nan_to_num(value)
-            largest = max(float(np.abs(value).max(initial=0.0)), np.finfo(np.float32).tiny)
-            coarse = name in ("NORMAL", "TANGENT")
-            step = np.where(wall & coarse, SAME_WALL, SAME_ATTRIBUTE)[:, None] * largest
-            words.append(np.round(value[corners] / step).astype(np.int32).view(np.uint32))
-    return _labels(cut.vertex[corners], np.hstack(words))
-
-
-def _labels(vertex: Int, words: NDArray[np.uint32]) -> Int:
-    """(N,) labels 0..G-1, equal for equal ``vertex`` (N,) and ``words`` (N, K), by ascending vertex, then words.
-
-    Few vertices have several words: only theirs are sorted.
-    """
-    first, differs = first_of_each(vertex), np.zeros(len(vertex), dtype=bool)
-    for column in words.T:
-        differs |= column != column[first]
-    is_first = first == np.arange(len(first))
-    own = np.sort(vertex[is_first])
-    rank = np.empty(int(vertex.max(initial=-1)) + 1, dtype=np.int64)
-    rank[own] = np.arange(len(own))
-    rank = rank[vertex]
-    is_split = np.zeros(len(own), dtype=bool)
+    vertex, wall = cut.vertex[corners], cut.wall[corners] & has_normals(cut)
+    compared = [
+        (name, value)
+        for values in cut.values
+        for name, value in values.items()
+        if name != "POSITION" and not name.startswith(("JOINTS_", "WEIGHTS_"))
+    ]
+    # Corners of most vertices are alike to the last bit: only those of the others are compared by rounded values.
+    first = first_of_each(vertex)
+    differs = wall != wall[first]
+    for _, value in compared:
+        for column in value.T:
+            there = column[corners]
+            differs |= there != there[first]
+    rank = ranks(vertex)
+    is_split = np.zeros(int(rank.max(initial=-1)) + 1, dtype=bool)
     is_split[rank[differs]] = True
     split = np.flatnonzero(is_split[rank])
-    part = group_rows(np.hstack([rank[split, None].astype(np.uint32), words[split]]))
+    words = [rank[split, None].astype(np.uint32), wall[split, None].astype(np.uint32)]
+    for name, value in compared:
+        finite = np.nan_to_num(value)
+        largest = max(float(np.abs(finite).max(initial=0.0)), np.finfo(np.float32).tiny)
+        coarse = name in ("NORMAL", "TANGENT")
+        step = np.where(wall[split] & coarse, SAME_WALL, SAME_ATTRIBUTE)[:, None] * largest
+        words.append(np.round(finite[corners[split]] / step).astype(np.int32).view(np.uint32))
+    part = group_rows(np.hstack(words))
     owner = np.empty(int(part.max(initial=-1)) + 1, dtype=np.int64)
     owner[part] = rank[split]
-    whole = np.cumsum(~is_split) - ~is_split  # vertices of one word before each
-    label = (whole + np.searchsorted(owner, np.arange(len(own))))[rank]
+    whole = np.cumsum(~is_split) - ~is_split  # vertices of one label before each
+    label = (whole + np.searchsorted(owner, np.arange(len(is_split))))[rank]
     label[split] = whole[rank[split]] + part
     return np.asarray(label)
 
@@ -163,7 +158,8 @@ def _place(scene: Scene, world: Float, cut: CutPrimitives) -> None:
     """
     document, drawn = scene.document, scene.primitives[cut.drawn[0]]
     first = _first_of_each(cut.vertex, cut.original)
-    points, matrices = cut.points[first], drawn.matrices
+    matrices = drawn.matrices
+    points = cut.points[first] if influence_sets(cut.maps[0]) or len(cut.maps) > 1 else cut.points
     if influence_sets(cut.maps[0]):
         joints, weights = interpolate_influences(document, cut.maps[0], points)
         if drawn.skin is not None:
