@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from core.arrays import Bool, Float, Int
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.grouping import first_of_each, group_rows, ranks
-from core.geometry.products import product, solved
+from core.geometry.products import applied, solved
 from core.geometry.triangles import flat_normals, unit
 from core.gltf.accessors import dequantize, read_accessor
 from core.gltf.attributes import (
@@ -46,7 +46,7 @@ class CutPrimitives:
         tilt: (C, 3) float64, of the normals of the ground in the world: see :class:`core.gltf.edit.SurfaceEdit`.
         winding: (M,) float64, -1 where the transform of the triangle to the world mirrors it, else 1. That of a skin
             may, independent of its node's.
-        linear: (C, 3, 3) float64, what transforms directions in the mesh's own frame to the world.
+        linear: (C, 3, 3) float64, or (1, 3, 3) for all: what transforms directions in the mesh's own frame to the world.
         local: (C, 3) float32 positions in the mesh's own frame; equal ids have equal positions in all of a node.
         values: one dictionary for each of ``maps``: semantic -> (C, n) float64.
     """
@@ -172,7 +172,7 @@ def _place(scene: Scene, world: Float, cut: CutPrimitives) -> None:
     _require_invertible(drawn, matrices)
     cut.winding *= np.where(determinants(matrices) < 0, -1.0, 1.0)[:: 3 if len(matrices) > 1 else 1]
     local = solved(matrices[:, :, :3], world - matrices[:, :, 3])
-    cut.linear = np.broadcast_to(matrices[:, :, :3], (len(cut.vertex), 3, 3))
+    cut.linear = matrices[:, :, :3]
     for weight, target, values in zip(drawn.morph_weights, cut.maps[1:], cut.values[1:], strict=True):
         if "POSITION" in target:
             delta = interpolate_attribute(document, "POSITION", target["POSITION"], points).astype(np.float32)
@@ -282,14 +282,15 @@ def _tilted(normals: Float, flat: Float, cut: CutPrimitives) -> Float:
     """(C, 3) unit ``normals`` of the ground in the mesh's own frame, tilted in the world as the letters on it are;
     those of a file that has them point inwards stay so. ``flat`` (C, 3) are outwards."""
     tilted = np.flatnonzero(cut.tilt.any(axis=1) & normals.any(axis=1))
-    linear, ground = cut.linear[tilted], normals[tilted]
+    linear = cut.linear if len(cut.linear) == 1 else cut.linear[tilted]
+    ground, tilt = normals[tilted], cut.tilt[tilted]
     # A normal is a row: n A in the mesh's frame where it is n in the world, and n inv(A) the other way round.
     upright = linear.transpose(0, 2, 1)
     world = unit(solved(upright, ground))
     inwards = np.einsum("ni,ni->n", ground, flat[tilted]) < 0
-    tilt = np.where(inwards[:, None], -cut.tilt[tilted], cut.tilt[tilted])
+    tilt = np.where(inwards[:, None], -tilt, tilt)
     result = normals.copy()
-    result[tilted] = unit(product(upright, (world + tilt)[..., None])[..., 0])
+    result[tilted] = unit(applied(upright, world + tilt))
     return result
 
 
