@@ -115,7 +115,6 @@ class WorkingMesh:
         self._new_mark = np.empty(0, dtype=np.int64)
         self._mark_bounds = np.empty((0, 3)), np.empty((0, 3))
         self._new_alive = np.empty(0, dtype=bool)
-        self._new_low = self._new_high = np.empty((0, 3))
         if resolution is None:
             largest = np.abs(surface.to_world(surface.positions)).max()
             spacing = float(np.spacing(np.float32(largest))) * surface.scale
@@ -145,7 +144,7 @@ class WorkingMesh:
         old = self._grid.overlapping(low, high)
         old = old[self._alive[old] & self._coincident.distinct[old]]
         new = np.flatnonzero(self._new_alive & _meet(*self._mark_bounds, low, high)[self._new_mark])
-        new = new[_meet(self._new_low[new], self._new_high[new], low, high)]
+        new = new[_meet(*_bounds(self.points, self._new_corners[new]), low, high)]
         return np.concatenate([old, new + self.original_faces])
 
     def corners(self, ids: Int) -> Int:
@@ -204,7 +203,6 @@ class WorkingMesh:
         self._new_mark = np.concatenate([self._new_mark, np.full(len(corners), len(self._mark_bounds[0]))])
         self._new_alive = np.concatenate([self._new_alive, np.ones(len(corners), dtype=bool)])
         low, high = _bounds(self.points, corners)
-        self._new_low, self._new_high = np.concatenate([self._new_low, low]), np.concatenate([self._new_high, high])
         lowest, highest = self._mark_bounds
         least, most = ([bound(axis) for axis in side.T] for bound, side in ((np.min, low), (np.max, high)))
         self._mark_bounds = np.vstack([lowest, least]), np.vstack([highest, most])

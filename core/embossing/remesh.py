@@ -111,8 +111,7 @@ def remesh(
         return None
     sides = sides[~crossed]
 
-    samples = _samples(contour[sides], field.slope / 2)
-    own = _own_vertices(patch, replaced, np.concatenate([boundary, edges]), samples, options.spacing * field.slope)
+    own = _own_vertices(patch, replaced, np.concatenate([boundary, edges]), contour[sides], field.slope, options)
     number = np.full(len(plane), -1)
     number[own] = np.arange(len(own))
     of_contour = np.cumsum(kept) - 1 + len(own)
@@ -204,16 +203,18 @@ def _edges(patch: Patch, replaced: Int, stays: _Stays) -> tuple[Int, Int, Int]:
     return edges[is_open], np.repeat(replaced, 3)[is_open], edges[one[kept]]
 
 
-def _own_vertices(patch: Patch, replaced: Int, edges: Int, samples: Float, spacing: float) -> Int:
+def _own_vertices(
+    patch: Patch, replaced: Int, edges: Int, contours: Float, slope: float, options: RemeshOptions
+) -> Int:
     """The vertices of the ``replaced`` triangles of a patch that stay, ascending: the ends of the ``edges`` (E, 2), and
-    those further than ``spacing`` from all ``samples`` (S, 2) of contours."""
+    those not close to samples of the sides of ``contours`` (S, 2, 2)."""
     is_used, is_fixed = np.zeros((2, len(patch.points)), dtype=bool)
     is_used[patch.triangles[replaced]] = True
     is_fixed[edges] = True
     free = np.flatnonzero(is_used & ~is_fixed)
     if len(free):
-        tree = cKDTree(samples, balanced_tree=False, compact_nodes=False)
-        near, _ = tree.query(patch.points[free, :2], distance_upper_bound=spacing)
+        tree = cKDTree(_samples(contours, slope / 2), balanced_tree=False, compact_nodes=False)
+        near, _ = tree.query(patch.points[free, :2], distance_upper_bound=options.spacing * slope)
         is_fixed[free[np.isinf(near)]] = True
     return np.flatnonzero(is_fixed)
 

@@ -46,7 +46,7 @@ class CutPrimitives:
         tilt: (C, 3) float64, of the normals of the ground in the world: see :class:`core.gltf.edit.SurfaceEdit`.
         winding: (M,) float64, -1 where the transform of the triangle to the world mirrors it, else 1. That of a skin
             may, independent of its node's.
-        linear: (C, 3, 3) float64, or (1, 3, 3) for all: what transforms directions in the mesh's own frame to the world.
+        linear: (C, 3, 3) float64, or (1, 3, 3) for all: transforms directions of the mesh's own frame to the world.
         local: (C, 3) float32 positions in the mesh's own frame; equal ids have equal positions in all of a node.
         values: one dictionary for each of ``maps``: semantic -> (C, n) float64.
     """
