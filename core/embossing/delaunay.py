@@ -11,8 +11,10 @@ from scipy.sparse.csgraph import connected_components
 
 from core.arrays import Bool, Float, Int
 from core.geometry.grouping import among
+from core.geometry.segments import distance_to_edges
 from core.geometry.triangles import doubled_area, inside_rings
 
+_ON = 1e-9  # widths of the text from an edge to points on it, at most: rounding errors of crossings are far smaller
 _AROUND = 3  # vertices of the triangle round all points, which come first
 
 
@@ -24,15 +26,11 @@ class Triangulation:
         points: (N, 2) those that were given; where constraints cross, new ones follow.
         triangles: (M, 3) into them, counter-clockwise.
         neighbours: (M, 3) the triangle beyond the side from each corner to the next; -1 where there is none.
-        pieces: (P, 2) ends of the edges that constraints were cut into, where they cross others or pass points.
-        wholes: (P, 2) ends of those constraints, the lower number first.
     """
 
     points: Float
     triangles: Int
     neighbours: Int
-    pieces: Int
-    wholes: Int
 
     def left_of(self, edges: Int) -> Bool:
         """(M,) triangles on the left of the directed constraints ``edges`` (E, 2), and all that are joined to them
@@ -44,11 +42,14 @@ class Triangulation:
     def inside(self, rings: Sequence[Float], edges: Int) -> Bool:
         """(M,) triangles inside plane ``rings`` (K, 2) by the even-odd rule, of which the constraints ``edges`` (E, 2)
         are the sides: each region between these is inside or outside as its largest triangle is."""
-        size = len(self.points)
-        low, high = edges.min(axis=1), edges.max(axis=1)
-        pieces = self.pieces[among(self.wholes[:, 0] * size + self.wholes[:, 1], low * size + high)]
-        sides = np.concatenate([edges, pieces])
-        part = self._parts(self._sides_on(np.concatenate([sides, sides[:, ::-1]])))
+        # Where constraints cross there are points on them. Edges between such points, or from them to the ends of
+        # others, are taken for walls: if they are none, a region is tested as two.
+        is_end, on_edge = np.zeros((2, len(self.points)), dtype=bool)
+        is_end[edges] = True
+        on_edge[~is_end] = np.isfinite(distance_to_edges(self.points[~is_end], self.points[edges], _ON))
+        start, end = self.triangles, self.triangles[:, [1, 2, 0]]
+        walls = (on_edge[start] & (on_edge | is_end)[end]) | (on_edge[end] & is_end[start])
+        part = self._parts(walls | self._sides_on(np.concatenate([edges, edges[:, ::-1]])))
         a, b, c = (self.points[self.triangles[:, corner]] for corner in range(3))
         ascending = np.argsort(doubled_area(a, b, c))
         largest = np.empty(int(part.max(initial=-1)) + 1, dtype=np.int64)
@@ -96,16 +97,8 @@ def triangulated(points: Float, constraints: Int) -> Triangulation | None:
     number = np.full(len(corners) + 1, -1)  # the last one stands for no neighbour
     number[within] = np.arange(len(within))
     neighbours = number[np.minimum(around["neighbors"][within], len(corners))]
-    cut = [
-        (piece.v1, piece.v2, whole.v1, whole.v2)
-        for piece, wholes in triangulation.piece_to_originals_iter()
-        for whole in wholes
-    ]
-    ends = np.array(cut, dtype=np.int64).reshape(-1, 4) - _AROUND
     return Triangulation(
         points=np.column_stack([found["x"], found["y"]])[_AROUND:],
         triangles=corners[within],
         neighbours=neighbours,
-        pieces=ends[:, :2],
-        wholes=ends[:, 2:],
     )

@@ -258,6 +258,10 @@ def _corner_faces(points: Float, triangles: Int, ground_triangles: Int, under: t
     own = np.repeat(ground.under(middle)[0][:, None], 3, axis=1)
     row, corner = np.nonzero(ground.outside(corners, own[:, 0]) > INSIDE)
     near = corners[row, corner] + TOWARDS * (middle[row] - corners[row, corner])
-    own[row, corner] = ground.under(near)[0]
+    number = triangles[unsure[row], corner] - known
+    there = faces[np.maximum(number, 0)]  # most often the triangle that the corner itself was found in
+    beyond = np.flatnonzero((number < 0) | (ground.outside(near[:, None], there)[:, 0] >= 0))
+    there[beyond] = ground.under(near[beyond])[0]
+    own[row, corner] = there
     result[unsure] = own
     return result
