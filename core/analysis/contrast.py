@@ -112,14 +112,13 @@ def looks_of_letters(
     _, face, point = index.closest((boxes.center[:, None] + offset).reshape(-1, 3))
     seen = appearance(scene, surface, point, face)
     shaped = (len(boxes), len(plane))
-    needed = not_shaded(seen, options).reshape(shaped).mean(axis=1) >= options.flat_share
-    colored = needed | bool(palette)
-    lab, glows = cielab(seen.shown).reshape(*shaped, 3), ~seen.unlit.reshape(shaped).all(axis=1)
+    needed = np.asarray(not_shaded(seen, options).reshape(shaped).mean(axis=1) >= options.flat_share)
+    lab, unlit = cielab(seen.shown).reshape(*shaped, 3), seen.unlit.reshape(shaped).all(axis=1)
     looks = [OWN] * len(boxes)
-    for box in np.flatnonzero(colored).tolist():
+    for box in range(len(boxes)) if palette else np.flatnonzero(needed).tolist():
         color, distance = stands_out(lab[box], palette or (contrasting(lab[box], options),), options)
         lighter = bool(cielab(hex_linear(color)[None])[0, 0] > np.median(lab[box, :, 0]))
-        looks[box] = Look(Style(color, bool(needed[box] and lighter and glows[box])), distance, lighter)
+        looks[box] = Look(Style(color, bool(needed[box] and lighter and not unlit[box])), distance, lighter)
     return looks
 
 

@@ -55,7 +55,7 @@ class Triangulation:
         largest = np.empty(int(part.max(initial=-1)) + 1, dtype=np.int64)
         largest[part[ascending]] = ascending  # the last one stays
         middle = (a[largest] + b[largest] + c[largest]) / 3
-        return inside_rings(middle, rings)[part]
+        return np.asarray(inside_rings(middle, rings)[part])
 
     def _parts(self, walls: Bool) -> Int:
         """(M,) a number for each group of triangles that are joined by sides other than the ``walls`` (M, 3)."""
@@ -74,7 +74,7 @@ class Triangulation:
         result = is_end[0, start] & is_end[1, end]
         both, size = np.flatnonzero(result), len(self.points)
         result[both] = among(start[both] * size + end[both], edges[:, 0] * size + edges[:, 1])
-        return result.reshape(-1, 3)
+        return np.asarray(result.reshape(-1, 3))
 
 
 def triangulated(points: Float, constraints: Int) -> Triangulation | None:
