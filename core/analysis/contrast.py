@@ -113,7 +113,7 @@ def looks_of_letters(
     seen = appearance(scene, surface, point, face)
     shaped = (len(boxes), len(plane))
     needed = np.asarray(not_shaded(seen, options).reshape(shaped).mean(axis=1) >= options.flat_share)
-    lab, unlit = cielab(seen.shown).reshape(*shaped, 3), seen.unlit.reshape(shaped).all(axis=1)
+    lab, unlit = cielab(seen.shown).reshape(*shaped, 3), np.all(seen.unlit.reshape(shaped), axis=1)
     looks = [OWN] * len(boxes)
     for box in range(len(boxes)) if palette else np.flatnonzero(needed).tolist():
         color, distance = stands_out(lab[box], palette or (contrasting(lab[box], options),), options)

@@ -133,11 +133,12 @@ class WorkingMesh:
 
     def positions(self, vertices: Int, new: Float) -> Float:
         """(..., 3) positions of ``vertices`` (...); those past the mesh's own are rows of ``new``."""
-        known = len(self.points)
-        is_new = vertices >= known
-        result = self.points[np.where(is_new, 0, vertices)]
-        result[is_new] = new[vertices[is_new] - known]
-        return result
+        known, flat = len(self.points), vertices.ravel()
+        is_new = flat >= known
+        result = self.points[np.where(is_new, 0, flat)]
+        added = np.flatnonzero(is_new)
+        result[added] = new[flat[added] - known]
+        return result.reshape(*vertices.shape, 3)
 
     def near(self, low: Float, high: Float) -> Int:
         """Ids of the faces, removed ones excluded, whose bounding box meets ``low``-``high``."""

@@ -154,10 +154,8 @@ def _shallow(
 
 def _turned(bases: Float, points: Float, triangles: Int) -> bool:
     """True where the ``triangles`` (M, 3) between ``points`` face away from those between their ``bases``."""
-    before, after = (
-        cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        for corners in (bases[triangles], points[triangles])
-    )
+    a, b, c = triangles.T
+    before, after = (cross(at[b] - at[a], at[c] - at[a]) for at in (bases, points))
     facing = dot(before, after) / np.maximum(length(before), np.finfo(float).tiny)
     return bool(-facing[facing < 0].sum() > TURNED * np.abs(facing).sum())
 
