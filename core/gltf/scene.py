@@ -290,7 +290,8 @@ def _bounds(document: Document, world: Float, faces: Int, primitives: list[Drawn
     used[faces] = True
     low, high = _extremes(world[used])
     # Nearly always drawn faces reach all six sides, and the others need no test.
-    outermost = ((world == low) | (world == high)).any(axis=1)
+    x, y, z = ((axis == least) | (axis == most) for axis, least, most in zip(world.T, low, high, strict=True))
+    outermost = x | y | z
     rim = world[faces[_counting(document, world, faces, primitives, outermost[faces].any(axis=1))]].reshape(-1, 3)
     if len(rim) and (rim.min(axis=0) == low).all() and (rim.max(axis=0) == high).all():
         return low, high

@@ -263,9 +263,9 @@ def _interpolate(document: Document, cut: CutPrimitives) -> None:
     smooth = _tilted(unit(base["NORMAL"]), flat, cut)
     one, two, share = _curves(cut, flat, base["POSITION"])
     walls = _along_curves(flat, one, two, share)
-    is_flat = (cut.wall | ~smooth.any(axis=1)) & flat.any(axis=1)
+    is_flat = (cut.wall | ~_any(smooth)) & _any(flat)
     normals = np.where(is_flat[:, None], walls, smooth)
-    normals[~normals.any(axis=1)] = (0.0, 0.0, 1.0)  # a triangle without area or normals: any unit vector is valid
+    normals[~_any(normals)] = (0.0, 0.0, 1.0)  # a triangle without area or normals: any unit vector is valid
     base["NORMAL"] = normals
     for target in targets:
         if "NORMAL" in target and "POSITION" in target:
@@ -281,7 +281,7 @@ def _interpolate(document: Document, cut: CutPrimitives) -> None:
 def _tilted(normals: Float, flat: Float, cut: CutPrimitives) -> Float:
     """(C, 3) unit ``normals`` of the ground in the mesh's own frame, tilted in the world as the letters on it are;
     those of a file that has them point inwards stay so. ``flat`` (C, 3) are outwards."""
-    tilted = np.flatnonzero(cut.tilt.any(axis=1) & normals.any(axis=1))
+    tilted = np.flatnonzero(_any(cut.tilt) & _any(normals))
     linear = cut.linear if len(cut.linear) == 1 else cut.linear[tilted]
     ground, tilt = normals[tilted], cut.tilt[tilted]
     # A normal is a row: n A in the mesh's frame where it is n in the world, and n inv(A) the other way round.
@@ -294,10 +294,16 @@ def _tilted(normals: Float, flat: Float, cut: CutPrimitives) -> Float:
     return result
 
 
+def _any(vectors: Float) -> Bool:
+    """(N,) those of (N, 3) vectors that are not zero; a reduction over so short an axis would be slow."""
+    x, y, z = (vectors != 0).T
+    return np.asarray(x | y | z)
+
+
 def _curves(cut: CutPrimitives, flat: Float, local: Float) -> tuple[Int, Int, Float]:
     """Pairs (P,), (P,) of wall corners at one point that are shaded as one curve, each with itself too, and the angle
     (P,) of the triangle at the second: the weight of its normal."""
-    wall = np.flatnonzero(cut.wall & flat.any(axis=1))
+    wall = np.flatnonzero(cut.wall & _any(flat))
     wall = wall[np.argsort(cut.vertex[wall], kind="stable")]
     _, start, which, size = np.unique(cut.vertex[wall], return_index=True, return_inverse=True, return_counts=True)
     reach = size[which]
@@ -316,7 +322,7 @@ def _along_curves(flat: Float, one: Int, two: Int, share: Float) -> Float:
     """``flat`` (C, 3) normals, those of the corners ``one`` the mean over their ``two``, weighted by ``share``."""
     total = [np.bincount(one, weights=share * flat[two, axis], minlength=len(flat)) for axis in range(3)]
     mean = unit(np.column_stack(total).astype(np.float64))  # of no corners bincount counts integers
-    return np.where(mean.any(axis=1, keepdims=True), mean, flat)
+    return np.where(_any(mean)[:, None], mean, flat)
 
 
 def _flat_normals(cut: CutPrimitives, local: Float) -> Float:
