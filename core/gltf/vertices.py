@@ -158,39 +158,46 @@ def _place(scene: Scene, world: Float, cut: CutPrimitives) -> None:
     """
     document, drawn = scene.document, scene.primitives[cut.drawn[0]]
     first = _first_of_each(cut.vertex, cut.original)
-    matrices = drawn.matrices
-    points = cut.points[first] if influence_sets(cut.maps[0]) or len(cut.maps) > 1 else cut.points
+    chosen = np.flatnonzero(first == np.arange(len(first)))
+    number = np.empty(len(first), dtype=np.int64)
+    number[chosen] = np.arange(len(chosen))
+    number = number[first]
+    points, matrices = cut.points[chosen], drawn.matrices
     if influence_sets(cut.maps[0]):
         joints, weights = interpolate_influences(document, cut.maps[0], points)
         if drawn.skin is not None:
             matrices = blend(joints, weights, drawn.skin.matrices)
-        for number in range(joints.shape[1] // 4):
-            columns = slice(4 * number, 4 * number + 4)
-            cut.values[0][f"JOINTS_{number}"] = joints[:, columns].astype(np.float64)
-            cut.values[0][f"WEIGHTS_{number}"] = weights[:, columns]
-        _keep_influences(document, cut, cut.original[first])
+        influences: dict[str, Float] = {}
+        for count in range(joints.shape[1] // 4):
+            columns = slice(4 * count, 4 * count + 4)
+            influences[f"JOINTS_{count}"] = joints[:, columns].astype(np.float64)
+            influences[f"WEIGHTS_{count}"] = weights[:, columns]
+        _keep_influences(document, cut.maps[0], influences, cut.original[chosen])
+        cut.values[0] |= {name: values[number] for name, values in influences.items()}
     _require_invertible(drawn, matrices)
-    cut.winding *= np.where(determinants(matrices) < 0, -1.0, 1.0)[:: 3 if len(matrices) > 1 else 1]
-    local = solved(matrices[:, :, :3], world - matrices[:, :, 3])
-    cut.linear = matrices[:, :, :3]
+    local = solved(matrices[:, :, :3], world[chosen] - matrices[:, :, 3])
+    winding, cut.linear = np.where(determinants(matrices) < 0, -1.0, 1.0), matrices[:, :, :3]
+    if len(matrices) > 1:
+        winding, cut.linear = winding[number[::3]], cut.linear[number]
+    cut.winding *= winding
     for weight, target, values in zip(drawn.morph_weights, cut.maps[1:], cut.values[1:], strict=True):
         if "POSITION" in target:
             delta = interpolate_attribute(document, "POSITION", target["POSITION"], points).astype(np.float32)
-            values["POSITION"] = delta.astype(np.float64)
-            local -= weight * values["POSITION"]
-    cut.local = local.astype(np.float32)
+            values["POSITION"] = delta.astype(np.float64)[number]
+            local -= weight * delta.astype(np.float64)
+    cut.local = local.astype(np.float32)[number]
     untouched = cut.original >= 0
     rows = read_rows(document, "POSITION", cut.maps[0]["POSITION"])
     cut.local[untouched] = rows[cut.original[untouched]]
 
 
-def _keep_influences(document: Document, cut: CutPrimitives, original: Int) -> None:
-    """Give corners at an untouched vertex (``original`` >= 0) the joints and weights of its row to the last bit."""
-    at_vertex = original >= 0
-    for name, values in cut.values[0].items():
-        accessor = cut.maps[0][name]
+def _keep_influences(document: Document, attributes: dict[str, int], influences: dict[str, Float], at: Int) -> None:
+    """Give points ``at`` an untouched vertex, and not at -1, the joints and weights of its row to the last bit."""
+    at_vertex = at >= 0
+    for name, values in influences.items():
+        accessor = attributes[name]
         entry = document.entry("accessors", accessor) | ({"normalized": True} if name.startswith("WEIGHTS_") else {})
-        values[at_vertex] = dequantize(read_accessor(document, accessor)[original[at_vertex]], entry)
+        values[at_vertex] = dequantize(read_accessor(document, accessor)[at[at_vertex]], entry)
 
 
 def _share_points(scene: Scene, cuts: list[CutPrimitives]) -> None:
