@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from core.analysis.coincident import CoincidentFaces, single_layer
 from core.arrays import Bool, Float, Int
-from core.geometry.grouping import among, first_of_each
+from core.geometry.grouping import among, first_of_each, without_copies
 from core.geometry.surface import Surface
 from core.geometry.triangles import barycentric
 from core.gltf.edit import Kind, SurfaceEdit
@@ -215,13 +215,9 @@ class WorkingMesh:
         """
         vertex, face = corners.ravel(), source.ravel()
         first = first_of_each(vertex)
-        alone = np.flatnonzero((first == np.arange(len(first))) | (face != face[first]))
-        number = np.empty(len(vertex), dtype=np.int64)
-        number[alone] = np.arange(len(alone))
-        of_first = np.flatnonzero(face == face[first])
-        number[of_first] = number[first[of_first]]
-        triangles = self.surface.positions[self.surface.faces[face[alone]]]
-        weights = barycentric(self.bases[vertex[alone], None], triangles)[:, 0]
+        own, number = without_copies(first, face != face[first])
+        triangles = self.surface.positions[self.surface.faces[face[own]]]
+        weights = barycentric(self.bases[vertex[own], None], triangles)[:, 0]
         return weights[number].reshape(*corners.shape, 3)
 
     def edit(self) -> SurfaceEdit:

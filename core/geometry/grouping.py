@@ -62,3 +62,19 @@ def ranks(values: NDArray[np.int64]) -> NDArray[np.int64]:
     is_there = np.zeros(int(values.max(initial=-1)) + 1, dtype=bool)
     is_there[values] = True
     return (np.cumsum(is_there) - 1)[values]
+
+
+def without_copies(first: NDArray[np.int64], differs: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The items (K,) that are not copies, and the number (N,) among these of each item or of the one it is a copy of.
+
+    Args:
+        first: (N,) the item that each may be a copy of, which is none itself: see :func:`first_of_each`.
+        differs: (N,) those that are no copies of it.
+    """
+    is_own = differs | (first == np.arange(len(first)))
+    own = np.flatnonzero(is_own)
+    number = np.empty(len(first), dtype=np.int64)
+    number[own] = np.arange(len(own))
+    copies = np.flatnonzero(~is_own)
+    number[copies] = number[first[copies]]
+    return own, number

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from core.arrays import Bool, Float, Int
 from core.errors import ErrorCode, MeshmarkError
-from core.geometry.grouping import first_of_each, group_rows, ranks
+from core.geometry.grouping import first_of_each, group_rows, ranks, without_copies
 from core.geometry.products import applied, solved
 from core.geometry.triangles import flat_normals, unit
 from core.gltf.accessors import dequantize, read_accessor
@@ -158,10 +158,7 @@ def _place(scene: Scene, world: Float, cut: CutPrimitives) -> None:
     """
     document, drawn = scene.document, scene.primitives[cut.drawn[0]]
     first = _first_of_each(cut.vertex, cut.original)
-    chosen = np.flatnonzero(first == np.arange(len(first)))
-    number = np.empty(len(first), dtype=np.int64)
-    number[chosen] = np.arange(len(chosen))
-    number = number[first]
+    chosen, number = without_copies(first, np.zeros(len(first), dtype=bool))
     points, matrices = cut.points[chosen], drawn.matrices
     if influence_sets(cut.maps[0]):
         joints, weights = interpolate_influences(document, cut.maps[0], points)
@@ -259,10 +256,15 @@ def _require_invertible(drawn: DrawnPrimitive, matrices: Float) -> None:
 
 def _interpolate(document: Document, cut: CutPrimitives) -> None:
     """Fill ``cut.values`` with the attributes that :func:`_place` has not set."""
+    first, points = first_of_each(cut.vertex), cut.points
+    differs = np.zeros(len(first), dtype=bool)
+    for column in (*points.rows.T, *points.barycentric.T):
+        differs |= column != column[first]
+    own, number = without_copies(first, differs)
     for attributes, values in zip(cut.maps, cut.values, strict=True):
         for name, accessor in attributes.items():
             if name not in values:
-                values[name] = interpolate_attribute(document, name, accessor, cut.points)
+                values[name] = interpolate_attribute(document, name, accessor, points[own])[number]
     base, targets = cut.values[0], cut.values[1:]
     if "NORMAL" not in base:
         return
