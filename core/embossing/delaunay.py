@@ -51,7 +51,7 @@ class Triangulation:
         walls = (on_edge[start] & (on_edge | is_end)[end]) | (on_edge[end] & is_end[start])
         part = self._parts(walls | self._sides_on(np.concatenate([edges, edges[:, ::-1]])))
         a, b, c = (self.points[self.triangles[:, corner]] for corner in range(3))
-        ascending = np.argsort(doubled_area(a, b, c))
+        ascending = np.argsort(doubled_area(a, b, c), kind="stable")
         largest = np.empty(int(part.max(initial=-1)) + 1, dtype=np.int64)
         largest[part[ascending]] = ascending  # the last one stays
         middle = (a[largest] + b[largest] + c[largest]) / 3
