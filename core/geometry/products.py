@@ -17,7 +17,7 @@ FEW = 4  # columns of a product up to which it is taken column by column, which 
 
 def product(a: NDArray[Any], b: NDArray[Any]) -> Float:
     """``a @ b`` of (..., I, K) and (..., K, J), for small K."""
-    if a.ndim == b.ndim == 2 and b.shape[1] <= FEW:
+    if a.ndim == b.ndim == 2 and 0 < b.shape[1] <= FEW:
         return applied(b.T, a)
     total = a[..., :, :1] * b[..., :1, :]
     term = np.empty_like(total)

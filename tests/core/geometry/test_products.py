@@ -8,7 +8,14 @@ from core.geometry.products import applied, cross, dot, length, product, solved
 
 @pytest.mark.parametrize(
     ("one", "other"),
-    [((5, 3), (3, 7)), ((5, 3), (3, 3)), ((4, 1), (1, 2)), ((6, 4, 3), (6, 3, 5)), ((4, 4), (9, 4, 4))],
+    [
+        ((5, 3), (3, 7)),
+        ((5, 3), (3, 3)),
+        ((5, 3), (3, 0)),
+        ((4, 1), (1, 2)),
+        ((6, 4, 3), (6, 3, 5)),
+        ((4, 4), (9, 4, 4)),
+    ],
 )
 def test_it_is_the_product_of_matrices(one: tuple[int, ...], other: tuple[int, ...]) -> None:
     rng = np.random.default_rng(0)
