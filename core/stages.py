@@ -109,7 +109,7 @@ class Asset:
     @cached_property
     def tints(self) -> Tints:
         """The tints of letters on it, each looked for once."""
-        return Tints(self.scene.document)
+        return Tints(self.scene.document, self.scene.texture)
 
 
 @dataclass(frozen=True, eq=False)

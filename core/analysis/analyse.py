@@ -1,6 +1,7 @@
 """The analysis of the surface that watermarks are placed on and embossed into."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,19 +52,27 @@ class SurfaceAnalysis:
 
     def with_file_winding(self, edit: SurfaceEdit) -> SurfaceEdit:
         """An edit of ``surface`` as one of the scene's own: every triangle wound like the face it was cut from."""
-        flipped = self.flipped[edit.source_face]
-        order = np.where(flipped[:, None], [0, 2, 1], [0, 1, 2])
-        rows = np.arange(len(order))[:, None]
-        corner_face = edit.corner_face[rows, order]
-        within = np.where(self.flipped[corner_face][..., None], [0, 2, 1], [0, 1, 2])
+        if not self.flipped[edit.corner_face].any():
+            return edit
+        triangles = np.flatnonzero(self.flipped[edit.source_face])
+        barycentric, tilt = edit.barycentric.copy(), edit.tilt.copy()
+        within = np.nonzero(self.flipped[edit.corner_face])
+        barycentric[within] = barycentric[within][:, [0, 2, 1]]
+        tilt[triangles] *= -1
+
+        def turned(corners: NDArray[Any]) -> NDArray[Any]:
+            result = corners.copy()
+            result[triangles] = corners[triangles][:, [0, 2, 1]]
+            return result
+
         return replace(
             edit,
-            vertex=edit.vertex[rows, order],
-            position=edit.position[rows, order],
-            corner_face=corner_face,
-            barycentric=edit.barycentric[rows[:, :, None], order[:, :, None], within],
-            original=edit.original[rows, order],
-            tilt=np.where(flipped[:, None, None], -edit.tilt, edit.tilt)[rows, order],
+            vertex=turned(edit.vertex),
+            position=turned(edit.position),
+            corner_face=turned(edit.corner_face),
+            barycentric=turned(barycentric),
+            original=turned(edit.original),
+            tilt=turned(tilt),
         )
 
 

@@ -12,7 +12,6 @@ from core.gltf.base_color import base_color as base_color_of
 from core.gltf.base_color import emitted
 from core.gltf.materials import Material
 from core.gltf.scene import Scene
-from core.gltf.textures import texture_reader
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +74,7 @@ def appearance(scene: Scene, surface: Surface, points: Float, face: Int) -> Appe
         key = primitive.material, tuple(sorted(primitive.attributes.items()))
         kind_of[number] = kinds.setdefault(key, len(kinds))
 
-    read = texture_reader(scene.document)
+    read = scene.texture
     lit, glow, unlit = np.zeros((len(points), 3)), np.zeros((len(points), 3)), np.zeros(len(points), dtype=bool)
     for (material, attributes), kind in kinds.items():
         mine = np.flatnonzero(kind_of[owner] == kind)

@@ -12,7 +12,7 @@ import numpy as np
 from core.analysis.color import Appearance, appearance
 from core.arrays import Bool, Float
 from core.geometry.boxes import Boxes
-from core.geometry.products import product
+from core.geometry.products import length, product
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
 from core.gltf.colors import cielab, from_cielab, hex_linear, hex_srgb
@@ -111,7 +111,15 @@ def looks_of_letters(
     offset = np.einsum("pk,bk,bki->bpi", plane, boxes.size[:, :2], boxes.axes[:, :2])
     _, face, point = index.closest((boxes.center[:, None] + offset).reshape(-1, 3))
     seen = appearance(scene, surface, point, face)
-    return [_look(seen[rows], palette, options) for rows in np.split(np.arange(len(point)), len(boxes))]
+    shaped = (len(boxes), len(plane))
+    needed = np.asarray(not_shaded(seen, options).reshape(shaped).mean(axis=1) >= options.flat_share)
+    lab, unlit = cielab(seen.shown).reshape(*shaped, 3), np.all(seen.unlit.reshape(shaped), axis=1)
+    looks = [OWN] * len(boxes)
+    for box in range(len(boxes)) if palette else np.flatnonzero(needed).tolist():
+        color, distance = stands_out(lab[box], palette or (contrasting(lab[box], options),), options)
+        lighter = bool(cielab(hex_linear(color)[None])[0, 0] > np.median(lab[box, :, 0]))
+        looks[box] = Look(Style(color, bool(needed[box] and lighter and not unlit[box])), distance, lighter)
+    return looks
 
 
 def _outshines(scene: Scene) -> bool:
@@ -120,23 +128,12 @@ def _outshines(scene: Scene) -> bool:
     return any(material.unlit or material.emission is not None for material in materials)
 
 
-def _look(seen: Appearance, palette: Sequence[str], options: ContrastOptions) -> Look:
-    """The look of the letters of one mark, from the appearance of the surface in its box."""
-    needed = not_shaded(seen, options).mean() >= options.flat_share
-    if not palette and not needed:
-        return OWN
-    lab = cielab(seen.shown)
-    color, distance = stands_out(lab, palette or (contrasting(lab, options),), options)
-    lighter = bool(cielab(hex_linear(color)[None])[0, 0] > np.median(lab[:, 0]))
-    return Look(Style(color, bool(needed and lighter and not seen.unlit.all())), distance, lighter)
-
-
 def stands_out(lab: Float, palette: Sequence[str], options: ContrastOptions = CONTRAST) -> tuple[str, float]:
     """The colour of the ``palette`` ("#rrggbb") that is farthest from all but a tenth of the CIELAB colours ``lab``
     (N, 3), and that distance, in which chroma has less weight; the first of equals."""
     colors = cielab(np.stack([hex_linear(color) for color in palette]))
     weight = np.array([1.0, options.chroma, options.chroma])
-    apart = np.quantile(np.linalg.norm((lab[:, None] - colors) * weight, axis=2), options.quantile, axis=0)
+    apart = np.quantile(length((lab[:, None] - colors) * weight), options.quantile, axis=0)
     best = int(apart.argmax())
     return palette[best], float(apart[best])
 

@@ -32,4 +32,4 @@ def filled(rings: Sequence[Float], corner: Float, resolution: float, size: tuple
     for ring in sorted(rings, key=lambda ring: -abs(ring_area(ring))):
         corners = (ring - corner) * resolution - 0.5
         draw.polygon([tuple(one) for one in corners.tolist()], fill=int(ring_area(ring) > 0))
-    return np.asarray(picture)
+    return np.asarray(np.asarray(picture).view(np.uint8) > 0)  # Pillow's true is 255

@@ -1,11 +1,12 @@
 """The check of the written file: visibility of its marks in a viewer, read back from its bytes."""
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from core.arrays import Bool, Float
-from core.geometry.products import cross
+from core.arrays import Bool, Float, Int
+from core.geometry.bounds import meeting
+from core.geometry.products import cross, dot, length
 from core.geometry.surface import Surface
+from core.geometry.triangles import flat_normals
 from core.gltf.edit import Kind, SurfaceEdit
 from core.gltf.scene import Scene
 
@@ -39,20 +40,34 @@ def drawn_marks(
             continue
         corners = edit.position[mine]
         slack = ROUNDED * float(resolution[surface.faces[edit.source_face[mine]]].max())
-        low, high = corners.min(axis=(0, 1)) - slack, corners.max(axis=(0, 1)) + slack
+        by_axis = corners.reshape(-1, 3).T
+        low, high = [axis.min() - slack for axis in by_axis], [axis.max() + slack for axis in by_axis]
         # Undrawn triangles may be in the same place: of a hidden node with the same mesh.
         near = np.flatnonzero(seen.drawn & (x >= low[0]) & (x <= high[0]))
         for axis, number in ((y, 1), (z, 2)):
             near = near[(axis[near] >= low[number]) & (axis[near] <= high[number])]
         if not len(near):
             continue
-        centers = np.column_stack([x[near], y[near], z[near]])
-        distance, which = cKDTree(centers).query(corners.mean(axis=1), distance_upper_bound=slack)
-        there = np.isfinite(distance)
-        face = near[np.where(there, which, 0)]
+        middle = (corners[:, 0] + corners[:, 1] + corners[:, 2]) / 3
+        which = _nearest(np.column_stack([x[near], y[near], z[near]]), middle, slack)
+        there, face = which >= 0, near[which]
         outwards = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        front = np.einsum("ni,ni->n", found.normals[face], outwards) > 0
+        front = dot(flat_normals(found.positions[found.faces[face]]), outwards) > 0
         good = there & (front | ~seen.one_sided[face]) & (seen.opacity[face] >= opaque)
-        area = np.linalg.norm(outwards, axis=1)
+        area = length(outwards)
         drawn[mark] = area[good].sum() >= ENOUGH * area.sum()
     return drawn
+
+
+def _nearest(points: Float, to: Float, within: float) -> Int:
+    """(M,) the number of the nearest of (N, 3) ``points`` to each of the points ``to`` (M, 3), the first of equals; -1
+    where none is ``within`` that distance."""
+    result, best = np.full(len(to), -1), np.full(len(to), within)
+    for point, which in meeting(points, points, to - within, to + within):
+        distance = length(points[point] - to[which])
+        least = best.copy()
+        np.minimum.at(least, which, distance)
+        nearest = np.flatnonzero((distance == least[which]) & (distance < best[which]))
+        first = nearest[np.lexsort((-point[nearest], which[nearest]))]
+        result[which[first]], best = point[first], least  # of several for one, the last one stays
+    return result

@@ -24,7 +24,7 @@ from core.embossing.soft import Displaced, displaced
 from core.geometry.boxes import Boxes
 from core.geometry.edges import boundary_edges, connected, directed_edges
 from core.geometry.grouping import among
-from core.geometry.products import cross, product
+from core.geometry.products import cross, length, product
 from core.geometry.spatial import SpatialIndex
 from core.geometry.triangles import barycentric
 from core.gltf.edit import Kind
@@ -391,7 +391,10 @@ def _source_of_edges(triangles: Int, sources: Int, edges: Int) -> Int:
 def _too_fine(points: Float, corners: Int, removed_corners: Int, resolution: float) -> bool:
     """True where a new edge of triangles with ``points`` (M, 3, 3) is so short that its ends may round to one point
     in the file."""
-    was_there = among(directed_edges(corners).ravel(), removed_corners.ravel()).reshape(-1, 2)
-    is_new = ~was_there.all(axis=1)
-    length = np.linalg.norm(points - np.roll(points, -1, axis=1), axis=2).ravel()
-    return bool(np.any(length[is_new] < FINEST * resolution))
+    was_there = np.zeros(int(corners.max()) + 1, dtype=bool)
+    was_there[removed_corners[removed_corners < len(was_there)]] = True
+    for one, other in ((0, 1), (1, 2), (2, 0)):
+        short = length(points[:, one] - points[:, other]) < FINEST * resolution
+        if (short & ~(was_there[corners[:, one]] & was_there[corners[:, other]])).any():
+            return True
+    return False

@@ -9,11 +9,12 @@ from functools import cached_property
 
 import numpy as np
 from manifold3d import CrossSection, JoinType
-from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinates
+from scipy.ndimage import distance_transform_edt, gaussian_filter
 
-from core.arrays import Bool, Float
+from core.arrays import Bool, Float, Int
 from core.artwork.artwork import SOFT_REACH
 from core.artwork.raster import filled
+from core.embossing.rings import Rings
 
 MAX_TEXELS = 1_000_000  # of a field: an eighth of a second
 FINER = 4  # texels of the letters' mask for each of the field, along and across
@@ -82,14 +83,24 @@ class HeightField:
     contours: tuple[Float, ...]
 
     @cached_property
-    def _slopes(self) -> tuple[Float, Float]:
-        """(H, W) change of the heights to the right and up."""
+    def covered_before(self) -> Int:
+        """(H + 1, W + 1) number of covered texels in the rows and columns before each."""
+        return np.asarray(np.pad(self.covered.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0))))
+
+    @cached_property
+    def _with_slopes(self) -> Float:
+        """(H, W, 3) the heights, and their change to the right and up."""
         up, right = np.gradient(self.heights, self.texel)
-        return np.asarray(right), np.asarray(up)
+        return np.stack([self.heights, right, up], axis=-1)
 
     def at(self, points: Float) -> Float:
         """(N,) heights at (N, 2) points."""
         return self._sampled(self.heights, points)
+
+    def with_gradient(self, points: Float) -> tuple[Float, Float]:
+        """(N,) heights at (N, 2) points, and (N, 2) their change a text width."""
+        values = self._sampled(self._with_slopes, points)
+        return values[:, 0], values[:, 1:]
 
     def covers(self, points: Float) -> Bool:
         """(N,) bool, points (N, 2) in the footprint or close beside it."""
@@ -103,13 +114,21 @@ class HeightField:
         high = self.origin + self.texel * (np.array(self.heights.shape)[::-1] - 1)
         return np.asarray(edges[((edges.max(axis=1) >= self.origin) & (edges.min(axis=1) <= high)).all(axis=1)])
 
-    def gradient(self, points: Float) -> Float:
-        """(N, 2) change of the heights a text width at (N, 2) points."""
-        return np.column_stack([self._sampled(slope, points) for slope in self._slopes])
-
     def _sampled(self, values: Float, points: Float) -> Float:
-        column, row = ((points - self.origin) / self.texel).T
-        return np.asarray(map_coordinates(values, [row, column], order=1, mode="constant"))
+        """(N, ...) values of a raster (H, W, ...) at (N, 2) points, linear between the middles of texels, 0 beyond."""
+        high, wide = values.shape[:2]
+        x, y = ((points - self.origin) / self.texel).T
+        within = (x >= 0) & (x <= wide - 1) & (y >= 0) & (y <= high - 1)
+        left, low = (np.clip(np.floor(at), 0, most - 2).astype(np.int64) for at, most in ((x, wide), (y, high)))
+        across, up = x - left, y - low
+        total = np.zeros((len(points), *values.shape[2:]))
+        texels, beside = values.reshape(high * wide, *values.shape[2:]), (-1,) + (1,) * (values.ndim - 2)
+        for row, of_row in ((0, 1 - up), (1, up)):
+            for column, of_column in ((0, 1 - across), (1, across)):
+                texel = texels.take((low + row) * wide + left + column, axis=0)
+                total += texel * of_row.reshape(beside) * of_column.reshape(beside)
+        total[~within] = 0.0
+        return total
 
 
 def height_field(letters: CrossSection, stroke: float | None = None, options: ProfileOptions = PROFILE) -> HeightField:
@@ -125,7 +144,7 @@ def height_field(letters: CrossSection, stroke: float | None = None, options: Pr
     texel = max(options.texel * slope, float(np.sqrt(np.prod(high - low) / MAX_TEXELS)))
     columns, rows = (np.ceil((high - low) / texel).astype(np.int64) + 1).tolist()
     fine = filled(outlines, low - texel / 2, FINER / texel, (columns * FINER, rows * FINER))
-    mask = fine.reshape(rows, FINER, columns, FINER).mean(axis=(1, 3))
+    mask = _shares(fine, FINER)
     near, wide = (gaussian_filter(mask, width * stroke / texel) for width in (options.slope, options.trench))
     beside = distance_transform_edt(mask < 0.5) * texel
     heights = (options.rise * near - options.sink * wide) * eased(2 * (1 - beside / reach))
@@ -133,11 +152,17 @@ def height_field(letters: CrossSection, stroke: float | None = None, options: Pr
     tolerance = options.coarse * slope
     around = [_offset(letters, at * -slope, slope).simplify(tolerance) for at in options.contours]
     around.append(_offset(letters, reach, slope).simplify(2 * tolerance))
-    return replace(
-        field,
-        outlines=tuple(_bisected(ring, field, options) for ring in outlines),
-        contours=tuple(_bisected(ring, field, options) for section in around for ring in section.to_polygons()),
-    )
+    contours = [ring for section in around for ring in section.to_polygons()]
+    rings = _bisected(Rings.of([*outlines, *contours]), field, options).separate()
+    return replace(field, outlines=tuple(rings[: len(outlines)]), contours=tuple(rings[len(outlines) :]))
+
+
+def _shares(mask: Bool, side: int) -> Float:
+    """(H, W) shares of the squares of ``side`` by ``side`` texels of a mask (H side, W side) that it covers."""
+    high, wide = mask.shape
+    by_row = mask.view(np.uint8).reshape(high // side, side, wide).sum(axis=1, dtype=np.uint8)
+    count = sum(by_row[:, column::side] for column in range(side))
+    return np.asarray(count / side**2)
 
 
 def eased(share: Float) -> Float:
@@ -152,18 +177,22 @@ def _offset(letters: CrossSection, by: float, slope: float) -> CrossSection:
     return letters.offset(by, JoinType.Round, 2.0, min(sides, 32))
 
 
-def _bisected(ring: Float, field: HeightField, options: ProfileOptions) -> Float:
-    """The ``ring`` (N, 2) with its sides bisected until the field is about linear along each."""
+def _bisected(rings: Rings, field: HeightField, options: ProfileOptions) -> Rings:
+    """The ``rings`` with their sides bisected until the field is about linear along each."""
+    height = field.at(rings.points)
+    unknown = np.ones(len(height), dtype=bool)
     for _ in range(ROUNDS):
-        ahead = np.roll(ring, -1, axis=0)
-        first, last = field.at(ring), field.at(ahead)
-        error = [
-            np.abs(field.at(ring + share * (ahead - ring)) - first - share * (last - first))
-            for share in (0.25, 0.5, 0.75)
-        ]
-        long = np.linalg.norm(ahead - ring, axis=1) > options.shortest * field.slope
-        split = np.flatnonzero((np.max(error, axis=0) > options.bend) & long)
+        ahead = rings.ahead
+        which = np.flatnonzero(unknown & rings.longer(options.shortest * field.slope))
+        start, way = rings.points[which], rings.points[ahead[which]] - rings.points[which]
+        first, last = height[which], height[ahead[which]]
+        error = [np.abs(field.at(start + share * way) - first - share * (last - first)) for share in (0.25, 0.5, 0.75)]
+        split = which[np.max(error, axis=0) > options.bend]
         if not len(split):
             break
-        ring = np.insert(ring, split + 1, (ring[split] + ahead[split]) / 2, axis=0)
-    return ring
+        middle = (rings.points[split] + rings.points[ahead[split]]) / 2
+        rings, height = rings.with_points(split, middle), np.insert(height, split + 1, field.at(middle))
+        new = split + np.arange(len(split))  # of each pair of halves the first
+        unknown = np.zeros(len(height), dtype=bool)
+        unknown[new] = unknown[new + 1] = True
+    return rings

@@ -114,16 +114,26 @@ def assign_to_patches(
         For each patch its letters (empty where it has none); or ``not_whole`` if an island does not fit wholly into
         one patch, ``CLEARANCE`` from its edge, and ``second_layer`` where sunken letters would not be seen.
     """
-    owner = {face: k for k, faces in enumerate(sources) for face in faces.tolist()}
+    faces = np.concatenate([np.empty(0, dtype=np.int64), *sources])
+    order = np.argsort(faces, kind="stable")
+    owner = np.repeat(np.arange(len(sources)), [len(each) for each in sources])[order]
+    faces = faces[order]
     silhouettes: dict[int, CrossSection] = {}
     assigned: list[list[CrossSection]] = [[] for _ in found]
     center, axes, size = box.center[0], box.axes[0], box.size[0]
     aspect = size[1] / size[0] * letters.line
-    for island, points in zip(letters.islands, letters.samples, strict=True):
-        origins = center + size[0] * product(points, axes[:2]) + size[2] / 2 * axes[2]
-        distance, face = index.first_hit(origins, np.broadcast_to(-axes[2], origins.shape), Eye.ORIGIN)
+    samples = np.concatenate(letters.samples)
+    origins = center + size[0] * product(samples, axes[:2]) + size[2] / 2 * axes[2]
+    distances, face = index.first_hit(origins, np.broadcast_to(-axes[2], origins.shape), Eye.ORIGIN)
+    last = np.searchsorted(faces, face, side="right") - 1  # of several patches with a face, the last one
+    voted = np.where(faces[last] == face, owner[last], -1) if len(faces) else np.full(len(face), -1)
+    ends = np.cumsum([len(points) for points in letters.samples])[:-1]
+    by_island = zip(
+        letters.islands, letters.samples, *(np.split(each, ends) for each in (distances, voted)), strict=True
+    )
+    for island, points, distance, vote in by_island:
         met = distance <= size[2]
-        votes = np.array([owner.get(f, -1) for f in face[met].tolist()], dtype=np.int64)
+        votes = vote[met]
         if not len(votes):
             return Refusal.NOT_WHOLE
         best = int(np.bincount(votes + 1).argmax()) - 1

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from core.analysis.coincident import CoincidentFaces, single_layer
 from core.arrays import Bool, Float, Int
-from core.geometry.grouping import among
+from core.geometry.grouping import among, first_of_each, without_copies
 from core.geometry.surface import Surface
 from core.geometry.triangles import barycentric
 from core.gltf.edit import Kind, SurfaceEdit
@@ -49,8 +49,7 @@ class FaceGrid:
                     row = (x * self._shape[1] + y) * self._shape[2]
                     found.append(self._small[self._start[row + first[2]] : self._start[row + last[2] + 1]])
         faces = np.concatenate(found)
-        meets = np.all((self._high[faces] >= low) & (self._low[faces] <= high), axis=1)
-        return np.sort(faces[meets])
+        return np.sort(faces[_meet(self._low[faces], self._high[faces], low, high)])
 
 
 class Rows:
@@ -114,9 +113,8 @@ class WorkingMesh:
         self._new_source = np.empty((0, 3), dtype=np.int64)
         self._new_kind = np.empty(0, dtype=np.int8)
         self._new_mark = np.empty(0, dtype=np.int64)
-        self._marks = 0
+        self._mark_bounds = np.empty((0, 3)), np.empty((0, 3))
         self._new_alive = np.empty(0, dtype=bool)
-        self._new_low = self._new_high = np.empty((0, 3))
         if resolution is None:
             largest = np.abs(surface.to_world(surface.positions)).max()
             spacing = float(np.spacing(np.float32(largest))) * surface.scale
@@ -135,19 +133,19 @@ class WorkingMesh:
 
     def positions(self, vertices: Int, new: Float) -> Float:
         """(..., 3) positions of ``vertices`` (...); those past the mesh's own are rows of ``new``."""
-        known = len(self.points)
-        is_new = vertices >= known
-        result = self.points[np.where(is_new, 0, vertices)]
-        result[is_new] = new[vertices[is_new] - known]
-        return result
+        known, flat = len(self.points), vertices.ravel()
+        is_new = flat >= known
+        result = self.points[np.where(is_new, 0, flat)]
+        added = np.flatnonzero(is_new)
+        result[added] = new[flat[added] - known]
+        return result.reshape(*vertices.shape, 3)
 
     def near(self, low: Float, high: Float) -> Int:
         """Ids of the faces, removed ones excluded, whose bounding box meets ``low``-``high``."""
         old = self._grid.overlapping(low, high)
         old = old[self._alive[old] & self._coincident.distinct[old]]
-        new = np.flatnonzero(self._new_alive)
-        if len(new):
-            new = new[np.all((self._new_high[new] >= low) & (self._new_low[new] <= high), axis=1)]
+        new = np.flatnonzero(self._new_alive & _meet(*self._mark_bounds, low, high)[self._new_mark])
+        new = new[_meet(*_bounds(self.points, self._new_corners[new]), low, high)]
         return np.concatenate([old, new + self.original_faces])
 
     def corners(self, ids: Int) -> Int:
@@ -203,11 +201,24 @@ class WorkingMesh:
         self._new_corners = np.concatenate([self._new_corners, corners])
         self._new_source = np.concatenate([self._new_source, source])
         self._new_kind = np.concatenate([self._new_kind, kind])
-        self._new_mark = np.concatenate([self._new_mark, np.full(len(corners), self._marks)])
-        self._marks += 1
+        self._new_mark = np.concatenate([self._new_mark, np.full(len(corners), len(self._mark_bounds[0]))])
         self._new_alive = np.concatenate([self._new_alive, np.ones(len(corners), dtype=bool)])
         low, high = _bounds(self.points, corners)
-        self._new_low, self._new_high = np.concatenate([self._new_low, low]), np.concatenate([self._new_high, high])
+        lowest, highest = self._mark_bounds
+        least, most = ([bound(axis) for axis in side.T] for bound, side in ((np.min, low), (np.max, high)))
+        self._mark_bounds = np.vstack([lowest, least]), np.vstack([highest, most])
+
+    def _weights(self, corners: Int, source: Int) -> Float:
+        """(M, 3, 3) barycentric coordinates of the bases of ``corners`` (M, 3) in the surface faces ``source`` (M, 3).
+
+        Most corners of a vertex have one source: its coordinates are calculated once.
+        """
+        vertex, face = corners.ravel(), source.ravel()
+        first = first_of_each(vertex)
+        own, number = without_copies(first, face != face[first])
+        triangles = self.surface.positions[self.surface.faces[face[own]]]
+        weights = barycentric(self.bases[vertex[own], None], triangles)[:, 0]
+        return weights[number].reshape(*corners.shape, 3)
 
     def edit(self) -> SurfaceEdit:
         """All changes, as the input of the lossless writer."""
@@ -217,20 +228,26 @@ class WorkingMesh:
         same = self.surface.weld[rows] == corners[:, :, None]
         known = same.any(axis=2)
         original = np.where(known, np.take_along_axis(rows, same.argmax(axis=2)[..., None], axis=2)[..., 0], -1)
-        triangles = self.surface.positions[rows].reshape(-1, 3, 3)
-        weights = barycentric(self.bases[corners].reshape(-1, 1, 3), triangles).reshape(-1, 3, 3)
         return SurfaceEdit(
             keep=self._alive.copy(),
             vertex=corners,
             position=self.points[corners],
             source_face=source[:, 0],
             corner_face=source,
-            barycentric=np.where(known[..., None], same.astype(np.float64), weights),
+            barycentric=np.where(known[..., None], same.astype(np.float64), self._weights(corners, source)),
             original=original,
             tilt=self._tilts.rows[corners],
             kind=self._new_kind[living],
             mark=self._new_mark[living],
         )
+
+
+def _meet(low: Float, high: Float, from_low: Float, to_high: Float) -> Bool:
+    """(N,) boxes ``low``-``high`` (N, 3 each) that meet one box ((3,) each)."""
+    result = np.ones(len(low), dtype=bool)
+    for axis in range(3):  # a reduction over so short an axis would be slow
+        result &= (high[:, axis] >= from_low[axis]) & (low[:, axis] <= to_high[axis])
+    return result
 
 
 def _bounds(points: Float, corners: Int) -> tuple[Float, Float]:

@@ -7,24 +7,21 @@ edges of the ground may go, which saves half of the triangles on finely divided 
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import pythoncdt
 from scipy.spatial import cKDTree
 
 from core.arrays import Bool, Float, Int
+from core.embossing.delaunay import triangulated
+from core.embossing.ground import INSIDE, Ground
 from core.embossing.height_field import HeightField
 from core.embossing.patch import Patch
-from core.geometry.edges import connected, directed_edges, edge_table
+from core.geometry.edges import directed_edges, edge_table
 from core.geometry.grouping import among
 from core.geometry.products import cross
-from core.geometry.spatial import SpatialIndex
-from core.geometry.triangles import barycentric, doubled_area, inside_rings
+from core.geometry.segments import crossing, distance_to_edges
 
 FLAPS = 4  # rounds in which triangles at the rim that lie over others are left out
-ROUNDS = 4  # of bisecting the sides of contours over bent ground, at most
-INSIDE = 1e-7  # barycentric coordinate; corners that lie on a triangle's side up to this are in it
 TOWARDS = 1e-4  # share of the way from a corner to its triangle's middle at which the ground under it is looked up
 
 
@@ -93,161 +90,75 @@ def remesh(
     stays = _Stays(rows, ~field.covers(plane), options.ground * relief, options.long)
     for _ in range(FLAPS):
         boundary, owners, edges = _edges(patch, replaced, stays)
-        crossed = _crossing(plane[boundary], plane[boundary])
+        crossed = crossing(plane[boundary], plane[boundary])
         if not crossed.any():
             break
         replaced = replaced[~among(replaced, owners[crossed])]
     else:
         return None
-    triangles = patch.triangles[replaced]
     ground = Ground(patch.points, patch.triangles, replaced)
     rim = field.near(plane[boundary])
     rings = ground.bridged([*field.outlines, *field.contours], options.ground * relief, field.slope)
-    outlines = sum(map(len, rings[: len(field.outlines)]))
-    contour, sides = _chained(rings)
+    outlines = int(rings.sizes[: len(field.outlines)].sum())
+    contour = rings.points
     kept = np.ones(len(contour), dtype=bool)
-    kept[outlines:] = distance_to_edges(contour[outlines:], rim) > options.rim * field.slope
-    kept[outlines:] &= ground.under(contour[outlines:])[1] < INSIDE
-    sides = sides[kept[sides].all(axis=1)]
-    crossed = _crossing(contour[sides], rim)
+    kept[outlines:] = np.isinf(distance_to_edges(contour[outlines:], rim, options.rim * field.slope))
+    kept[outlines:] &= rings.beside[outlines:] < INSIDE
+    sides = np.column_stack([np.arange(len(contour)), rings.ahead])
+    sides = sides[kept[sides[:, 0]] & kept[sides[:, 1]]]
+    crossed = crossing(contour[sides], rim)
     if crossed[sides[:, 0] < outlines].any():
         return None
     sides = sides[~crossed]
 
-    used = np.unique(triangles)
-    fixed = np.unique(np.concatenate([boundary, edges]))
-    samples = _samples(contour[sides], field.slope / 2)
-    free = used[~among(used, fixed)]
-    near, _ = cKDTree(samples).query(plane[free], distance_upper_bound=options.spacing * field.slope)
-    own = np.sort(np.concatenate([fixed, free[np.isinf(near)]]))
-
+    own = _own_vertices(patch, replaced, np.concatenate([boundary, edges]), contour[sides], field.slope, options)
     number = np.full(len(plane), -1)
     number[own] = np.arange(len(own))
-    inserted = np.concatenate([plane[own], contour[kept]])
     of_contour = np.cumsum(kept) - 1 + len(own)
-    constraints = np.concatenate([number[boundary], number[edges], of_contour[sides]])
-    found = _triangulated(inserted, constraints)
+    found = triangulated(
+        np.concatenate([plane[own], contour[kept]]),
+        np.concatenate([number[boundary], number[edges], of_contour[sides]]),
+    )
     if found is None:
         return None
-    vertices, corners = found
-    inner = _enclosed(corners, number[boundary])
-    corners = corners[inner]
+    inner = found.left_of(number[boundary])
+    is_letter = found.inside(field.letters.to_polygons(), of_contour[sides[sides[:, 0] < outlines]])
+    corners, is_letter = found.triangles[inner], is_letter[inner]
     if not len(corners):
         return None
 
-    # Vertices of the patch keep their numbers; all others follow.
-    extra = vertices[len(own) :]
-    numbers = np.concatenate([own, len(plane) + np.arange(len(extra))])
-    at = ground.under(extra)[0]
-    points = np.concatenate([patch.points, ground.raised(extra, at)])
+    # Vertices of the patch keep their numbers; all others follow: points of the rings, and crossings of edges.
+    extra = found.points[len(own) :]
+    crossings = extra[kept.sum() :]
+    at, beside = (
+        np.concatenate([of_ring[kept], of_crossing])
+        for of_ring, of_crossing in zip((rings.faces, rings.beside), ground.under(crossings), strict=True)
+    )
+    weights = ground.weights(extra, at)
     some = np.zeros(len(plane), dtype=np.int64)
     some[patch.triangles.ravel()] = np.repeat(np.arange(len(patch.triangles)), 3)
-    corners = numbers[corners]
-    middle = points[corners, :2].mean(axis=1)
+    points = np.concatenate([patch.points, np.column_stack([extra, ground.height(weights, at)])])
+    corners = np.concatenate([own, len(plane) + np.arange(len(extra))])[corners]
     return Remesh(
         points=points,
         point_faces=np.concatenate([some, at]),
-        weights=np.concatenate([patch.triangles[some] == np.arange(len(plane))[:, None], ground.weights(extra, at)]),
+        weights=np.concatenate([patch.triangles[some] == np.arange(len(plane))[:, None], weights]),
         triangles=corners,
-        corner_faces=_corner_faces(points, corners, ground.under(middle)[0], ground),
-        letters=inside_rings(middle, field.letters.to_polygons()),
+        corner_faces=_corner_faces(points, corners, patch.triangles, (at, beside < INSIDE), ground),
+        letters=is_letter,
         replaced=replaced,
         boundary=boundary,
     )
 
 
-class Ground:
-    """Triangles of a patch as a function over its plane.
-
-    Args:
-        points: (V, 3) of the patch.
-        triangles: (K, 3) into them.
-        which: the triangles that count.
-    """
-
-    def __init__(self, points: Float, triangles: Int, which: Int) -> None:
-        self._points, self._triangles, self._which = points, triangles, which
-        flat = np.column_stack([points[:, :2], np.zeros(len(points))])
-        self._index = SpatialIndex(flat, triangles[which])
-
-    def under(self, points: Float) -> tuple[Int, Float]:
-        """The triangle (N,) under, or nearest to, each of (N, 2) ``points``, and the distance (N,) to it."""
-        distance, face, _ = self._index.closest(np.column_stack([points, np.zeros(len(points))]))
-        return self._which[face], distance
-
-    def weights(self, points: Float, faces: Int) -> Float:
-        """(N, 3) barycentric coordinates of (N, 2) ``points`` in triangles (N,), clamped into these."""
-        corners = self._points[self._triangles[faces]].copy()
-        corners[..., 2] = 0.0
-        return barycentric(np.column_stack([points, np.zeros(len(points))])[:, None], corners)[:, 0]
-
-    def raised(self, points: Float, faces: Int) -> Float:
-        """(N, 3) points of the surface over (N, 2) ``points`` in triangles (N,)."""
-        height = np.sum(self.weights(points, faces) * self._points[self._triangles[faces], 2], axis=1)
-        return np.column_stack([points, height])
-
-    def outside(self, points: Float, faces: Int) -> Float:
-        """(N, K) by how much (N, K, 2) ``points`` lie outside the triangles (N,), in barycentric coordinates."""
-        a, b, c = (self._points[self._triangles[faces, k], :2][:, None] for k in range(3))
-        area = np.stack([doubled_area(p, q, points) for p, q in ((b, c), (c, a), (a, b))], axis=2)
-        return np.asarray(-area.min(axis=2) / doubled_area(a, b, c))
-
-    def bridged(self, rings: list[Float], tolerance: float, shortest: float) -> list[Float]:
-        """The ``rings`` (N, 2) with their sides bisected until none is further than ``tolerance`` from the surface."""
-        shares = np.array([0.0, 0.25, 0.5, 0.75, 1.0])[:, None, None]
-        start, sizes = np.concatenate(rings), np.array([len(ring) for ring in rings])
-        unknown = np.ones(len(start), dtype=bool)
-        for _ in range(ROUNDS):
-            sides = _sides(sizes)
-            which = np.flatnonzero(unknown)
-            first, way = start[which], start[sides[which, 1]] - start[which]
-            probes = (first + shares * way).reshape(-1, 2)
-            height = self.raised(probes, self.under(probes)[0])[:, 2].reshape(len(shares), -1)
-            error = np.abs(height - height[0] - shares[:, 0] * (height[-1] - height[0])).max(axis=0)
-            split = np.zeros(len(start), dtype=bool)
-            split[which] = (error > tolerance) & (np.linalg.norm(way, axis=1) > shortest)
-            if not split.any():
-                break
-            middle = (start + start[sides[:, 1]]) / 2
-            ring = np.repeat(np.arange(len(sizes)), sizes)
-            sizes = sizes + np.bincount(ring[split], minlength=len(sizes))
-            start = np.insert(start, np.flatnonzero(split) + 1, middle[split], axis=0)
-            unknown = np.repeat(split, 1 + split)
-        return np.split(start, np.cumsum(sizes)[:-1])
-
-
-def distance_to_edges(points: Float, edges: Float, toward: Float | None = None) -> Float:
-    """(N,) distances of (N, 2) ``points`` to the nearest of the segments (E, 2, 2), inf where there is none.
-
-    Args:
-        points: in the plane.
-        edges: start and end of each segment.
-        toward: (N, 2) if given, filled with the nearest points.
-    """
-    best = np.full(len(points), np.inf)
-    along = edges[:, 1] - edges[:, 0]
-    squared = np.maximum((along * along).sum(axis=1), np.finfo(float).tiny)
-    step = max(1, 2**21 // max(len(edges), 1))
-    for first in range(0, len(points) if len(edges) else 0, step):
-        block = slice(first, first + step)
-        away = points[block, None] - edges[:, 0]
-        share = np.clip((away * along).sum(axis=2) / squared, 0.0, 1.0)
-        away -= share[..., None] * along
-        square = (away * away).sum(axis=2)
-        which = square.argmin(axis=1)
-        row = np.arange(len(which))
-        best[block] = np.sqrt(square[row, which])
-        if toward is not None:
-            toward[block] = points[block] - away[row, which]
-    return best
-
-
 def _covered(corners: Float, field: HeightField) -> Int:
     """The numbers of those of the triangles (K, 3, 2) whose bounds meet the texels that the footprint covers."""
-    covered = np.pad(field.covered.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+    covered = field.covered_before
     high = np.array(field.covered.shape)[::-1]
-    first = np.floor((corners.min(axis=1) - field.origin) / field.texel - 0.5).astype(np.int64)
-    last = np.ceil((corners.max(axis=1) - field.origin) / field.texel + 0.5).astype(np.int64) + 1
+    a, b, c = (corners[:, corner] for corner in range(3))
+    lowest, highest = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    first = np.floor((lowest - field.origin) / field.texel - 0.5).astype(np.int64)
+    last = np.ceil((highest - field.origin) / field.texel + 0.5).astype(np.int64) + 1
     left, bottom = np.clip(first, 0, high).T
     right, top = np.clip(last, 0, high).T
     return np.flatnonzero(covered[top, right] - covered[bottom, right] - covered[top, left] + covered[bottom, left] > 0)
@@ -292,17 +203,20 @@ def _edges(patch: Patch, replaced: Int, stays: _Stays) -> tuple[Int, Int, Int]:
     return edges[is_open], np.repeat(replaced, 3)[is_open], edges[one[kept]]
 
 
-def _chained(rings: list[Float]) -> tuple[Float, Int]:
-    """The points (N, 2) of all ``rings`` and their sides (N, 2)."""
-    return np.concatenate(rings), _sides(np.array([len(ring) for ring in rings]))
-
-
-def _sides(sizes: Int) -> Int:
-    """The sides (N, 2) of rings with so many points each, one after another."""
-    start = np.repeat(np.cumsum(sizes) - sizes, sizes)
-    place = np.arange(sizes.sum()) - start
-    following = start + (place + 1) % np.repeat(sizes, sizes)
-    return np.column_stack([np.arange(sizes.sum()), following])
+def _own_vertices(
+    patch: Patch, replaced: Int, edges: Int, contours: Float, slope: float, options: RemeshOptions
+) -> Int:
+    """The vertices of the ``replaced`` triangles of a patch that stay, ascending: the ends of the ``edges`` (E, 2), and
+    those not close to samples of the sides of ``contours`` (S, 2, 2)."""
+    is_used, is_fixed = np.zeros((2, len(patch.points)), dtype=bool)
+    is_used[patch.triangles[replaced]] = True
+    is_fixed[edges] = True
+    free = np.flatnonzero(is_used & ~is_fixed)
+    if len(free):
+        tree = cKDTree(_samples(contours, slope / 2), balanced_tree=False, compact_nodes=False)
+        near, _ = tree.query(patch.points[free, :2], distance_upper_bound=options.spacing * slope)
+        is_fixed[free[np.isinf(near)]] = True
+    return np.flatnonzero(is_fixed)
 
 
 def _samples(segments: Float, spacing: float) -> Float:
@@ -315,61 +229,39 @@ def _samples(segments: Float, spacing: float) -> Float:
     return np.asarray(segments[which, 0] + share[:, None] * (segments[which, 1] - segments[which, 0]))
 
 
-def _crossing(segments: Float, edges: Float) -> Bool:
-    """(S,) those of the ``segments`` (S, 2, 2) that cross any of the ``edges`` (E, 2, 2)."""
-    result = np.zeros(len(segments), dtype=bool)
-    step = max(1, 2**20 // max(len(edges), 1))
-    for first in range(0, len(segments), step):
-        block = slice(first, first + step)
-        a, b = segments[block, None, 0], segments[block, None, 1]
-        c, d = edges[None, :, 0], edges[None, :, 1]
-        crossed = doubled_area(a, b, c) * doubled_area(a, b, d) < 0
-        crossed &= doubled_area(c, d, a) * doubled_area(c, d, b) < 0
-        result[block] = crossed.any(axis=1)
-    return result
+def _corner_faces(points: Float, triangles: Int, ground_triangles: Int, under: tuple[Int, Bool], ground: Ground) -> Int:
+    """(M, 3) the triangle of the ground under each corner of ``triangles`` (M, 3) into ``points``: the one under the
+    middle where it holds the corner, else the one that the corner's triangle lies in close to it.
 
+    Args:
+        points: (N, 3), the last ones new.
+        triangles: counter-clockwise, seen along z.
+        ground_triangles: (K, 3) of the ground.
+        under: of each new point the triangle of the ground that it was found in, and whether it is inside it.
+        ground: the ground.
+    """
+    faces, inside = under
+    known = len(points) - len(faces)
+    last = np.maximum(np.maximum(triangles[:, 0], triangles[:, 1]), triangles[:, 2])
+    face = np.where(last >= known, faces[np.maximum(last - known, 0)], -1)
+    new = np.maximum(triangles - known, 0)
+    a, b, c = ground_triangles[face].T
+    certain = face >= 0
+    for corner, number in zip(triangles.T, new.T, strict=True):
+        in_face = (faces[number] == face) & inside[number]
+        certain &= np.where(corner >= known, in_face, (corner == a) | (corner == b) | (corner == c))
+    result = np.repeat(face[:, None], 3, axis=1)
 
-def _triangulated(points: Float, constraints: Int) -> tuple[Float, Int] | None:
-    """The (M, 3) triangles of a constrained Delaunay triangulation of (N, 2) ``points``, and all points: where
-    constraints cross, new ones follow."""
-    triangulation = pythoncdt.Triangulation(
-        pythoncdt.VertexInsertionOrder.AUTO, pythoncdt.IntersectingConstraintEdges.TRY_RESOLVE, 0.0
-    )
-    vertices: Any = np.ascontiguousarray(points)  # the bindings' types do not know that arrays are buffers
-    edges: Any = np.unique(np.sort(constraints, axis=1), axis=0).astype(np.uintc)
-    try:
-        triangulation.insert_vertices(vertices)
-        triangulation.insert_edges(edges)
-        triangulation.erase_super_triangle()
-    except RuntimeError:  # constraints that cross closer than numbers can tell
-        return None
-    found = triangulation.vertices_array()
-    return np.column_stack([found["x"], found["y"]]), np.asarray(
-        triangulation.triangles_array()["vertices"], dtype=np.int64
-    )
-
-
-def _enclosed(triangles: Int, boundary: Int) -> Bool:
-    """(M,) triangles on the left of the directed edges ``boundary`` (E, 2), and all that are joined to them."""
-    table = edge_table(triangles)
-    one, two, _ = table.pairs()
-    edges = directed_edges(triangles)
-    size = int(triangles.max()) + 1
-    wall = np.sort(boundary, axis=1)
-    side = np.sort(edges[one], axis=1)
-    passed = ~among(side[:, 0] * size + side[:, 1], wall[:, 0] * size + wall[:, 1])
-    part = connected(len(triangles), one[passed] // 3, two[passed] // 3)
-    left = among(edges[:, 0] * size + edges[:, 1], boundary[:, 0] * size + boundary[:, 1])
-    return among(part, part[np.flatnonzero(left) // 3])
-
-
-def _corner_faces(points: Float, triangles: Int, faces: Int, ground: Ground) -> Int:
-    """(M, 3) the triangle of the ground under each corner: the one under the middle where it holds the corner, else
-    the one that the corner's triangle lies in close to it."""
-    corners = points[triangles, :2]
-    result = np.repeat(faces[:, None], 3, axis=1)
-    beyond = ground.outside(corners, faces) > INSIDE
-    middle = np.broadcast_to(corners.mean(axis=1, keepdims=True), corners.shape)
-    near = corners[beyond] + TOWARDS * (middle[beyond] - corners[beyond])
-    result[beyond] = ground.under(near)[0]
+    unsure = np.flatnonzero(~certain)
+    corners = points[triangles[unsure], :2]
+    middle = (corners[:, 0] + corners[:, 1] + corners[:, 2]) / 3
+    own = np.repeat(ground.under(middle)[0][:, None], 3, axis=1)
+    row, corner = np.nonzero(ground.outside(corners, own[:, 0]) > INSIDE)
+    near = corners[row, corner] + TOWARDS * (middle[row] - corners[row, corner])
+    number = triangles[unsure[row], corner] - known
+    there = faces[np.maximum(number, 0)]  # most often the triangle that the corner itself was found in
+    beyond = np.flatnonzero((number < 0) | (ground.outside(near[:, None], there)[:, 0] >= 0))
+    there[beyond] = ground.under(near[beyond])[0]
+    own[row, corner] = there
+    result[unsure] = own
     return result

@@ -13,9 +13,10 @@ from core.embossing.lift import MIN_AGREEMENT, obstructed
 from core.embossing.mesh import WorkingMesh
 from core.embossing.patch import Patch
 from core.embossing.refusal import Refusal
-from core.embossing.remesh import Remesh, distance_to_edges, remesh
+from core.embossing.remesh import Remesh, remesh
 from core.geometry.boxes import Boxes
-from core.geometry.products import cross, product
+from core.geometry.products import cross, dot, length, product
+from core.geometry.segments import distance_to_edges
 from core.geometry.spatial import SpatialIndex
 from core.geometry.triangles import unit
 from core.gltf.edit import Kind
@@ -82,7 +83,9 @@ def displaced(
             break
     else:
         return Refusal.FOLDED
-    lettered = np.unique(found.triangles[found.letters])
+    is_lettered = np.zeros(len(bases), dtype=bool)
+    is_lettered[found.triangles[found.letters]] = True
+    lettered = np.flatnonzero(is_lettered)
     if obstructed(bases[lettered], bases[lettered] + relief * along[lettered], relief, index).any():
         return Refusal.SECOND_LAYER if relief > 0 else Refusal.THIN_WALL
     across = product(relief / width * rises[1], box.axes[0, :2])
@@ -106,15 +109,16 @@ def _heights(field: HeightField, found: Remesh) -> tuple[Float, Float]:
     """(N,) heights at the new points, and (N, 2) their gradients: those of the field, eased to 0 round the new
     triangles, and 0 on what these do not use."""
     plane = found.points[:, :2]
-    height, gradient, nearest = field.at(plane), field.gradient(plane), plane.copy()
-    distance = distance_to_edges(plane, field.near(plane[found.boundary]), nearest)
-    share = np.minimum(distance / (EASE * field.slope), 1.0)
-    away = unit(np.pad(plane - nearest, ((0, 0), (0, 1))))[:, :2]
-    steep = 6 * share * (1 - share) / (EASE * field.slope)
+    (height, gradient), nearest = field.with_gradient(plane), plane.copy()
+    reach = EASE * field.slope
+    distance = distance_to_edges(plane, field.near(plane[found.boundary]), reach, nearest)
+    share = np.minimum(distance / reach, 1.0)
+    away = unit(plane - nearest)
+    steep = 6 * share * (1 - share) / reach
     gradient = eased(share)[:, None] * gradient + (steep * height)[:, None] * away
     height *= eased(share)
     # Where the trench runs out the ground stays as it is, to the last digit: what is not moved can carry other marks.
-    still = (np.abs(height) < STILL) & (np.linalg.norm(gradient, axis=1) * field.slope < STEADY)
+    still = (np.abs(height) < STILL) & (length(gradient) * field.slope < STEADY)
     unused = np.ones(len(plane), dtype=bool)
     unused[found.triangles.ravel()] = False
     still |= unused
@@ -150,11 +154,9 @@ def _shallow(
 
 def _turned(bases: Float, points: Float, triangles: Int) -> bool:
     """True where the ``triangles`` (M, 3) between ``points`` face away from those between their ``bases``."""
-    before, after = (
-        cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        for corners in (bases[triangles], points[triangles])
-    )
-    facing = np.sum(before * after, axis=1) / np.maximum(np.linalg.norm(before, axis=1), np.finfo(float).tiny)
+    a, b, c = triangles.T
+    before, after = (cross(at[b] - at[a], at[c] - at[a]) for at in (bases, points))
+    facing = dot(before, after) / np.maximum(length(before), np.finfo(float).tiny)
     return bool(-facing[facing < 0].sum() > TURNED * np.abs(facing).sum())
 
 

@@ -35,7 +35,9 @@ def unmarked_parts(
         marked: (N,) the drawn primitive under each mark.
     """
     names = _names(scene)
-    if len(set(names)) < 2:
+    carrying = {names[number] for number in marked.tolist()}
+    several = len(marked) >= CONCENTRATED * len(carrying)
+    if len(set(names)) < 2 or len(carrying) > FEW * len(set(names)) or not several:  # then no ray is needed
         return None
     seen = np.bincount(
         surface.face_primitive[samples.face[::STRIDE]],
@@ -45,11 +47,10 @@ def unmarked_parts(
     shares: dict[str, float] = {}
     for name, share in zip(names, (seen / max(float(seen.sum()), np.finfo(float).tiny)).tolist(), strict=True):
         shares[name] = shares.get(name, 0.0) + share
-    carrying = {names[number] for number in marked.tolist()}
     left = {name: share for name, share in shares.items() if name not in carrying and share > 0}
     total = sum(left.values())
     parts = sum(share >= COUNTED for share in shares.values())
-    if total < MISSING or len(carrying) > FEW * parts or len(marked) < CONCENTRATED * len(carrying):
+    if total < MISSING or len(carrying) > FEW * parts:
         return None
     largest = sorted(left, key=lambda name: -left[name])
     named = ", ".join(f"{name} ({left[name]:.0%})" for name in largest[:NAMED])

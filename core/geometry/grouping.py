@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+FEW = 2**13  # values that a processor's nearest cache holds: these are looked up in any order
+
 
 def group_rows(words: NDArray[np.uint32]) -> NDArray[np.int64]:
     """(N,) int64 labels 0..G-1 of (N, K) uint32 ``words``: equal rows, and only they, get equal labels.
@@ -12,6 +14,8 @@ def group_rows(words: NDArray[np.uint32]) -> NDArray[np.int64]:
     """
     labels = np.zeros(len(words), dtype=np.int64)
     for column in words.T:
+        if (column == column[:1]).all():
+            continue
         key = labels.astype(np.uint64) << np.uint64(32) | column
         labels = np.unique(key, return_inverse=True)[1]
     return labels
@@ -37,8 +41,40 @@ def among(values: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.bo
     if not len(others):
         return np.zeros(len(values), dtype=bool)
     others = np.sort(others)
+    if len(others) < FEW:
+        return np.asarray(others[np.minimum(np.searchsorted(others, values), len(others) - 1)] == values)
     order = np.argsort(values)
     place = np.minimum(np.searchsorted(others, values[order]), len(others) - 1)
     result = np.empty(len(values), dtype=bool)
     result[order] = others[place] == values[order]
     return result
+
+
+def first_of_each(values: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(N,) for each of the small numbers ``values`` (N,), the place of the first one that is equal to it."""
+    place = np.empty(int(values.max(initial=-1)) + 1, dtype=np.int64)
+    place[values[::-1]] = np.arange(len(values))[::-1]  # of equal ones the last one stays
+    return place[values]
+
+
+def ranks(values: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(N,) the number of different smaller ones among the small numbers ``values`` (N,)."""
+    is_there = np.zeros(int(values.max(initial=-1)) + 1, dtype=bool)
+    is_there[values] = True
+    return (np.cumsum(is_there) - 1)[values]
+
+
+def without_copies(first: NDArray[np.int64], differs: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The items (K,) that are not copies, and the number (N,) among these of each item or of the one it is a copy of.
+
+    Args:
+        first: (N,) the item that each may be a copy of, which is none itself: see :func:`first_of_each`.
+        differs: (N,) those that are no copies of it.
+    """
+    is_own = differs | (first == np.arange(len(first)))
+    own = np.flatnonzero(is_own)
+    number = np.empty(len(first), dtype=np.int64)
+    number[own] = np.arange(len(own))
+    copies = np.flatnonzero(~is_own)
+    number[copies] = number[first[copies]]
+    return own, number

@@ -14,12 +14,18 @@ def morton_order(points: NDArray[np.float64]) -> NDArray[np.int64]:
     if not len(points):
         return np.empty(0, dtype=np.int64)
     finite = np.nan_to_num(points)
-    low = finite.min(axis=0)
-    extent = float((finite.max(axis=0) - low).max())
+    low, high = (np.array([bound(axis) for axis in finite.T]) for bound in (np.min, np.max))
+    extent = float((high - low).max())
     cell = ((finite - low) * ((2**BITS - 1) / extent if extent > 0 else 0.0)).astype(np.uint64)
     code = _spread(cell[:, 0]) | _spread(cell[:, 1]) << np.uint64(1) | _spread(cell[:, 2]) << np.uint64(2)
     shuffled = np.random.default_rng(0).permutation(len(points))
-    return np.asarray(shuffled[np.argsort(code[shuffled], kind="stable")])
+    code = code[shuffled]
+    order = np.argsort(code)  # not stable, but several times as fast
+    code = code[order]
+    equal = np.flatnonzero(np.concatenate([[False], code[1:] == code[:-1]]))
+    tied = np.unique(np.concatenate([equal - 1, equal]))
+    order[tied] = order[tied][np.lexsort((order[tied], code[tied]))]
+    return np.asarray(shuffled[order])
 
 
 def _spread(values: NDArray[np.uint64]) -> NDArray[np.uint64]:

@@ -52,10 +52,11 @@ class _Hierarchies:
     Args:
         positions: (V, 3) float64, contiguous.
         faces: (F, 3) int64, contiguous.
+        cut: long triangles are cut up.
     """
 
-    def __init__(self, positions: Float, faces: Int) -> None:
-        self.positions, self.faces = positions, faces
+    def __init__(self, positions: Float, faces: Int, cut: bool) -> None:
+        self.positions, self.faces, self._cut = positions, faces, cut
 
     @cached_property
     def parts(self) -> tuple[Float, Int, Int]:
@@ -64,6 +65,8 @@ class _Hierarchies:
         The boxes around long triangles overlap all that lies beside them: where there are some among many small ones,
         closest points are found two to three times as fast without them.
         """
+        if not self._cut:
+            return self.positions, self.faces, np.arange(len(self.faces))
         a, b, c = (self.positions.take(self.faces[:, corner], axis=0) for corner in range(3))
         edges = np.maximum(np.maximum(_length(a - c), _length(b - a)), _length(c - b))
         low, high = (reduce(bound, (a, b, c)) for bound in (np.minimum, np.maximum))
@@ -110,6 +113,7 @@ class SpatialIndex:
         ids: the rows of ``faces`` that count, ascending, at least one; all of them if None. Answers are rows of
             ``faces`` in either case.
         hides: (F,) uint8, a :class:`Hides` of each face; all hide always if None.
+        cut: long triangles are cut up for :meth:`closest`: it pays where there are many, or many queries.
 
     Attributes:
         device: that queries run on, as torch names it; callers of many queries best calculate there as well.
@@ -118,13 +122,18 @@ class SpatialIndex:
     device = "cpu"
 
     def __init__(
-        self, positions: Float, faces: Int, ids: Int | None = None, hides: NDArray[np.uint8] | None = None
+        self,
+        positions: Float,
+        faces: Int,
+        ids: Int | None = None,
+        hides: NDArray[np.uint8] | None = None,
+        cut: bool = True,
     ) -> None:
         self.positions = np.ascontiguousarray(positions, dtype=np.float64)
         self._ids = ids if ids is not None and len(ids) < len(faces) else None
         self.faces = np.ascontiguousarray(faces if self._ids is None else faces[self._ids], dtype=np.int64)
         self._hides = self._mask(hides)
-        self._built = _Hierarchies(self.positions, self.faces)
+        self._built = _Hierarchies(self.positions, self.faces, cut)
 
     def hiding(self, hides: NDArray[np.uint8] | None) -> Self:
         """The same index with other ``hides``; the hierarchies are shared."""

@@ -5,13 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from core.arrays import Bool, Float, Int
-from core.geometry.products import cross
+from core.geometry.products import cross, dot, length
 
 
 def unit(vectors: Float) -> Float:
-    """(N, 3) vectors at length 1; zero where they have no direction."""
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.asarray(np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 1e-30))
+    """(N, K) vectors at length 1, for small K; zero where they have no direction."""
+    size = length(vectors)[:, None]
+    return np.asarray(np.divide(vectors, size, out=np.zeros_like(vectors), where=size > 1e-30))
 
 
 def flat_normals(corners: Float) -> Float:
@@ -22,16 +22,31 @@ def flat_normals(corners: Float) -> Float:
 def barycentric(points: Float, triangles: Float) -> Float:
     """(F, K, 3) barycentric coordinates of ``points`` (F, K, 3) in their (F, 3, 3) triangles, on whose planes they lie
     up to rounding, clamped into the triangle."""
-    origin = triangles[:, 0]
-    first, second = triangles[:, 1] - origin, triangles[:, 2] - origin
-    normal = cross(first, second)
-    area = np.maximum(np.sum(normal * normal, axis=1), np.finfo(float).tiny)[:, None]
-    relative = points - origin[:, None]
-    v = np.einsum("fkj,fj->fk", cross(relative, second[:, None]), normal) / area
-    w = np.einsum("fkj,fj->fk", cross(first[:, None], relative), normal) / area
-    result = np.clip(np.stack([1 - v - w, v, w], axis=-1), 0.0, 1.0)
+    origin, second, third = (np.repeat(triangles[:, corner], points.shape[1], axis=0) for corner in range(3))
+    second -= origin
+    third -= origin
+    normal, relative = cross(second, third), points.reshape(-1, 3) - origin
+    area = np.maximum(dot(normal, normal), np.finfo(float).tiny)
+    v = np.einsum("ni,ni->n", cross(relative, third), normal) / area
+    w = np.einsum("ni,ni->n", cross(second, relative), normal) / area
+    return _clamped(v, w).reshape(points.shape)
+
+
+def plane_barycentric(points: Float, triangles: Float) -> Float:
+    """(N, 3) barycentric coordinates of (N, 2) ``points`` in (N, 3, 2) triangles of the plane, each in its own, clamped
+    into it: those of :func:`barycentric`, bit for bit."""
+    a, b, c = (triangles[:, corner] for corner in range(3))
+    area = doubled_area(a, b, c)
+    square = np.maximum(area * area, np.finfo(float).tiny)
+    return _clamped(doubled_area(a, points, c) * area / square, doubled_area(a, b, points) * area / square)
+
+
+def _clamped(second: Float, third: Float) -> Float:
+    """(N, 3) barycentric coordinates, of which two (N,) are given, clamped into the triangle."""
+    result = np.clip(np.stack([1 - second - third, second, third]), 0.0, 1.0)
     result[result < 1e-9] = 0.0
-    return np.asarray(result / result.sum(axis=-1, keepdims=True))
+    result /= result[0] + result[1] + result[2]
+    return np.ascontiguousarray(result.T)
 
 
 def bisected(corners: Float, longest: float) -> tuple[Float, Int]:
@@ -40,10 +55,10 @@ def bisected(corners: Float, longest: float) -> tuple[Float, Int]:
     source = np.arange(len(corners))
     done = [(corners[:0], source[:0])]
     while len(corners):
-        length = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)  # of ab, bc, ca
-        long = length.max(axis=1) > longest
+        sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)  # of ab, bc, ca
+        long = sides.max(axis=1) > longest
         done.append((corners[~long], source[~long]))
-        corners, source, edge = corners[long], source[long], length[long].argmax(axis=1)
+        corners, source, edge = corners[long], source[long], sides[long].argmax(axis=1)
         rows = np.arange(len(corners))
         a, b, c = (corners[rows, (edge + corner) % 3] for corner in range(3))
         middle = (a + b) / 2

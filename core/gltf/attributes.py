@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Bool, Float, Int
-from core.geometry.products import cross
+from core.geometry.products import cross, length
 from core.geometry.triangles import unit
 from core.gltf.accessors import dequantize, read_accessor, read_values
 from core.gltf.document import Document
@@ -93,7 +93,7 @@ def interpolate_influences(document: Document, attributes: dict[str, Any], point
 def orthogonal_tangents(tangents: Float, normals: Float) -> Float:
     """(N, 3) unit tangents made orthogonal to unit ``normals``; any orthogonal direction where nothing is left."""
     projected = tangents - normals * np.einsum("ni,ni->n", tangents, normals)[:, None]
-    axis = np.eye(3)[np.abs(normals).argmin(axis=1)]
-    lost = np.linalg.norm(projected, axis=1) < 1e-6
-    projected[lost] = cross(normals, axis)[lost]
+    lost = np.flatnonzero(length(projected) < 1e-6)
+    axis = np.eye(3)[np.abs(normals[lost]).argmin(axis=1)]
+    projected[lost] = cross(normals[lost], axis)
     return unit(projected)

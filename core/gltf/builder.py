@@ -55,10 +55,14 @@ class Builder:
             accessor["normalized"] = source["normalized"]
         accessor |= {"count": len(rows), "type": source["type"]}
         if bounded:
-            accessor |= {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()}
+            accessor |= {
+                "min": [column.min().item() for column in rows.T],
+                "max": [column.max().item() for column in rows.T],
+            }
         columns, height = ELEMENT_TYPES[source["type"]]
-        used = np.flatnonzero(rows.any(axis=1))
-        if "bufferView" in source or like in self.document.draco or len(used) > SPARSE * len(rows):
+        was_stored = "bufferView" in source or like in self.document.draco
+        used = np.empty(0, dtype=np.int64) if was_stored else np.flatnonzero(rows.any(axis=1))
+        if was_stored or len(used) > SPARSE * len(rows):
             accessor = {"bufferView": self.add_vertex_view(rows, columns, height), **accessor}
         elif len(used):
             packed = rows[used] if columns == 1 else _column_aligned(rows[used], columns, height)[0]

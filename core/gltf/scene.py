@@ -26,6 +26,7 @@ from core.gltf.primitives import (
     PrimitiveReader,
 )
 from core.gltf.skin import Skin, blend, influence_sets, read_influences, read_skin
+from core.gltf.textures import ReadTexture, texture_reader
 from core.gltf.viewer import Look, Viewed, has_area, viewed
 
 SINGULAR = 1e-6  # |det| over the product of the column lengths; matrices of less count as singular
@@ -47,6 +48,11 @@ class Scene:
     nodes: tuple[Node, ...]
     surface: Surface
     primitives: tuple[DrawnPrimitive, ...]
+
+    @cached_property
+    def texture(self) -> ReadTexture:
+        """The reader of the document's textures for analysis, which keeps the last ones."""
+        return texture_reader(self.document)
 
     @cached_property
     def viewed(self) -> Viewed:
@@ -282,9 +288,10 @@ def _bounds(document: Document, world: Float, faces: Int, primitives: list[Drawn
     that have an area, else of all."""
     used = np.zeros(len(world), dtype=bool)
     used[faces] = True
-    low, high = world[used].min(axis=0), world[used].max(axis=0)
+    low, high = _extremes(world[used])
     # Nearly always drawn faces reach all six sides, and the others need no test.
-    outermost = ((world == low) | (world == high)).any(axis=1)
+    x, y, z = ((axis == least) | (axis == most) for axis, least, most in zip(world.T, low, high, strict=True))
+    outermost = x | y | z
     rim = world[faces[_counting(document, world, faces, primitives, outermost[faces].any(axis=1))]].reshape(-1, 3)
     if len(rim) and (rim.min(axis=0) == low).all() and (rim.max(axis=0) == high).all():
         return low, high
@@ -295,6 +302,11 @@ def _bounds(document: Document, world: Float, faces: Int, primitives: list[Drawn
         return low, high
     corners = world[faces[counting]].reshape(-1, 3)
     return corners.min(axis=0), corners.max(axis=0)
+
+
+def _extremes(points: Float) -> tuple[Float, Float]:
+    """(3,) lowest and highest coordinates of (N, 3) points; a reduction over their rows would be slow."""
+    return np.array([axis.min() for axis in points.T]), np.array([axis.max() for axis in points.T])
 
 
 def _counting(document: Document, world: Float, faces: Int, primitives: list[DrawnPrimitive], tested: Bool) -> Int:

@@ -5,7 +5,7 @@ A material of their own would be the handle by which letters are selected and de
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, reduce
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from core.gltf.edit import LETTERS, Style, SurfaceEdit
 from core.gltf.materials import UNLIT, Material, sampled
 from core.gltf.primitives import Primitive
 from core.gltf.scene import Scene
-from core.gltf.textures import Texture, texture_reader
+from core.gltf.textures import ReadTexture, Texture, texture_reader
 
 VARIANTS, ANIMATION_POINTER = "KHR_materials_variants", "KHR_animation_pointer"
 # Extensions of a material that leave its base colour what is seen, where they have no texture.
@@ -91,11 +91,16 @@ class Coloring:
 
 
 class Tints:
-    """The tints of letters on the primitives of a document, each decided once."""
+    """The tints of letters on the primitives of a document, each decided once.
 
-    def __init__(self, document: Document) -> None:
+    Args:
+        document: that the primitives are of.
+        read: its textures; one of its own if None.
+    """
+
+    def __init__(self, document: Document, read: ReadTexture | None = None) -> None:
         self._document = document
-        self._read = texture_reader(document)
+        self._read = read or texture_reader(document)
         self._tint = lru_cache(None)(self._find)
         self._swatches = lru_cache(None)(self._search)
 
@@ -214,11 +219,17 @@ def _even(texture: Texture) -> tuple[Float, Float]:
     height, width = texture.pixels.shape[:2]
     side = max(1, min(SWATCH, min(height, width) // 16))
     rows, columns = height // side, width // side
-    tiles = texture.pixels[: rows * side, : columns * side, :3].reshape(rows, side, columns, side, 3)
-    low, high = tiles.min(axis=(1, 3)), tiles.max(axis=(1, 3))
+    pixels = texture.pixels[: rows * side, : columns * side]
+    low, high = (
+        reduce(bound, (by_row[:, pixel::side] for pixel in range(side)))[..., :3]
+        for bound in (np.minimum, np.maximum)
+        for by_row in (reduce(bound, (pixels[pixel::side] for pixel in range(side))),)
+    )
     row, column = np.nonzero((high - low <= EVEN).all(axis=2))
     at = (np.column_stack([column, row]) + 0.5) * side / (width, height)
-    return at, LINEAR[tiles[row, :, column]].mean(axis=(1, 2))
+    whole = np.ascontiguousarray(pixels).view(np.uint32).reshape(rows, side, columns, side)[row, :, column]
+    by_pixel = np.ascontiguousarray(whole.reshape(len(row), side**2).T).view(np.uint8).reshape(side**2, len(row), 4)
+    return at, sum(LINEAR[colors[:, :3]] for colors in by_pixel) / side**2
 
 
 def _pixels(texture: Texture, at: Float) -> Float:

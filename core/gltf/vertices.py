@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from core.arrays import Bool, Float, Int
 from core.errors import ErrorCode, MeshmarkError
-from core.geometry.grouping import group_rows
-from core.geometry.products import product, solved
+from core.geometry.grouping import first_of_each, group_rows, ranks, without_copies
+from core.geometry.products import applied, solved
 from core.geometry.triangles import flat_normals, unit
 from core.gltf.accessors import dequantize, read_accessor
 from core.gltf.attributes import (
@@ -46,7 +46,7 @@ class CutPrimitives:
         tilt: (C, 3) float64, of the normals of the ground in the world: see :class:`core.gltf.edit.SurfaceEdit`.
         winding: (M,) float64, -1 where the transform of the triangle to the world mirrors it, else 1. That of a skin
             may, independent of its node's.
-        linear: (C, 3, 3) float64, what transforms directions in the mesh's own frame to the world.
+        linear: (C, 3, 3) float64, or (1, 3, 3) for all: transforms directions of the mesh's own frame to the world.
         local: (C, 3) float32 positions in the mesh's own frame; equal ids have equal positions in all of a node.
         values: one dictionary for each of ``maps``: semantic -> (C, n) float64.
     """
@@ -112,18 +112,38 @@ def row_labels(cut: CutPrimitives, corners: Int) -> Int:
     These are corners of the same point, both of a wall or neither where there are normals, whose attributes agree.
     Positions, joints and weights belong to the point and need no comparison.
     """
-    wall = cut.wall[corners] & has_normals(cut)
-    words = [cut.vertex[corners, None].view(np.uint32), wall[:, None].astype(np.uint32)]
-    for values in cut.values:
-        for name, value in values.items():
-            if name == "POSITION" or name.startswith(("JOINTS_", "WEIGHTS_")):
-                continue
-            value = np.nan_to_num(value)
-            largest = max(float(np.abs(value).max(initial=0.0)), np.finfo(np.float32).tiny)
-            coarse = name in ("NORMAL", "TANGENT")
-            step = np.where(wall & coarse, SAME_WALL, SAME_ATTRIBUTE)[:, None] * largest
-            words.append(np.round(value[corners] / step).astype(np.int32).view(np.uint32))
-    return group_rows(np.hstack(words))
+    vertex, wall = cut.vertex[corners], cut.wall[corners] & has_normals(cut)
+    compared = [
+        (name, value)
+        for values in cut.values
+        for name, value in values.items()
+        if name != "POSITION" and not name.startswith(("JOINTS_", "WEIGHTS_"))
+    ]
+    # Corners of most vertices are alike to the last bit: only those of the others are compared by rounded values.
+    first = first_of_each(vertex)
+    differs = wall != wall[first]
+    for _, value in compared:
+        for column in value.T:
+            there = column[corners]
+            differs |= there != there[first]
+    rank = ranks(vertex)
+    is_split = np.zeros(int(rank.max(initial=-1)) + 1, dtype=bool)
+    is_split[rank[differs]] = True
+    split = np.flatnonzero(is_split[rank])
+    words = [rank[split, None].astype(np.uint32), wall[split, None].astype(np.uint32)]
+    for name, value in compared:
+        finite = np.nan_to_num(value)
+        largest = max(float(np.abs(finite).max(initial=0.0)), np.finfo(np.float32).tiny)
+        coarse = name in ("NORMAL", "TANGENT")
+        step = np.where(wall[split] & coarse, SAME_WALL, SAME_ATTRIBUTE)[:, None] * largest
+        words.append(np.round(finite[corners[split]] / step).astype(np.int32).view(np.uint32))
+    part = group_rows(np.hstack(words))
+    owner = np.empty(int(part.max(initial=-1)) + 1, dtype=np.int64)
+    owner[part] = rank[split]
+    whole = np.cumsum(~is_split) - ~is_split  # vertices of one label before each
+    label = (whole + np.searchsorted(owner, np.arange(len(is_split))))[rank]
+    label[split] = whole[rank[split]] + part
+    return np.asarray(label)
 
 
 def has_normals(cut: CutPrimitives) -> bool:
@@ -138,38 +158,43 @@ def _place(scene: Scene, world: Float, cut: CutPrimitives) -> None:
     """
     document, drawn = scene.document, scene.primitives[cut.drawn[0]]
     first = _first_of_each(cut.vertex, cut.original)
-    points, matrices = cut.points[first], drawn.matrices
+    chosen, number = without_copies(first, np.zeros(len(first), dtype=bool))
+    points, matrices = cut.points[chosen], drawn.matrices
     if influence_sets(cut.maps[0]):
         joints, weights = interpolate_influences(document, cut.maps[0], points)
         if drawn.skin is not None:
             matrices = blend(joints, weights, drawn.skin.matrices)
-        for number in range(joints.shape[1] // 4):
-            columns = slice(4 * number, 4 * number + 4)
-            cut.values[0][f"JOINTS_{number}"] = joints[:, columns].astype(np.float64)
-            cut.values[0][f"WEIGHTS_{number}"] = weights[:, columns]
-        _keep_influences(document, cut, cut.original[first])
+        influences: dict[str, Float] = {}
+        for count in range(joints.shape[1] // 4):
+            columns = slice(4 * count, 4 * count + 4)
+            influences[f"JOINTS_{count}"] = joints[:, columns].astype(np.float64)
+            influences[f"WEIGHTS_{count}"] = weights[:, columns]
+        _keep_influences(document, cut.maps[0], influences, cut.original[chosen])
+        cut.values[0] |= {name: values[number] for name, values in influences.items()}
     _require_invertible(drawn, matrices)
-    cut.winding *= np.where(determinants(matrices) < 0, -1.0, 1.0)[:: 3 if len(matrices) > 1 else 1]
-    local = solved(matrices[:, :, :3], world - matrices[:, :, 3])
-    cut.linear = np.broadcast_to(matrices[:, :, :3], (len(cut.vertex), 3, 3))
+    local = solved(matrices[:, :, :3], world[chosen] - matrices[:, :, 3])
+    winding, cut.linear = np.where(determinants(matrices) < 0, -1.0, 1.0), matrices[:, :, :3]
+    if len(matrices) > 1:
+        winding, cut.linear = winding[number[::3]], cut.linear[number]
+    cut.winding *= winding
     for weight, target, values in zip(drawn.morph_weights, cut.maps[1:], cut.values[1:], strict=True):
         if "POSITION" in target:
             delta = interpolate_attribute(document, "POSITION", target["POSITION"], points).astype(np.float32)
-            values["POSITION"] = delta.astype(np.float64)
-            local -= weight * values["POSITION"]
-    cut.local = local.astype(np.float32)
+            values["POSITION"] = delta.astype(np.float64)[number]
+            local -= weight * delta.astype(np.float64)
+    cut.local = local.astype(np.float32)[number]
     untouched = cut.original >= 0
     rows = read_rows(document, "POSITION", cut.maps[0]["POSITION"])
     cut.local[untouched] = rows[cut.original[untouched]]
 
 
-def _keep_influences(document: Document, cut: CutPrimitives, original: Int) -> None:
-    """Give corners at an untouched vertex (``original`` >= 0) the joints and weights of its row to the last bit."""
-    at_vertex = original >= 0
-    for name, values in cut.values[0].items():
-        accessor = cut.maps[0][name]
+def _keep_influences(document: Document, attributes: dict[str, int], influences: dict[str, Float], at: Int) -> None:
+    """Give points ``at`` an untouched vertex, and not at -1, the joints and weights of its row to the last bit."""
+    at_vertex = at >= 0
+    for name, values in influences.items():
+        accessor = attributes[name]
         entry = document.entry("accessors", accessor) | ({"normalized": True} if name.startswith("WEIGHTS_") else {})
-        values[at_vertex] = dequantize(read_accessor(document, accessor)[original[at_vertex]], entry)
+        values[at_vertex] = dequantize(read_accessor(document, accessor)[at[at_vertex]], entry)
 
 
 def _share_points(scene: Scene, cuts: list[CutPrimitives]) -> None:
@@ -209,11 +234,12 @@ def _shared(group: list[CutPrimitives], values: list[NDArray[Any]]) -> list[NDAr
 
 def _first_of_each(vertex: Int, original: Int) -> Int:
     """(C,) for each corner, the first corner of the same point, one at an untouched vertex before all others."""
-    order = np.lexsort((original < 0, vertex))
-    _, start, label = np.unique(vertex[order], return_index=True, return_inverse=True)
-    first = np.empty(len(vertex), dtype=np.int64)
-    first[order] = order[start][label]
-    return first
+    if not len(vertex):
+        return np.empty(0, dtype=np.int64)
+    place = np.empty(int(vertex.max()) + 1, dtype=np.int64)
+    for corners in (np.arange(len(vertex)), np.flatnonzero(original >= 0)):
+        place[vertex[corners[::-1]]] = corners[::-1]  # of several for one vertex, the last one stays
+    return place[vertex]
 
 
 def _require_invertible(drawn: DrawnPrimitive, matrices: Float) -> None:
@@ -230,10 +256,15 @@ def _require_invertible(drawn: DrawnPrimitive, matrices: Float) -> None:
 
 def _interpolate(document: Document, cut: CutPrimitives) -> None:
     """Fill ``cut.values`` with the attributes that :func:`_place` has not set."""
+    first, points = first_of_each(cut.vertex), cut.points
+    differs = np.zeros(len(first), dtype=bool)
+    for column in (*points.rows.T, *points.barycentric.T):
+        differs |= column != column[first]
+    own, number = without_copies(first, differs)
     for attributes, values in zip(cut.maps, cut.values, strict=True):
         for name, accessor in attributes.items():
             if name not in values:
-                values[name] = interpolate_attribute(document, name, accessor, cut.points)
+                values[name] = interpolate_attribute(document, name, accessor, points[own])[number]
     base, targets = cut.values[0], cut.values[1:]
     if "NORMAL" not in base:
         return
@@ -241,9 +272,9 @@ def _interpolate(document: Document, cut: CutPrimitives) -> None:
     smooth = _tilted(unit(base["NORMAL"]), flat, cut)
     one, two, share = _curves(cut, flat, base["POSITION"])
     walls = _along_curves(flat, one, two, share)
-    is_flat = (cut.wall | ~smooth.any(axis=1)) & flat.any(axis=1)
+    is_flat = (cut.wall | ~_any(smooth)) & _any(flat)
     normals = np.where(is_flat[:, None], walls, smooth)
-    normals[~normals.any(axis=1)] = (0.0, 0.0, 1.0)  # a triangle without area or normals: any unit vector is valid
+    normals[~_any(normals)] = (0.0, 0.0, 1.0)  # a triangle without area or normals: any unit vector is valid
     base["NORMAL"] = normals
     for target in targets:
         if "NORMAL" in target and "POSITION" in target:
@@ -259,22 +290,29 @@ def _interpolate(document: Document, cut: CutPrimitives) -> None:
 def _tilted(normals: Float, flat: Float, cut: CutPrimitives) -> Float:
     """(C, 3) unit ``normals`` of the ground in the mesh's own frame, tilted in the world as the letters on it are;
     those of a file that has them point inwards stay so. ``flat`` (C, 3) are outwards."""
-    tilted = np.flatnonzero(cut.tilt.any(axis=1) & normals.any(axis=1))
-    linear, ground = cut.linear[tilted], normals[tilted]
+    tilted = np.flatnonzero(_any(cut.tilt) & _any(normals))
+    linear = cut.linear if len(cut.linear) == 1 else cut.linear[tilted]
+    ground, tilt = normals[tilted], cut.tilt[tilted]
     # A normal is a row: n A in the mesh's frame where it is n in the world, and n inv(A) the other way round.
     upright = linear.transpose(0, 2, 1)
     world = unit(solved(upright, ground))
     inwards = np.einsum("ni,ni->n", ground, flat[tilted]) < 0
-    tilt = np.where(inwards[:, None], -cut.tilt[tilted], cut.tilt[tilted])
+    tilt = np.where(inwards[:, None], -tilt, tilt)
     result = normals.copy()
-    result[tilted] = unit(product(upright, (world + tilt)[..., None])[..., 0])
+    result[tilted] = unit(applied(upright, world + tilt))
     return result
+
+
+def _any(vectors: Float) -> Bool:
+    """(N,) those of (N, 3) vectors that are not zero; a reduction over so short an axis would be slow."""
+    x, y, z = (vectors != 0).T
+    return np.asarray(x | y | z)
 
 
 def _curves(cut: CutPrimitives, flat: Float, local: Float) -> tuple[Int, Int, Float]:
     """Pairs (P,), (P,) of wall corners at one point that are shaded as one curve, each with itself too, and the angle
     (P,) of the triangle at the second: the weight of its normal."""
-    wall = np.flatnonzero(cut.wall & flat.any(axis=1))
+    wall = np.flatnonzero(cut.wall & _any(flat))
     wall = wall[np.argsort(cut.vertex[wall], kind="stable")]
     _, start, which, size = np.unique(cut.vertex[wall], return_index=True, return_inverse=True, return_counts=True)
     reach = size[which]
@@ -293,7 +331,7 @@ def _along_curves(flat: Float, one: Int, two: Int, share: Float) -> Float:
     """``flat`` (C, 3) normals, those of the corners ``one`` the mean over their ``two``, weighted by ``share``."""
     total = [np.bincount(one, weights=share * flat[two, axis], minlength=len(flat)) for axis in range(3)]
     mean = unit(np.column_stack(total).astype(np.float64))  # of no corners bincount counts integers
-    return np.where(mean.any(axis=1, keepdims=True), mean, flat)
+    return np.where(_any(mean)[:, None], mean, flat)
 
 
 def _flat_normals(cut: CutPrimitives, local: Float) -> Float:

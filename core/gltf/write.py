@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Float, Int
+from core.geometry.grouping import first_of_each
 from core.geometry.morton import morton_order
 from core.gltf.accessors import dequantize
 from core.gltf.attributes import encode, read_rows
@@ -168,7 +169,9 @@ def _rows(document: Document, cut: CutPrimitives, deep: bool) -> _Rows:
     """The rows of cut primitives. New vertex colours have 8 bits, for white ground needs no more; where they must be
     ``deep``, 16."""
     new = np.flatnonzero((cut.original < 0) | (cut.wall & has_normals(cut)))
-    _, representative, label = np.unique(row_labels(cut, new), return_index=True, return_inverse=True)
+    label = row_labels(cut, new)
+    representative = np.flatnonzero(first_of_each(label) == np.arange(len(label)))
+    representative = representative[np.argsort(label[representative])]
     corners, length = cut.original.copy(), document.entry("accessors", cut.maps[0]["POSITION"])["count"]
     corners[new] = length + label
     values = []

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from core.geometry.grouping import among, float_words, group_rows, weld
+from core.geometry.grouping import among, first_of_each, float_words, group_rows, ranks, weld, without_copies
 
 
 @given(words=arrays(np.uint32, st.tuples(st.integers(0, 30), st.integers(1, 4)), elements=st.integers(0, 3)))
@@ -38,3 +38,20 @@ def test_equal_rows_share_their_first_one(scale: float) -> None:
 )
 def test_values_are_among_others_where_one_of_these_equals_them(values: np.ndarray, others: np.ndarray) -> None:
     assert among(values, others).tolist() == [value in others for value in values]
+
+
+def test_many_values_are_looked_up_as_few_are() -> None:
+    others = np.arange(0, 40_000, 2)
+    assert among(np.array([3, 39_998, -1, 0, 50_000]), others).tolist() == [False, True, False, True, False]
+
+
+@given(values=arrays(np.int64, st.integers(0, 20), elements=st.integers(0, 9)), differs=st.integers(0, 2**20 - 1))
+def test_equal_numbers_have_one_first_place_and_one_rank(values: np.ndarray, differs: int) -> None:
+    first = first_of_each(values)
+    assert first.tolist() == [values.tolist().index(value) for value in values.tolist()]
+    assert ranks(values).tolist() == [len({other for other in values.tolist() if other < value}) for value in values]
+    is_other = np.array([differs >> place & 1 for place in range(len(values))], dtype=bool)
+    own, number = without_copies(first, is_other)
+    copied = own[number]
+    expected = np.where(is_other, np.arange(len(values)), first)
+    assert copied.tolist() == expected.tolist()

@@ -5,7 +5,15 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from core.arrays import Float
-from core.geometry.triangles import barycentric, bisected, doubled_area, flat_normals, ring_area, unit
+from core.geometry.triangles import (
+    barycentric,
+    bisected,
+    doubled_area,
+    flat_normals,
+    plane_barycentric,
+    ring_area,
+    unit,
+)
 
 POINTS = arrays(np.float64, (3, 2), elements=st.floats(-10, 10, width=32))
 
@@ -20,6 +28,13 @@ def test_barycentric_coordinates_stay_inside_the_triangle() -> None:
     outside = np.array([[[-1e-12, 0.5, 0.0], [2.0, 0.0, 0.0], [0.25, 0.25, 0.3]]])
     result = barycentric(outside, triangle)[0]
     assert np.allclose(result, np.array([[0.5, 0, 0.5], [0, 1, 0], [0.5, 0.25, 0.25]]))
+
+
+def test_in_the_plane_barycentric_coordinates_are_the_same_to_the_last_bit() -> None:
+    rng = np.random.default_rng(2)
+    triangles, points = rng.normal(size=(400, 3, 2)), rng.normal(size=(400, 2))
+    solid = barycentric(np.pad(points, ((0, 0), (0, 1)))[:, None], np.pad(triangles, ((0, 0), (0, 0), (0, 1))))
+    np.testing.assert_array_equal(plane_barycentric(points, triangles), solid[:, 0])
 
 
 @given(POINTS)
