@@ -45,7 +45,7 @@ class CandidateOptions:
     radius: float | None = None
     number: int = 400
     more: float = 1.2
-    fewest: float = 0.35
+    fewest: float = 0.25
     choice: float = 2.0
     support_grid: tuple[int, int] = (8, 3)
     probes: int = 6
