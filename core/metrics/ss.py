@@ -1,5 +1,7 @@
 """Semantics score: similarity of the asset before and after, by a vision model."""
 
+from hashlib import sha256
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,7 +23,7 @@ def ss(original_pictures: Pictures, watermarked_pictures: Pictures, extractor: E
     """
     pictures = [*original_pictures, *watermarked_pictures]
     rows: dict[bytes, int] = {}
-    row = np.array([rows.setdefault(picture.tobytes(), len(rows)) for picture in pictures])
+    row = np.array([rows.setdefault(sha256(picture).digest(), len(rows)) for picture in pictures])
     first = np.unique(row, return_index=True)[1]
     features = extractor(np.stack([pictures[index] for index in first])).astype(np.float64)
     features /= np.maximum(np.linalg.norm(features, axis=1, keepdims=True), np.finfo(np.float64).tiny)

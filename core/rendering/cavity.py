@@ -50,7 +50,7 @@ def folds(depth: NDArray[np.float32], quiet: float, step: float) -> NDArray[np.f
         deep /= step
         np.clip(deep, -1, 1, out=deep)
         np.add(inner, deep, out=inner, where=deep == deep)  # beside nothing there is no fold
-    return fold / np.float32(len(_NEIGHBOURS))
+    return np.asarray(fold / len(_NEIGHBOURS))
 
 
 def _bounds(there: NDArray[np.bool_]) -> tuple[slice, slice]:

@@ -101,12 +101,19 @@ def _joined(group: list[Drawable]) -> Drawable:
     if len(group) == 1:
         return group[0]
     first = np.cumsum([0, *(len(drawable.positions) for drawable in group[:-1])])
-    rows = {
-        name: None if getattr(group[0], name) is None else np.concatenate([getattr(one, name) for one in group])
-        for name in ("positions", *_OPTIONAL)
-    }
-    faces = np.concatenate([drawable.faces + start for drawable, start in zip(group, first, strict=True)])
-    return replace(group[0], faces=faces, **rows)
+
+    def rows(name: str) -> Float32 | None:
+        return None if getattr(group[0], name) is None else np.concatenate([getattr(one, name) for one in group])
+
+    return replace(
+        group[0],
+        positions=np.concatenate([drawable.positions for drawable in group]),
+        faces=np.concatenate([drawable.faces + start for drawable, start in zip(group, first, strict=True)]),
+        normals=rows("normals"),
+        uv=rows("uv"),
+        emission_uv=rows("emission_uv"),
+        colors=rows("colors"),
+    )
 
 
 def _drawable(document: Document, drawn: DrawnPrimitive, faces: Int, positions: Float, read: ReadTexture) -> Drawable:

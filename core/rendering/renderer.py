@@ -1,6 +1,7 @@
 """Pictures of a GLB: pyrender behind one small interface, headless through EGL."""
 
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -97,6 +98,16 @@ class Renderer:
         self._context._renderer.delete()
         self._context._platform.delete_context()
         self._context._renderer = self._context._platform = None
+
+    @contextmanager
+    def at(self, size: int) -> Iterator[None]:
+        """Pictures of another ``size`` for a while, of the asset that is loaded, its textures as they are."""
+        whole = self.size
+        try:
+            self.size = self._context.viewport_width = self._context.viewport_height = size
+            yield
+        finally:
+            self.size = self._context.viewport_width = self._context.viewport_height = whole
 
     def driver(self) -> str:
         """The name that the driver gives what draws."""
