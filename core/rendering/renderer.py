@@ -1,7 +1,6 @@
 """Pictures of a GLB: pyrender behind one small interface, headless through EGL."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -70,7 +69,6 @@ class Renderer:
 
     def __init__(self, size: int) -> None:
         self.size = size
-        self._texels = 2 * size  # a side, of a texture; finer ones could not be told apart
         try:
             self._gl = _pyrender()
             self._context = self._gl.OffscreenRenderer(size, size)
@@ -99,16 +97,6 @@ class Renderer:
         self._context._platform.delete_context()
         self._context._renderer = self._context._platform = None
 
-    @contextmanager
-    def at(self, size: int) -> Iterator[None]:
-        """Pictures of another ``size`` for a while, of the asset that is loaded, its textures as they are."""
-        whole = self.size
-        try:
-            self.size = self._context.viewport_width = self._context.viewport_height = size
-            yield
-        finally:
-            self.size = self._context.viewport_width = self._context.viewport_height = whole
-
     def driver(self) -> str:
         """The name that the driver gives what draws."""
         from OpenGL.GL import GL_RENDERER, glGetString
@@ -125,7 +113,7 @@ class Renderer:
         Raises:
             MeshmarkError: as :func:`core.rendering.drawables.drawables`.
         """
-        shown = drawables(asset, texture_limit=self._texels)
+        shown = drawables(asset, texture_limit=2 * self.size)  # finer texels could not be told apart
         points = np.concatenate([drawable.positions for drawable in shown])
         scene = self._gl.Scene(bg_color=[BACKGROUND] * 3)
         textures: dict[Texture, Any] = {}
