@@ -35,7 +35,7 @@ SPECK = 3.0  # pixels; lower boxes are no text
 STRIDE = 32  # pixels; the detector takes sides that are multiples of this
 LINE_HEIGHT = 48  # pixels; height of a line for the recogniser
 WIDTH_STEP = 64  # pixels; lines are padded to a multiple, so that readings do not depend on the batch
-BATCH = 4096  # pixels of width read at once, 38 MB of output; larger ones are not faster
+BATCH = 512  # pixels of width read at once, 5 MB of output; larger ones take memory and are not faster
 FILL = 128  # 8-bit grey, the recogniser's zero
 
 # Mean and standard deviation of the colours, 0 to 255, in the order blue, green, red. The detector's are ImageNet's,
