@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from core.arrays import Bool, Float
 from core.geometry.directions import view_directions
@@ -48,7 +48,7 @@ def views(scene: Scene, renderer: Renderer, frame: Frame | None = None, *, large
     compared = np.empty((len(DIRECTIONS), half, half, 3), dtype=np.uint8)
     drawn = np.empty((len(DIRECTIONS), renderer.size, renderer.size, 3), dtype=np.uint8) if large else None
     for picture, rows in _each(renderer, DIRECTIONS, UPS):
-        compared[rows] = cv2.resize(picture, (half, half), interpolation=cv2.INTER_AREA)
+        compared[rows] = np.asarray(Image.fromarray(picture).reduce(2))
         if drawn is not None:
             drawn[rows] = picture
     return Views(compared, drawn, renderer.frame)
