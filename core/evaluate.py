@@ -18,8 +18,8 @@ from core.geometry.boxes import Boxes
 from core.geometry.surface import Surface
 from core.geometry.triangles import unit
 from core.gltf.scene import Scene, flatten
-from core.metrics.measure import Pair, Pictures, Subject, measure
-from core.rendering.pictures import PICTURE_SIZE, pictures
+from core.metrics.measure import Pair, Subject, measure
+from core.rendering.pictures import PICTURE_SIZE, Views, views
 from core.rendering.renderer import Renderer
 from core.report import Engine, EvaluationReport, Place, Places
 from core.reporting import asset_facts, eye_of, file_facts, frame_of, metrics_of
@@ -95,10 +95,10 @@ def evaluate(
     boxes, relief = to_boxes(watermarks, surface)
     text = text or next((mark.text for mark in watermarks if mark.text), "")
     settings = tuple(dict.fromkeys("\n".join(mark.lines) for mark in watermarks if mark.text == text and mark.lines))
-    views = _views(first, second) if level is Evaluate.FULL else (None, None)
+    seen = _views(first, second) if level is Evaluate.FULL else (None, None)
     pair = Pair(
-        Subject(*shown, views[0], seed),
-        Subject(*written, views[1]),
+        Subject(*shown, seen[0], seed),
+        Subject(*written, seen[1]),
         boxes,
         relief,
         text,
@@ -121,10 +121,10 @@ def evaluate(
     return report.model_dump(mode="json")
 
 
-def _views(before: Scene, after: Scene) -> tuple[Pictures, Pictures] | tuple[MeshmarkError, MeshmarkError]:
+def _views(before: Scene, after: Scene) -> tuple[Views, Views] | tuple[MeshmarkError, MeshmarkError]:
     try:
         with Renderer(PICTURE_SIZE) as renderer:
-            first = pictures(before, renderer)
-            return first, pictures(after, renderer, frame=renderer.frame)
+            first = views(before, renderer, large=False)
+            return first, views(after, renderer, first.frame)
     except MeshmarkError as error:
         return error, error

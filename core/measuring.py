@@ -5,12 +5,9 @@ import logging
 from hashlib import sha256
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from core.choices import Evaluate
 from core.errors import ErrorCode, MeshmarkError
-from core.rendering.pictures import PICTURE_SIZE, pictures
+from core.rendering.pictures import PICTURE_SIZE, Views, views
 from core.rendering.preview import contact_sheet
 from core.rendering.renderer import Renderer
 from core.rendering.turntable import turntable
@@ -68,15 +65,15 @@ def render(asset: Asset, output: Output, light: LightOutput | None, run: Run) ->
     preview: bytes | None = None
     animation: bytes | None = None
     poster: bytes | None = None
-    views: tuple[NDArray[np.uint8], NDArray[np.uint8]] | MeshmarkError | None = None
-    seen: NDArray[np.uint8] | None = None
+    seen: tuple[Views, Views] | MeshmarkError | None = None
+    seen_light: Views | None = None
     try:
         with Renderer(PICTURE_SIZE) as renderer:
             if measured:
-                before = pictures(asset.scene, renderer)
+                before = views(asset.scene, renderer, large=False)
                 if light is not None and light.output is not output:
-                    seen = pictures(light.output.scene, renderer, frame=renderer.frame)
-                views = before, pictures(output.scene, renderer, frame=renderer.frame)
+                    seen_light = views(light.output.scene, renderer, before.frame)
+                seen = before, views(output.scene, renderer, before.frame)
             else:
                 renderer.load(output.scene)
             if request.preview:
@@ -87,17 +84,17 @@ def render(asset: Asset, output: Output, light: LightOutput | None, run: Run) ->
                 run.publish("turntable", animation)
                 run.publish("poster", poster)
     except MeshmarkError as error:
-        views = error
+        seen = error
     except Exception as error:  # drivers raise errors of all kinds
         log.exception("the pictures of this asset could not be drawn")
-        views = MeshmarkError(
+        seen = MeshmarkError(
             ErrorCode.RENDERING_UNAVAILABLE,
             f"The pictures of this asset could not be drawn ({type(error).__name__}).",
             "The model is not affected. Report it to the operator; the log holds the details.",
         )
-    if isinstance(views, MeshmarkError):
-        run.notices.append(views.notice())
-    return Pictures(preview, animation, poster, views, seen)
+    if isinstance(seen, MeshmarkError):
+        run.notices.append(seen.notice())
+    return Pictures(preview, animation, poster, seen, seen_light)
 
 
 def evaluate(
@@ -123,18 +120,19 @@ def evaluate(
     mapped = None if ground.facts is None else ground.facts.saliency
     original = Subject(asset.analysis.surface, ground.carrier.index, before, parameters.seed, mapped)
 
-    def pair(of: Output, pictures: NDArray[np.uint8] | MeshmarkError | None) -> Pair:
+    def pair(of: Output, drawn: Views | MeshmarkError | None) -> Pair:
         written, index = eye_index(of.scene, asset.scene.surface, through=ground.opaque > 0)
         assert of.embossed is not None
         boxes, relief = boxes_of(of.embossed.marks)
         settings = ground.layouts.settings(boxes.size)
-        marked = Subject(written, index, pictures)
+        marked = Subject(written, index, drawn)
         return Pair(original, marked, boxes, relief, parameters.text, parameters.seed, ground.layouts, settings)
 
     measured = measure(pair(output, after), parameters.evaluate, run.progress)
     run.notices += measured.warnings
     if light is not None and light.output is not output:
-        views = after if seen.light is None else seen.light
-        own = measure(pair(light.output, views), parameters.evaluate, shared=SHARED)
+        own = measure(
+            pair(light.output, after if seen.light is None else seen.light), parameters.evaluate, shared=SHARED
+        )
         result = with_own_metrics(result, own)
     return with_metrics(result, measured)

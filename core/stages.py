@@ -6,7 +6,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from core.arrays import Float
 from core.artwork.artwork import FaceUse
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
     from core.placement.objective import Placement
     from core.placement.options import PlacementOptions
     from core.placement.watch import Watch
+    from core.rendering.pictures import Views
 
 Publish = Callable[[str, bytes], None]
 
@@ -240,13 +240,12 @@ class Pictures:
     Attributes:
         preview: a PNG contact sheet, or None.
         turntable, poster: an animated WebP and its first frame, or None.
-        views: of the original and of the result from the paper's 24 views, (24, N, N, 3) each; the reason where there
-            are none; None where none are needed.
-        light: (24, N, N, 3) of the preview model; None where none are needed, or could be drawn.
+        views: of the original and of the result; the reason where there are none; None where none are needed.
+        light: of the preview model; None where none are needed, or could be drawn.
     """
 
     preview: bytes | None = None
     turntable: bytes | None = None
     poster: bytes | None = None
-    views: tuple[NDArray[np.uint8], NDArray[np.uint8]] | MeshmarkError | None = None
-    light: NDArray[np.uint8] | None = None
+    views: "tuple[Views, Views] | MeshmarkError | None" = None
+    light: "Views | None" = None

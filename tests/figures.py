@@ -205,7 +205,7 @@ def ocr() -> bytes:
     chosen = [int(np.argmin(np.abs(scores - wanted))) for wanted in (1, 0.75, 0)]
     return row(
         [
-            (f"read: {scores[view]:.2f}", Image.fromarray(pair.watermarked.views[view]).resize((TILE, TILE)))
+            (f"read: {scores[view]:.2f}", Image.fromarray(pair.watermarked.views.compared[view]).resize((TILE, TILE)))
             for view in chosen
         ]
     )
@@ -217,7 +217,8 @@ def difference() -> bytes:
     utility, view = found["asset_utility"], 15  # from the side
     after = whole(pair, marked=True, direction=view_directions()[0][view])
     apart = pair.original.index.closest(after.points)[0]
-    pictures = [Image.fromarray(side.views[view]).resize((TILE, TILE)) for side in (pair.original, pair.watermarked)]
+    sides = (pair.original.views, pair.watermarked.views)
+    pictures = [Image.fromarray(side.compared[view]).resize((TILE, TILE)) for side in sides]
     most = float(np.abs(pair.relief).max())
     return row(
         [

@@ -37,7 +37,7 @@ BELOW = {
     "reporting": "report stages metrics embossing geometry parameters device",
     "preload": "rendering",
     "plan": "parameters validation",
-    "stages": "plan embossing placement analysis artwork formats gltf labels budgets parameters",
+    "stages": "plan embossing placement analysis artwork formats gltf labels rendering budgets parameters",
     "marking": "stages embossing placement analysis artwork formats gltf geometry labels parameters budgets",
     "lightening": "marking stages analysis gltf preview_model",
     "planned": "marking plan stages embossing placement analysis artwork gltf geometry parameters validation",

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from core import models
 from core.analysis.saliency import Saliency, saliency
-from core.arrays import Float
+from core.arrays import Bool, Float
 from core.artwork.layouts import Layouts
 from core.choices import Evaluate
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.boxes import Boxes
+from core.geometry.directions import view_directions
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
 from core.metrics.coverage import coverage
@@ -24,6 +24,7 @@ from core.metrics.features import Extractor, LayoutDescriptor, extractor
 from core.metrics.ipe import ipe
 from core.metrics.label_height import label_height
 from core.metrics.lce import lce
+from core.metrics.looks import first_looks
 from core.metrics.match import match
 from core.metrics.measurement import Measurement, Values
 from core.metrics.mesh_saliency import mesh_saliency
@@ -38,10 +39,10 @@ from core.metrics.ss import ss
 from core.metrics.wps import wps
 from core.metrics.wps_area import wps_area
 from core.notices import Notice, NoticeCode
+from core.placement.selection import visibility
+from core.rendering.pictures import Views
 
 log = logging.getLogger(__name__)
-
-Pictures = NDArray[np.uint8]
 
 READABILITY = ("ocr", "ocr_ge_0.8", "ocr_exact")
 REMEDY = "See `match`, which compares the relief of the watermarks with their outlines, whatever the script."
@@ -54,14 +55,14 @@ class Subject:
     Attributes:
         surface: in the size-30 frame of the original.
         index: over ``surface``.
-        pictures: (V, S, S, 3) the paper's views, or why there are none; None will do for ``evaluate: geometry``.
+        pictures: the paper's views, or why there are none; None will do for ``evaluate: geometry``.
         seed: of the samples of its saliency maps.
         mapped: its own saliency map, where that is known already.
     """
 
     surface: Surface
     index: SpatialIndex
-    pictures: Pictures | MeshmarkError | None
+    pictures: Views | MeshmarkError | None
     seed: int = 0
     mapped: Saliency | None = None
 
@@ -76,7 +77,7 @@ class Subject:
         return mesh_saliency(self.surface, self.seed)
 
     @property
-    def views(self) -> Pictures:
+    def views(self) -> Views:
         """The pictures, or their absence raised."""
         if isinstance(self.pictures, MeshmarkError):
             raise self.pictures
@@ -106,6 +107,16 @@ class Pair:
     seed: int = 0
     layouts: Layouts | None = None
     settings: tuple[str, ...] = ()
+
+    @cached_property
+    def letters(self) -> Float:
+        """(B, N, 3) points just clear of each mark's letters."""
+        return above_letters(self.original.surface, self.original.index, self.boxes, self.relief)
+
+    @cached_property
+    def seen(self) -> Bool:
+        """(B, 24) the paper's views that show each mark."""
+        return visibility(self.boxes, self.letters, self.watermarked.index, view_directions()[0])
 
     def require_boxes(self) -> None:
         """Raise where there is no mark to measure."""
@@ -192,11 +203,10 @@ def _placement(pair: Pair, _: Measurement) -> Values:
 def _visibility(pair: Pair, _: Measurement) -> Values:
     pair.require_boxes()
     boxes, index = pair.boxes, pair.watermarked.index
-    letters = above_letters(pair.original.surface, pair.original.index, boxes, pair.relief)
     return {
-        "ray": ray(boxes, letters, index),
+        "ray": ray(boxes, pair.letters, index),
         "ray_box": ray(boxes, top_face(boxes), index),
-        "coverage": coverage(boxes, letters, index),
+        "coverage": coverage(boxes, pair.letters, index),
         "crop_survival": crop_survival(pair.original.surface, boxes),
     }
 
@@ -212,9 +222,8 @@ def _label_height(pair: Pair, _: Measurement) -> Values:
     pair.require_boxes()
     layouts = pair.require_layouts("How high the letters of the watermarks are is")
     original, boxes = pair.original, pair.boxes
-    letters = above_letters(original.surface, original.index, boxes, pair.relief)
     height, radius = layouts.line_height(boxes.size), original.surface.radius
-    return {"label_height_share": label_height(boxes, height, letters, pair.watermarked.index, radius)}
+    return {"label_height_share": label_height(boxes, height, pair.letters, pair.watermarked.index, radius)}
 
 
 def _artwork(pair: Pair, _: Measurement) -> Values:
@@ -260,7 +269,10 @@ def _readability(pair: Pair, found: Measurement) -> Values:
     if reason := _unreadable(pair.text):
         found.missing |= dict.fromkeys(READABILITY, reason)
         return {}
-    read = ocr(pair.watermarked.views, pair.settings or (pair.text,), _reader())
+    views = pair.watermarked.views
+    assert views.large is not None
+    looks = None if views.frame is None or len(pair.boxes) == 0 else first_looks(pair.boxes, pair.seen, views.frame)
+    read = ocr(views.large, pair.settings or (pair.text,), _reader(), looks)
     found.read = read.per_view
     return dict(zip(READABILITY, (read.ratio, read.ge_08, read.exact), strict=True))
 
@@ -283,7 +295,7 @@ def _unreadable(text: str) -> Notice | None:
 def _semantics(pair: Pair, found: Measurement) -> Values:
     before, after = pair.original.views, pair.watermarked.views
     features = _extractor()
-    score = ss(before, after, features)
+    score = ss(before.compared, after.compared, features)
     found.semantics = features.name
     if isinstance(features, LayoutDescriptor) and (unused := models.unreadable(models.RESNET50.name)):
         found.warnings.append(unused)

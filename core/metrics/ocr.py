@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from difflib import SequenceMatcher
+from hashlib import sha256
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,12 @@ READABLE = 0.8  # ratio from which on the text is recognisable: one or two of ni
 MARGIN = 32  # pixels of background left around the asset
 MOST_LINES = 32  # lines a view, at most: an asset covered with writing of its own must not take minutes
 TURNS = (0, 2, 1, 3)  # quarter turns; upside down before upright
+SQUARE = 3.0  # length over height of a detected line, up to which it may be one of few letters that stand upright in it
+# Where letters are known to stand, these are looked at alone first, with some of what is around them. The detector
+# judges all of a picture at once: in one of a few letters it finds fainter ones. So only a look is taken that makes it
+# quite sure: of 321 views of 14 assets, 204 were read by a look, and all but two of them from the whole picture too.
+LOOK = 384  # pixels a side
+SURE = 0.67  # confidence of a line, at least
 # Parts of one text: the cosine between them, at least; and in heights of a line, at most, how far parts of one line lie
 # one above the other, how far they are apart, and how far one line is from the next: `line_spacing` goes up to 3 ems.
 PARALLEL = np.cos(np.radians(20.0))
@@ -56,12 +63,12 @@ class _Part:
         return np.array([-self.right[1], self.right[0]])
 
 
-def ocr(pictures: Picture, settings: Sequence[str], reader: Reader) -> Ocr:
+def ocr(pictures: Picture, settings: Sequence[str], reader: Reader, looks: Float | None = None) -> Ocr:
     """Readability of a text in pictures of an asset.
 
-    In each picture lines of text are detected, and each is read in four rotations (0, 180, 90 and 270 degrees). A
-    reading scores ``difflib.SequenceMatcher(None, text, reading).ratio()``, without regard to case, and a picture
-    the best of its readings, 0 where there is none. Once the text was read exactly, the picture is done. Equal
+    In each picture lines of text are detected, and each is read upright and upside down, short ones in all four
+    rotations. A reading scores ``difflib.SequenceMatcher(None, text, reading).ratio()``, without regard to case, and a
+    picture the best of its readings, 0 where there is none. Once the text was read exactly, the picture is done. Equal
     pictures are read once. Only the :data:`MOST_LINES` most prominent lines of a picture are read.
 
     A text of several lines is compared with the readings of neighbouring parallel lines, joined in reading order, line
@@ -71,29 +78,46 @@ def ocr(pictures: Picture, settings: Sequence[str], reader: Reader) -> Ocr:
         pictures: (V, H, W, 3) sRGB on a uniform background, which the upper left pixel shows.
         settings: the text of the watermark in each of the ways in which it is broken into lines.
         reader: made once for many calls.
+        looks: (V, 2) where letters stand in each picture, to the right and down, in shares of its sides, nan where
+            none do. The picture is done where they are read exactly; else all of it is searched.
     """
     distinct: dict[bytes, int] = {}
-    row = [distinct.setdefault(picture.tobytes(), len(distinct)) for picture in pictures]
-    crops = [
-        (view, line)
-        for view, picture in enumerate(pictures[np.unique(row, return_index=True)[1]])
-        for line in reader.detect(_crop(picture))[:MOST_LINES]
-    ]
+    row = [distinct.setdefault(sha256(picture).digest(), len(distinct)) for picture in pictures]
+    first = np.unique(row, return_index=True)[1]
+    lines: list[list[Line]] = [[] for _ in first]
+    if looks is not None:
+        for view in np.flatnonzero(np.isfinite(looks[first]).all(axis=1)).tolist():
+            found = reader.detect(_look(pictures[first[view]], looks[first[view]]))[:MOST_LINES]
+            lines[view] = [line for line in found if line.confidence >= SURE]
+    done = _best_readings(lines, settings, reader) == 1
+    for view in np.flatnonzero(~done).tolist():
+        lines[view] = reader.detect(_crop(pictures[first[view]]))[:MOST_LINES]
+    searched = [[] if look else found for look, found in zip(done.tolist(), lines, strict=True)]
+    per_view = np.where(done, 1.0, _best_readings(searched, settings, reader))[row]
+    return Ocr(float(per_view.mean()), float((per_view >= READABLE).mean()), float((per_view == 1).mean()), per_view)
+
+
+def _best_readings(lines: Sequence[Sequence[Line]], settings: Sequence[str], reader: Reader) -> Float:
+    """(V,) the best ratio among the readings of each view's ``lines``, V lists of them."""
     single = [text for text in settings if "\n" not in text]
     several = [text for text in settings if "\n" in text]
-    best = np.zeros(len(distinct))
-    parts: list[list[_Part]] = [[] for _ in distinct]
+    best = np.zeros(len(lines))
+    parts: list[list[_Part]] = [[] for _ in lines]
     for turn in TURNS:
-        open_crops = [(view, line) for view, line in crops if best[view] < 1]
-        readings = reader.read([np.rot90(line.picture, turn) for _, line in open_crops])
-        for (view, line), reading in zip(open_crops, readings, strict=True):
+        turned = [
+            (view, line)
+            for view in np.flatnonzero(best < 1).tolist()
+            for line in lines[view]
+            if turn % 2 == 0 or line.picture.shape[1] <= SQUARE * line.picture.shape[0]
+        ]
+        readings = reader.read([np.rot90(line.picture, turn) for _, line in turned])
+        for (view, line), reading in zip(turned, readings, strict=True):
             parts[view].append(_part(line, turn, reading))
             best[view] = max([best[view], *(_ratio(text, reading) for text in single)])
     for text in several:
         for view in np.flatnonzero(best < 1).tolist():
             best[view] = max(best[view], _best_passage(text, parts[view]))
-    per_view = best[row]
-    return Ocr(float(per_view.mean()), float((per_view >= READABLE).mean()), float((per_view == 1).mean()), per_view)
+    return best
 
 
 def _ratio(text: str, reading: str) -> float:
@@ -150,6 +174,13 @@ def _part(line: Line, turn: int, reading: str) -> _Part:
     angle = np.radians(line.angle + 90 * turn)
     height, length = line.picture.shape[:2] if turn % 2 == 0 else line.picture.shape[1::-1]
     return _Part(reading, np.array(line.center), np.array([np.cos(angle), np.sin(angle)]), length, height)
+
+
+def _look(picture: Picture, place: Float) -> Picture:
+    """The square of the picture about a ``place`` (2,), whole where the picture is large enough."""
+    size = np.array(picture.shape[1::-1])
+    left, top = np.clip(np.round(place * size) - LOOK // 2, 0, np.maximum(size - LOOK, 0)).astype(int)
+    return picture[top : top + LOOK, left : left + LOOK]
 
 
 def _crop(picture: Picture) -> Picture:

@@ -33,10 +33,13 @@ def prominence(
     directions, ups = view_directions()
     views, row = np.unique(np.hstack([directions, ups]), axis=0, return_inverse=True)
     drawn = watermarked.positions[np.unique(watermarked.faces)]
+    columns = np.ascontiguousarray(drawn.T)  # their extremes are found four times as fast
+    middle = (columns.min(axis=1) + columns.max(axis=1)) / 2
+    drawn = drawn - middle
     near = Boxes(boxes.center, boxes.axes, boxes.size + 2 * np.abs(relief)[:, None] * (0, 0, 1))
     shares = []
     for view in views:
-        points = _seen(drawn, watermarked_index, view[:3], view[3:])
+        points = _seen(drawn, middle, watermarked_index, view[:3], view[3:])
         owner, which, _ = near.contained(cKDTree(points))
         apart, _, _ = original_index.closest(points[which])
         letters = np.unique(which[apart > STANDS_OUT * np.abs(relief[owner])])
@@ -44,16 +47,16 @@ def prominence(
     return float(np.mean(np.array(shares)[row])), float(min(shares))
 
 
-def _seen(drawn: Float, index: SpatialIndex, direction: Float, up: Float) -> Float:
-    """(N, 3) points of the surface in ``index``, with vertices ``drawn`` (V, 3), that a camera in a ``direction`` sees
-    in the pixels of a picture with ``up`` upwards."""
-    middle = (drawn.min(axis=0) + drawn.max(axis=0)) / 2
+def _seen(drawn: Float, middle: Float, index: SpatialIndex, direction: Float, up: Float) -> Float:
+    """(N, 3) points of the surface in ``index``, with vertices ``drawn`` (V, 3) about its ``middle`` (3,), that a
+    camera in a ``direction`` sees in the pixels of a picture with ``up`` upwards."""
     right = unit(cross(up, direction)[None])[0]
     axes = np.stack([right, cross(direction, right)])
     eye = middle + EYE_DISTANCE * direction
     # Over all of the asset's own outline: from its edge, a plate would fall between rays spread over its length.
-    shown = product(drawn - middle, axes.T) / (1 - product(drawn - middle, direction[:, None]) / EYE_DISTANCE)
-    low, high = shown.min(axis=0), shown.max(axis=0)
+    shown = product(drawn, axes.T) / (1 - product(drawn, direction[:, None]) / EYE_DISTANCE)
+    columns = np.ascontiguousarray(shown.T)
+    low, high = columns.min(axis=1), columns.max(axis=1)
     steps = low + (high - low) * ((np.arange(PIXELS) + 0.5) / PIXELS)[:, None]
     screen = middle + (steps[:, None, :1] * axes[0] + steps[None, :, 1:] * axes[1]).reshape(-1, 3)
     rays = unit(screen - eye)

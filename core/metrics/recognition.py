@@ -35,7 +35,7 @@ SPECK = 3.0  # pixels; lower boxes are no text
 STRIDE = 32  # pixels; the detector takes sides that are multiples of this
 LINE_HEIGHT = 48  # pixels; height of a line for the recogniser
 WIDTH_STEP = 64  # pixels; lines are padded to a multiple, so that readings do not depend on the batch
-BATCH = 4096  # pixels of width read at once, 38 MB of output; larger ones are not faster
+BATCH = 512  # pixels of width read at once, 5 MB of output; larger ones take memory and are not faster
 FILL = 128  # 8-bit grey, the recogniser's zero
 
 # Mean and standard deviation of the colours, 0 to 255, in the order blue, green, red. The detector's are ImageNet's,
@@ -59,11 +59,13 @@ class Line:
         picture: (H, W, 3) its pixels, turned to be horizontal.
         center: in the whole picture, pixels to the right and down.
         angle: of its longer side there, degrees clockwise, -90 to 90.
+        confidence: mean probability of its pixels that they belong to text, 0 to 1.
     """
 
     picture: Picture
     center: tuple[float, float]
     angle: float
+    confidence: float
 
 
 class Reader:
@@ -121,7 +123,7 @@ class Reader:
                 continue
             grown = UNCLIP * across * along / (across + along)
             size = (across + grown, along + grown)
-            found.append((confidence * size[0] * size[1], _cut_out(picture, center, size, angle)))
+            found.append((confidence * size[0] * size[1], _cut_out(picture, (center, size, angle), confidence)))
         return [line for _, line in sorted(found, key=lambda entry: -entry[0])]
 
     def read(self, lines: Sequence[Picture]) -> list[str]:
@@ -166,9 +168,9 @@ def _mean_inside(values: NDArray[np.float32], corners: NDArray[np.float32]) -> f
     return float(cv2.mean(part, inside)[0])
 
 
-def _cut_out(picture: Picture, center: tuple[float, float], size: tuple[float, float], angle: float) -> Line:
-    """The line in a rectangle; ``angle`` in degrees, clockwise in the picture."""
-    width, height = size
+def _cut_out(picture: Picture, rectangle: Rectangle, confidence: float) -> Line:
+    """The line in a rectangle."""
+    center, (width, height), angle = rectangle
     if width < height:
         width, height, angle = height, width, angle + 90
     angle = (angle + 90) % 180 - 90
@@ -176,7 +178,7 @@ def _cut_out(picture: Picture, center: tuple[float, float], size: tuple[float, f
     move: NDArray[Any] = cv2.getRotationMatrix2D(center, angle, 1.0)
     move[:, 2] += np.array(turned) / 2 - np.array(center)
     pixels = cv2.warpAffine(picture, move, turned, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-    return Line(np.asarray(pixels), center, angle)
+    return Line(np.asarray(pixels), center, angle, confidence)
 
 
 def _fill_up(line: Picture) -> Picture:

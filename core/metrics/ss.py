@@ -1,11 +1,15 @@
 """Semantics score: similarity of the asset before and after, by a vision model."""
 
+from hashlib import sha256
+
 import numpy as np
 from numpy.typing import NDArray
 
 from core.metrics.features import Extractor
 
 Pictures = NDArray[np.uint8]
+
+BATCH = 8  # pictures at once, which bounds the memory
 
 
 def ss(original_pictures: Pictures, watermarked_pictures: Pictures, extractor: Extractor) -> float:
@@ -21,9 +25,11 @@ def ss(original_pictures: Pictures, watermarked_pictures: Pictures, extractor: E
     """
     pictures = [*original_pictures, *watermarked_pictures]
     rows: dict[bytes, int] = {}
-    row = np.array([rows.setdefault(picture.tobytes(), len(rows)) for picture in pictures])
+    row = np.array([rows.setdefault(sha256(picture).digest(), len(rows)) for picture in pictures])
     first = np.unique(row, return_index=True)[1]
-    features = extractor(np.stack([pictures[index] for index in first])).astype(np.float64)
+    batches = (first[start : start + BATCH] for start in range(0, len(first), BATCH))
+    batched = [extractor(np.stack([pictures[index] for index in batch])) for batch in batches]
+    features = np.concatenate(batched).astype(np.float64)
     features /= np.maximum(np.linalg.norm(features, axis=1, keepdims=True), np.finfo(np.float64).tiny)
     before, after = row.reshape(2, -1)
     cosine = (features[before] * features[after]).sum(axis=1)

@@ -20,23 +20,42 @@ def cavity(picture: NDArray[np.uint8], depth: NDArray[np.float32], shaded: NDArr
 
     Args:
         picture: (H, W, 3) sRGB.
-        depth: (H, W) distance along the view axis in size-30 units, 0 where there is nothing. The outermost pixels
-            must be empty.
+        depth: (H, W) distance along the view axis in size-30 units, 0 where there is nothing.
         shaded: (H, W) 0 to 1, the share of each pixel's colour that is made by light.
     """
-    fold = folds(depth, QUIET, STEP) * shaded
-    dark, bright = np.maximum(fold, 0)[..., None], np.maximum(-fold, 0)[..., None]
-    return np.asarray(np.rint(np.clip(picture * (1 - DARKEN * dark) + BRIGHTEN * bright, 0, 255)), dtype=np.uint8)
+    picture, there = picture.copy(), _bounds(depth > 0)
+    fold = folds(depth[there], QUIET, STEP) * shaded[there]
+    folded = np.nonzero(fold)
+    dark, bright = np.maximum(fold[folded], 0)[:, None], np.maximum(-fold[folded], 0)[:, None]
+    shade = picture[there][folded] * (1 - DARKEN * dark) + BRIGHTEN * bright
+    picture[there][folded] = np.rint(np.clip(shade, 0, 255))
+    return picture
 
 
 def folds(depth: NDArray[np.float32], quiet: float, step: float) -> NDArray[np.float32]:
     """(H, W) the second difference of a ``depth`` (H, W), the mean over four directions: 1 in folds deeper than a
-    ``step`` between neighbouring pixels, -1 on such ridges; what is within ``quiet`` is 0. Size-30 units."""
+    ``step`` between neighbouring pixels, -1 on such ridges; 0 within ``quiet``, beside nothing, and at the rim of the
+    picture. Size-30 units."""
     distance = np.where(depth > 0, depth, np.nan)
     fold = np.zeros_like(distance)
-    for shift in _NEIGHBOURS:
-        before, after = (np.roll(distance, sign * np.array(shift), axis=(0, 1)) for sign in (1, -1))
-        depth_of_fold = np.nan_to_num(2 * distance - before - after)
-        loud = np.sign(depth_of_fold) * np.maximum(np.abs(depth_of_fold) - quiet, 0)
-        fold += np.clip(loud / step, -1, 1)
+    twice, inner = 2 * distance[1:-1, 1:-1], fold[1:-1, 1:-1]
+    height, width = distance.shape
+    for down, right in _NEIGHBOURS:
+        before, after = (
+            distance[1 + sign * down : height - 1 + sign * down, 1 + sign * right : width - 1 + sign * right]
+            for sign in (1, -1)
+        )
+        deep = twice - before - after
+        deep -= np.clip(deep, -quiet, quiet)
+        deep /= step
+        np.clip(deep, -1, 1, out=deep)
+        np.add(inner, deep, out=inner, where=deep == deep)  # beside nothing there is no fold
     return np.asarray(fold / len(_NEIGHBOURS))
+
+
+def _bounds(there: NDArray[np.bool_]) -> tuple[slice, slice]:
+    """Rows and columns of all that is in a picture (H, W), and one more on each side."""
+    rows, columns = (np.flatnonzero(there.any(axis=axis)) for axis in (1, 0))
+    if not len(rows):
+        return slice(0), slice(0)
+    return slice(max(rows[0] - 1, 0), rows[-1] + 2), slice(max(columns[0] - 1, 0), columns[-1] + 2)

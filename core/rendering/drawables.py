@@ -1,11 +1,13 @@
 """A GLB as input of a renderer: triangles, normals, colours and materials."""
 
-from dataclasses import dataclass
+from collections.abc import Hashable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Float, Int
+from core.geometry.products import cross
 from core.gltf.accessors import read_values
 from core.gltf.document import Document, malformed
 from core.gltf.materials import Emission, Material
@@ -15,10 +17,12 @@ from core.gltf.textures import ReadTexture, Texture, texture_reader
 
 Float32 = NDArray[np.float32]
 
+_OPTIONAL = ("normals", "uv", "emission_uv", "colors")  # attributes of vertices that a drawable may lack
+
 
 @dataclass(frozen=True, eq=False)
 class Drawable:
-    """One drawn primitive, only its vertices in use.
+    """One drawn primitive or several that look alike, only their vertices in use.
 
     Attributes:
         positions: (N, 3) float32, size-30 frame.
@@ -44,7 +48,7 @@ class Drawable:
 
 
 def drawables(scene: Scene, texture_limit: int) -> list[Drawable]:
-    """The drawn primitives of a scene at its default pose, see-through ones last.
+    """The drawn primitives of a scene at its default pose, see-through ones last, those that look alike in one.
 
     Nodes that KHR_node_visibility hides, triangles without an area, and those outside the frame of all drawn faces
     (:mod:`core.gltf.viewer`), such as a far box of alpha 0, are left out, unless that leaves nothing.
@@ -65,7 +69,51 @@ def drawables(scene: Scene, texture_limit: int) -> list[Drawable]:
         faces = surface.faces[triangles[shown[triangles]]]
         if len(faces):
             found.append(_drawable(scene.document, drawn, faces, surface.positions, read))
-    return sorted(found, key=lambda drawable: drawable.material.alpha_mode == "BLEND")
+    return _merged(sorted(found, key=lambda drawable: drawable.material.alpha_mode == "BLEND"))
+
+
+def _merged(found: list[Drawable]) -> list[Drawable]:
+    """Drawables that show the same: an asset of thousands of parts in a few materials takes a few calls of OpenGL. The
+    order of blended ones counts, so only neighbours among them are joined."""
+    alike: dict[Hashable, list[Drawable]] = {}
+    run, before = 0, None
+    for drawable in found:
+        look = _look(drawable)
+        if drawable.material.alpha_mode == "BLEND" and look != before:
+            run, before = run + 1, look
+        alike.setdefault((run, look), []).append(drawable)
+    return [_joined(group) for group in alike.values()]
+
+
+def _look(drawable: Drawable) -> Hashable:
+    """All that drawables must share to be drawn at once."""
+    material, emission = drawable.material, drawable.material.emission
+    return (
+        material.color.tobytes(),
+        (material.alpha_mode, material.alpha_cutoff, material.double_sided, material.unlit),
+        None if emission is None else (emission.color.tobytes(), emission.texture is None),
+        (drawable.texture, drawable.emission_texture),
+        tuple(getattr(drawable, name) is None for name in _OPTIONAL),
+    )
+
+
+def _joined(group: list[Drawable]) -> Drawable:
+    if len(group) == 1:
+        return group[0]
+    first = np.cumsum([0, *(len(drawable.positions) for drawable in group[:-1])])
+
+    def rows(name: str) -> Float32 | None:
+        return None if getattr(group[0], name) is None else np.concatenate([getattr(one, name) for one in group])
+
+    return replace(
+        group[0],
+        positions=np.concatenate([drawable.positions for drawable in group]),
+        faces=np.concatenate([drawable.faces + start for drawable, start in zip(group, first, strict=True)]),
+        normals=rows("normals"),
+        uv=rows("uv"),
+        emission_uv=rows("emission_uv"),
+        colors=rows("colors"),
+    )
 
 
 def _drawable(document: Document, drawn: DrawnPrimitive, faces: Int, positions: Float, read: ReadTexture) -> Drawable:
@@ -116,7 +164,7 @@ def _to_world(normals: Float, drawn: DrawnPrimitive, rows: Int) -> Float:
     """Normals under the cofactor matrix of their transform, which unlike its inverse transpose always exists."""
     matrices = drawn.matrices if len(drawn.matrices) == 1 else drawn.matrices[rows]
     x, y, z = (matrices[:, :, axis] for axis in range(3))
-    world = np.cross(y, z) * normals[:, :1] + np.cross(z, x) * normals[:, 1:2] + np.cross(x, y) * normals[:, 2:3]
+    world = cross(y, z) * normals[:, :1] + cross(z, x) * normals[:, 1:2] + cross(x, y) * normals[:, 2:3]
     length = np.linalg.norm(world, axis=1, keepdims=True)
     # The cofactor matrix is the inverse transpose times the determinant, whose sign is taken back here.
     unit = np.divide(world, length, out=np.zeros_like(world), where=length > 0)

@@ -81,7 +81,9 @@ class Renderer:
         from pyrender.shader_program import ShaderProgramCache
 
         # pyrender's own shader leaves back faces and surfaces without normals dark and ignores alpha cutoffs.
-        self._context._renderer._program_cache = ShaderProgramCache(shader_dir=str(_SHADERS))
+        drawer = self._context._renderer
+        drawer._program_cache = ShaderProgramCache(shader_dir=str(_SHADERS))
+        drawer._read_main_framebuffer = self._read
 
     def __enter__(self) -> Self:
         return self
@@ -89,7 +91,11 @@ class Renderer:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._context.delete()
+        # As the context's own `delete`, without its search of the whole process for garbage.
+        self._context._platform.make_current()
+        self._context._renderer.delete()
+        self._context._platform.delete_context()
+        self._context._renderer = self._context._platform = None
 
     def driver(self) -> str:
         """The name that the driver gives what draws."""
@@ -136,14 +142,8 @@ class Renderer:
             direction: from the object to the camera.
             up: (3,), the direction that points upwards in the picture; not parallel to ``direction``.
         """
-        drawer = self._context._renderer
-        with_depth = drawer._read_main_framebuffer
-        drawer._read_main_framebuffer = self._read_picture
-        try:
-            picture, _ = self._draw(direction, up)
-        finally:
-            drawer._read_main_framebuffer = with_depth
-        return np.array(picture)
+        picture, _ = self._draw(direction, up)
+        return picture
 
     def render_with_depth(
         self, direction: ArrayLike, up: ArrayLike
@@ -157,9 +157,9 @@ class Renderer:
         picture, depth = self._draw(direction, up, self._gl.RenderFlags.RGBA)
         # Blending over a lit surface leaves at least three quarters: a² + (1 - a).
         shaded = np.minimum(picture[..., 3] / np.float32(0.75 * 255), 1)
-        return np.array(picture[..., :3]), np.array(depth), shaded
+        return np.ascontiguousarray(picture[..., :3]), depth, shaded
 
-    def _draw(self, direction: ArrayLike, up: ArrayLike, flags: int = 0) -> tuple[Any, Any]:
+    def _draw(self, direction: ArrayLike, up: ArrayLike, flags: int = 0) -> tuple[NDArray[np.uint8], Any]:
         backward = _unit(np.asarray(direction, dtype=np.float64))
         right = _unit(np.cross(np.asarray(up, dtype=np.float64), backward))
         pose = np.eye(4)
@@ -169,17 +169,32 @@ class Renderer:
         picture, depth = self._context.render(self._scene, flags)
         return picture, depth
 
-    def _read_picture(self, *_: Any) -> tuple[NDArray[np.uint8], None]:
-        """Replaces pyrender's own, which spends most of its time on reading the depth, needed or not."""
+    def _read(self, _: Any, flags: int) -> tuple[NDArray[np.uint8], NDArray[np.float32] | None]:
+        """The picture that was drawn; with alpha, which tells the shading, the depth of its pixels too.
+
+        Replaces pyrender's own, which spends most of its time on the depth, needed or not.
+        """
         from OpenGL import GL
 
-        drawer, size = self._context._renderer, self.size
+        drawer, size, whole = self._context._renderer, self.size, (0, 0, self.size, self.size)
+        with_depth = bool(flags & self._gl.RenderFlags.RGBA)
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, drawer._main_fb_ms)
         GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, drawer._main_fb)
-        GL.glBlitFramebuffer(0, 0, size, size, 0, 0, size, size, GL.GL_COLOR_BUFFER_BIT, GL.GL_LINEAR)
+        GL.glBlitFramebuffer(*whole, *whole, GL.GL_COLOR_BUFFER_BIT, GL.GL_LINEAR)
+        if with_depth:
+            GL.glBlitFramebuffer(*whole, *whole, GL.GL_DEPTH_BUFFER_BIT, GL.GL_NEAREST)
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, drawer._main_fb)
-        pixels = GL.glReadPixels(0, 0, size, size, GL.GL_RGB, GL.GL_UNSIGNED_BYTE)
-        return np.frombuffer(pixels, dtype=np.uint8).reshape(size, size, 3)[::-1], None
+        colors = GL.glReadPixels(*whole, GL.GL_RGBA if with_depth else GL.GL_RGB, GL.GL_UNSIGNED_BYTE)
+        picture = np.frombuffer(colors, dtype=np.uint8).reshape(size, size, -1)[::-1].copy()  # its first row comes last
+        if not with_depth:
+            return picture, None
+        values = GL.glReadPixels(*whole, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT)
+        return picture, self._distance(np.frombuffer(values, dtype=np.float32).reshape(size, size)[::-1])
+
+    def _distance(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
+        """(S, S) distance along the view axis for values of the depth buffer, 0 where nothing is: those of 1."""
+        near, far = np.float32(self._camera.camera.znear), np.float32(self._camera.camera.zfar)
+        return np.where(depth < 1, near * far / (far - depth * (far - near)), np.float32(0))
 
     def _primitive(self, drawable: Drawable, textures: dict[Texture, Any]) -> Any:
         material = drawable.material

@@ -38,7 +38,7 @@ from core.metrics.measure import Pair, Subject, measure
 from core.metrics.ocr import ocr
 from core.metrics.recognition import Reader
 from core.parameters import NO_COLOR, Parameters
-from core.rendering.pictures import DIRECTIONS, UPS, pictures
+from core.rendering.pictures import DIRECTIONS, UPS, Views, pictures
 from core.rendering.relief import relief_pictures
 from core.rendering.renderer import Frame, Renderer
 
@@ -176,7 +176,7 @@ class AssetBench:
         seen = None if only_read else self._seen(clay, seconds, "pictures", frame)
         pair = Pair(
             original=original,
-            watermarked=Subject(surface, SpatialIndex(surface.positions, surface.faces), seen, self._seed),
+            watermarked=Subject(surface, SpatialIndex(surface.positions, surface.faces), _alike(seen), self._seed),
             boxes=boxes,
             relief=marked.relief[attacked.kept] * scale,
             text=options.text,
@@ -266,7 +266,8 @@ class AssetBench:
     def _shown(self, surface: Surface, index: SpatialIndex, mesh: Mesh) -> tuple[Subject, Frame | None]:
         seen = self._seen(self.clay(mesh), {}, "original", None)
         renderer = self._renderer if isinstance(seen, np.ndarray) and len(seen) else None
-        return Subject(surface, index, seen, self._seed), renderer.frame if isinstance(renderer, Renderer) else None
+        frame = renderer.frame if isinstance(renderer, Renderer) else None
+        return Subject(surface, index, _alike(seen), self._seed), frame
 
     def clay(self, mesh: Mesh, letters: Bool | None = None, color: str | None = None) -> Scene:
         """A mesh in grey clay that shows its back faces where the asset's own materials do: through the holes of an
@@ -315,10 +316,8 @@ class AssetBench:
     @cached_property
     def _noise(self) -> tuple[float, float]:
         """OCR where there is no watermark, in ordinary and in relief pictures."""
-        scene = self.clay(self.mesh)
-        seen = self._unmoved[0].pictures
-        assert isinstance(seen, np.ndarray)
-        return ocr(seen, (self._options.text,), self._reader).ratio, self._read_relief(scene, {})
+        read = ocr(self._unmoved[0].views.compared, (self._options.text,), self._reader)
+        return read.ratio, self._read_relief(self.clay(self.mesh), {})
 
     def _read_relief(self, scene: Scene, seconds: dict[str, float]) -> float:
         renderer = self._renderer
@@ -395,3 +394,7 @@ def _timed(seconds: dict[str, float], name: str) -> Iterator[None]:
     start = time.perf_counter()
     yield
     seconds[name] = round(time.perf_counter() - start, 4)
+
+
+def _alike(seen: Pictures | MeshmarkError | None) -> Views | MeshmarkError | None:
+    return Views(seen, seen, None) if isinstance(seen, np.ndarray) else seen

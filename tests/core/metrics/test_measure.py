@@ -15,6 +15,7 @@ from core.geometry.boxes import Boxes
 from core.geometry.surface import Surface
 from core.metrics.measure import READABILITY, Pair, Subject, measure
 from core.metrics.measurement import HIGHER_IS_BETTER, UNITS, Measurement
+from core.rendering.pictures import Views
 from core.reporting import metrics_of
 from tests.core.metrics.test_ray import on_all_sides
 from tests.core.placement.shapes import cuboid, index_of, join, moved
@@ -119,7 +120,7 @@ def test_weights_that_cannot_be_read_are_done_without_and_the_report_warns(
 ) -> None:
     monkeypatch.setenv("MESHMARK_MODELS", str(tmp_path / ("a name that is too long" * 20)))
     pictures = np.full((2, 64, 64, 3), 200, np.uint8)
-    seen = Subject(BLOCK, index_of(BLOCK), pictures)
+    seen = Subject(BLOCK, index_of(BLOCK), Views(pictures, pictures, None))
     boxes = on_all_sides()
     found = measure(Pair(seen, seen, boxes, np.full(len(boxes), 0.2), ""), Evaluate.FULL)
     assert found.values["ss"] == pytest.approx(1)

@@ -7,7 +7,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from core.choices import Evaluate
 from core.gltf.scene import scene_of
-from core.metrics.ocr import Ocr, ocr
+from core.metrics.ocr import LOOK, SURE, Ocr, ocr
 from core.metrics.recognition import Line, Reader
 from core.parameters import Parameters
 from core.pipeline import watermark
@@ -89,6 +89,36 @@ def test_a_view_that_occurs_twice_counts_twice_but_is_read_once(
     result = score(reader, drawn("watermark"), EMPTY, drawn("watermark"), drawn("watercolor"))
     assert len(seen) == 3
     np.testing.assert_allclose(result.per_view, [1, 0, 1, 12 / 19])
+
+
+@pytest.mark.parametrize("sure", [SURE, 1.0])
+def test_where_a_look_finds_the_text_beyond_doubt_the_picture_is_not_searched(
+    reader: Reader, monkeypatch: pytest.MonkeyPatch, sure: float
+) -> None:
+    searched: list[tuple[int, ...]] = []
+    detect = reader.detect
+
+    def counted(picture: Picture) -> list[Line]:
+        searched.append(picture.shape[:2])
+        return detect(picture)
+
+    monkeypatch.setattr(reader, "detect", counted)
+    monkeypatch.setattr("core.metrics.ocr.SURE", sure)
+    shown, looks = (
+        np.stack([drawn("watermark"), drawn("watercolor"), EMPTY]),
+        np.array([[0.5, 0.5]] * 2 + [[np.nan] * 2]),
+    )
+    result = ocr(shown, ("watermark",), reader, looks)
+    assert searched[:2] == [(LOOK, LOOK)] * 2
+    assert len(searched) == 2 + (2 if sure == SURE else 3)
+    np.testing.assert_allclose(result.per_view, [1, 12 / 19, 0])
+
+
+@pytest.mark.parametrize("lines", [("watermark",), ("order", "sample")])
+def test_a_look_beside_the_letters_changes_nothing(reader: Reader, lines: tuple[str, ...]) -> None:
+    shown = np.stack([np.pad(drawn(*lines), ((0, 0), (0, 512), (0, 0)), mode="edge")])
+    for place in (0.25, 0.95):
+        assert ocr(shown, ("\n".join(lines),), reader, np.array([[place, 0.5]])).exact == 1
 
 
 def test_where_the_word_stands_in_the_picture_does_not_matter(reader: Reader) -> None:

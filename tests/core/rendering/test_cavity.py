@@ -38,3 +38,11 @@ def test_what_no_light_shapes_is_left_as_it_is() -> None:
     depth = np.full((32, 32), 100.0)
     depth[:, 16:] = 99.8
     np.testing.assert_array_equal(cavity(GREY, framed(depth), 0 * LIT), GREY)
+
+
+def test_what_reaches_the_rim_of_the_picture_is_left_alone_there() -> None:
+    depth = np.full((32, 32), 100.0, dtype=np.float32)
+    depth[:, 16:] = 99.8
+    shown = cavity(GREY, depth, LIT)
+    np.testing.assert_array_equal(shown[:, [0, -1]], GREY[:, [0, -1]])
+    assert shown[16, 15, 0] < 120

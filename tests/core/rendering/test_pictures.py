@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import ArrayLike, NDArray
 
 from core.gltf.scene import scene_of
-from core.rendering.pictures import pictures
+from core.rendering.pictures import pictures, views
 from core.rendering.renderer import Renderer
 from tests.core.rendering.glb import QUAD, QUAD_FACES, GlbWriter, cube, plain
 
@@ -61,3 +61,15 @@ def test_the_first_view_is_the_front_and_the_seventh_the_back(renderer: Counting
 def test_the_same_asset_gives_the_same_pictures(renderer: Counting) -> None:
     first, second = (pictures(scene_of(cube()), renderer) for _ in range(2))
     np.testing.assert_array_equal(first, second)
+
+
+def test_pictures_to_be_compared_are_half_as_wide_and_show_the_same(renderer: Counting) -> None:
+    original = views(scene_of(cube(RED)), renderer, large=False)
+    assert original.large is None
+    marked = views(scene_of(cube(RED)), renderer, original.frame)
+    assert marked.large is not None
+    np.testing.assert_array_equal(original.compared, marked.compared)
+    means = marked.large.reshape(24, SIZE // 2, 2, SIZE // 2, 2, 3).mean(axis=(2, 4))
+    np.testing.assert_allclose(marked.compared, means, atol=0.5)
+    np.testing.assert_array_equal(marked.large, pictures(scene_of(cube(RED)), renderer))
+    assert renderer.drawn == 3 * 23
