@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from core.analysis.facts import Carrier, SurfaceFacts
-from core.arrays import Bool, Float
+from core.arrays import Float
 from core.artwork.layouts import Layouts
 from core.choices import Preset
 from core.errors import ErrorCode, MeshmarkError
-from core.geometry.directions import cosines_to_cameras, looks_at_cameras
+from core.geometry.directions import cosines_to_cameras
 from core.geometry.products import product
 from core.geometry.surface import Surface
 from core.geometry.surfels import Surfels
@@ -17,7 +17,7 @@ from core.parameters import Parameters
 from core.placement.filters import FACING
 from core.placement.label_height import picture_side
 from core.placement.nearest import TangentPlanes
-from core.placement.objective import FACING_VIEW, Targets, targets
+from core.placement.objective import Targets, targets
 from core.placement.options import PlacementOptions, labelling, tuned
 from core.placement.rims import Rims, rims
 from core.placement.watch import UNWATCHED, Watch
@@ -39,7 +39,6 @@ class PlacementContext:
         ground: the faces of the surface that boxes may stand on.
         normals: (F, 3) of the surface, zero where no box may stand.
         surfels: a proxy for ``ground``.
-        looking: (N, D) surfels that look at the camera in each of the directions of ``targets`` within 45 degrees.
         under: nearest points of the ground under boxes that nearly lie on it.
         rims: the edges that no letter can be cut across; None where there are none.
         targets: of the objective.
@@ -56,7 +55,6 @@ class PlacementContext:
     ground: Surface
     normals: Float
     surfels: Surfels
-    looking: Bool
     under: TangentPlanes
     rims: Rims | None
     targets: Targets
@@ -119,7 +117,6 @@ def build_context(
         ground=ground,
         normals=normals,
         surfels=surfels,
-        looking=looks_at_cameras(surfels.centers, surfels.normals, goal.directions, FACING_VIEW),
         under=TangentPlanes(surface, normals, carrier.index, FACING, surfels),
         rims=rims(surface, carrier.component >= 0, layouts, options.rims),
         targets=goal,

@@ -5,11 +5,11 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from core.arrays import Bool, Float, Int
+from core.arrays import Bool, Float
 from core.artwork.artwork import Artwork
 from core.choices import Mode, Profile, Solver
 from core.geometry.boxes import Boxes
-from core.geometry.directions import to_cameras
+from core.geometry.directions import looks_at_cameras, to_cameras
 from core.geometry.sampling import sample
 from core.geometry.spatial import Eye
 from core.placement.candidates import along_strips, candidates, right_way_up
@@ -32,7 +32,7 @@ from core.placement.filters import (
 )
 from core.placement.finetune import adam, correct, distinct, levenberg_marquardt, loss_limit
 from core.placement.legibility import text_width
-from core.placement.objective import Placement, contrast, facing, likelihood
+from core.placement.objective import FACING_VIEW, Placement, contrast, facing, likelihood
 from core.placement.rejection import Stage
 from core.placement.selection import visibility
 from core.placement.watch import Watch
@@ -239,15 +239,18 @@ def _candidates(
     most = options.number / np.sqrt(len(context.layouts.artworks))
     if wanted is not None:
         most *= max(options.more * float(wanted.mean()), options.fewest)
-    order = rng.permutation(len(context.surfels.centers))
-    order = order[context.looking[order][:, slice(None) if wanted is None else wanted].any(axis=1)]
-    tested = order[: options.samples]
-    shown = tested[_in_sight(context, tested, wanted, rng)]
+    directions = context.targets.directions if wanted is None else context.targets.directions[wanted]
+    number = options.samples if wanted is None else options.more_samples
+    points, face = sample(context.ground, number, rng)
+    normals = context.ground.normals[face]
+    looking = looks_at_cameras(points, normals, directions, FACING_VIEW)
+    tested = np.flatnonzero(looking.any(axis=1))
+    share, tested = len(tested) / number, tested[: options.samples]
+    shown = tested[_in_sight(context, points[tested], normals[tested], looking[tested], directions, rng)]
     if not len(shown):
         return Boxes.empty()
-    share = len(order) / len(context.looking) * len(shown) / len(tested)
-    area = float(context.ground.areas.sum()) * share
-    points, normals = context.surfels.centers[shown], context.surfels.normals[shown]
+    area = float(context.ground.areas.sum()) * share * len(shown) / len(tested)
+    points, normals = points[shown], normals[shown]
     boxes = candidates(points, normals, size, float(np.sqrt(PACKING * area / (options.choice * most))))
     narrow = options.narrow * min(text_width(1.0, artwork.line_height), size[0])
     around = slice(None, None, int(np.ceil(len(shown) * 4 * narrow**2 / (area * options.strip_density))))
@@ -267,17 +270,18 @@ def _support(context: PlacementContext, boxes: Boxes) -> Float:
     return support(met, boxes, context.carrier.component)
 
 
-def _in_sight(context: PlacementContext, which: Int, wanted: Bool | None, rng: np.random.Generator) -> Bool:
-    """(N,) surfels, those with numbers ``which`` (N,), that are visible from one of a few of the directions they look
-    at, of the ``wanted`` (D,) ones alone if these are given."""
-    turns = rng.permutation(context.looking.shape[1] if wanted is None else np.flatnonzero(wanted))
-    looking = context.looking[np.ix_(which, turns)]
+def _in_sight(
+    context: PlacementContext, points: Float, normals: Float, looking: Bool, directions: Float, rng: np.random.Generator
+) -> Bool:
+    """(N,) which ``points`` (N, 3) of the surface, with unit ``normals`` (N, 3), are visible from one of a few of the
+    ``directions`` (K, 3) that they are ``looking`` at (N, K)."""
+    turns = rng.permutation(len(directions))
+    looking = looking[:, turns]
     looking &= looking.cumsum(axis=1, dtype=np.int16) <= context.options.candidates.probes
     point, turn = np.nonzero(looking)
-    start = context.surfels.centers[which[point]] + SKIN * context.surfels.normals[which[point]]
-    toward = to_cameras(start, context.targets.directions[turns[turn]])
-    _, face = context.carrier.index.first_hit(start, toward, Eye.FAR)
-    seen = np.zeros(len(which), dtype=bool)
+    start = points[point] + SKIN * normals[point]
+    _, face = context.carrier.index.first_hit(start, to_cameras(start, directions[turns[turn]]), Eye.FAR)
+    seen = np.zeros(len(points), dtype=bool)
     seen[point[face < 0]] = True
     return seen
 
