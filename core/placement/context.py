@@ -14,9 +14,7 @@ from core.geometry.products import product
 from core.geometry.surface import Surface
 from core.geometry.surfels import Surfels
 from core.parameters import Parameters
-from core.placement.filters import FACING
 from core.placement.label_height import picture_side
-from core.placement.nearest import TangentPlanes
 from core.placement.objective import Targets, targets
 from core.placement.options import PlacementOptions, labelling, tuned
 from core.placement.rims import Rims, rims
@@ -39,7 +37,6 @@ class PlacementContext:
         ground: the faces of the surface that boxes may stand on.
         normals: (F, 3) of the surface, zero where no box may stand.
         surfels: a proxy for ``ground``.
-        under: nearest points of the ground under boxes that nearly lie on it.
         rims: the edges that no letter can be cut across; None where there are none.
         targets: of the objective.
         facing: (D,) cosine of the angle at which surface looks at the camera in each direction, at the middle of the
@@ -55,7 +52,6 @@ class PlacementContext:
     ground: Surface
     normals: Float
     surfels: Surfels
-    under: TangentPlanes
     rims: Rims | None
     targets: Targets
     facing: Float
@@ -117,7 +113,6 @@ def build_context(
         ground=ground,
         normals=normals,
         surfels=surfels,
-        under=TangentPlanes(surface, normals, carrier.index, FACING, surfels),
         rims=rims(surface, carrier.component >= 0, layouts, options.rims),
         targets=goal,
         facing=_facing(surfels, goal.directions, options.search.looking),

@@ -3,9 +3,8 @@
 from collections.abc import Callable
 
 import numpy as np
-import torch
 
-from core.arrays import Bool, Float
+from core.arrays import Bool, Float, Int
 from core.artwork.artwork import Artwork
 from core.choices import Mode, Profile, Solver
 from core.geometry.boxes import Boxes
@@ -64,7 +63,7 @@ def fit(
     context: PlacementContext,
     artwork: Artwork,
     width: float,
-    wanted: Bool | None,
+    wanted: Float | None,
     rng: np.random.Generator,
     progress: Callable[[float], None],
 ) -> tuple[Placement, dict[Stage, int]]:
@@ -74,8 +73,8 @@ def fit(
         context: the shared inputs.
         artwork: one of the layouts.
         width: of it.
-        wanted: (D,) only candidates that look towards one of these directions, within 45 degrees, are fitted; None for
-            all.
+        wanted: (K, 3) only candidates that look towards one of these directions, within 45 degrees, are fitted; None
+            for all.
         rng: the source of every draw.
         progress: called with the share done, 0 to 1, by the slow solver.
 
@@ -105,13 +104,7 @@ def fit(
 
     solver = context.options.levenberg_marquardt
     boxes, loss = levenberg_marquardt(
-        boxes,
-        context.carrier.index,
-        context.surfels,
-        context.under,
-        keep_after_coarse,
-        recentre_on_support,
-        solver,
+        boxes, context.carrier.index, context.surfels, keep_after_coarse, recentre_on_support, solver
     )
     return _survivors(context, boxes, loss, loss_limit(boxes.size, solver), left, Boxes.concat(*overhanging))
 
@@ -120,8 +113,7 @@ def refit(context: PlacementContext, boxes: Boxes) -> Placement:
     """Those of the ``boxes``, which are nearly on the surface, that may carry the text where they are."""
     fitted, loss = correct(
         boxes,
-        context.under,
-        torch.device(context.carrier.index.device),
+        context.carrier.index,
         lambda moved: _recentred_on_support(context, moved),
         options=context.options.levenberg_marquardt,
     )
@@ -227,7 +219,7 @@ def _candidates(
     context: PlacementContext,
     artwork: Artwork,
     size: tuple[float, float, float],
-    wanted: Bool | None,
+    wanted: Float | None,
     rng: np.random.Generator,
 ) -> Boxes:
     """Boxes of a ``size`` to start from; where directions are ``wanted``, only on surface that looks there."""
@@ -235,25 +227,25 @@ def _candidates(
     if options.radius is not None:
         points, face = sample(context.ground, options.samples, rng)
         return candidates(points, context.ground.normals[face], size, options.radius)
-    # Several layouts have fewer boxes each: a place that one fits into mostly serves the others as well.
-    most = options.number / np.sqrt(len(context.layouts.artworks))
+    # Each layout gets its share of the boxes: a place that one fits into mostly serves the others as well.
+    number, most = options.samples, options.number / len(context.layouts.artworks)
     if wanted is not None:
-        most *= max(options.more * float(wanted.mean()), options.fewest)
-    directions = context.targets.directions if wanted is None else context.targets.directions[wanted]
-    number = options.samples if wanted is None else options.more_samples
+        share = max(options.more * len(wanted) / len(context.targets.directions), options.fewest)
+        number, most = options.more_samples, options.number * share
     points, face = sample(context.ground, number, rng)
     normals = context.ground.normals[face]
-    looking = looks_at_cameras(points, normals, directions, FACING_VIEW)
-    tested = np.flatnonzero(looking.any(axis=1))
-    share, tested = len(tested) / number, tested[: options.samples]
-    shown = tested[_in_sight(context, points[tested], normals[tested], looking[tested], directions, rng)]
+    if wanted is not None:
+        looking = np.flatnonzero(looks_at_cameras(points, normals, wanted, FACING_VIEW).any(axis=1))
+        points, normals = points[looking[: 2 * options.samples]], normals[looking[: 2 * options.samples]]
+        number = number * len(points) // max(len(looking), 1)
+    shown = _in_sight(context, points, normals, context.targets.directions if wanted is None else wanted, rng)
+    area = float(context.ground.areas.sum()) * len(shown) / number
+    shown = shown[: options.samples]
     if not len(shown):
         return Boxes.empty()
-    area = float(context.ground.areas.sum()) * share * len(shown) / len(tested)
-    points, normals = points[shown], normals[shown]
-    boxes = candidates(points, normals, size, float(np.sqrt(PACKING * area / (options.choice * most))))
+    boxes = candidates(points[shown], normals[shown], size, float(np.sqrt(PACKING * area / (options.choice * most))))
     narrow = options.narrow * min(text_width(1.0, artwork.line_height), size[0])
-    around = slice(None, None, int(np.ceil(len(shown) * 4 * narrow**2 / (area * options.strip_density))))
+    around = shown[:: int(np.ceil(len(shown) * 4 * narrow**2 / (area * options.strip_density)))]
     return _most_supported(context, along_strips(boxes, points[around], normals[around], narrow, options))
 
 
@@ -271,19 +263,19 @@ def _support(context: PlacementContext, boxes: Boxes) -> Float:
 
 
 def _in_sight(
-    context: PlacementContext, points: Float, normals: Float, looking: Bool, directions: Float, rng: np.random.Generator
-) -> Bool:
-    """(N,) which ``points`` (N, 3) of the surface, with unit ``normals`` (N, 3), are visible from one of a few of the
-    ``directions`` (K, 3) that they are ``looking`` at (N, K)."""
-    turns = rng.permutation(len(directions))
-    looking = looking[:, turns]
-    looking &= looking.cumsum(axis=1, dtype=np.int16) <= context.options.candidates.probes
-    point, turn = np.nonzero(looking)
+    context: PlacementContext, points: Float, normals: Float, directions: Float, rng: np.random.Generator
+) -> Int:
+    """Indices of the ``points`` (N, 3) of the surface, with unit ``normals`` (N, 3), that are visible from one of a few
+    ``directions`` (K, 3) within 45 degrees of their normal."""
+    hidden = ~looks_at_cameras(points, normals, directions, FACING_VIEW)
+    order = rng.random(hidden.shape, dtype=np.float32)
+    order[hidden] = np.inf
+    few = min(context.options.candidates.probes, len(directions))
+    probe = np.argpartition(order, few - 1, axis=1)[:, :few]
+    point, turn = np.nonzero(np.isfinite(np.take_along_axis(order, probe, axis=1)))
     start = points[point] + SKIN * normals[point]
-    _, face = context.carrier.index.first_hit(start, to_cameras(start, directions[turns[turn]]), Eye.FAR)
-    seen = np.zeros(len(points), dtype=bool)
-    seen[point[face < 0]] = True
-    return seen
+    _, face = context.carrier.index.first_hit(start, to_cameras(start, directions[probe[point, turn]]), Eye.FAR)
+    return np.unique(point[face < 0])
 
 
 def _valued(

@@ -37,7 +37,7 @@ class SearchOptions:
     narrower: float = 1.5
     looking: float = 0.001
     covered: float = 0.85
-    enough: float = 0.99
+    enough: float = 0.98
 
 
 SEARCH = SearchOptions()

@@ -21,7 +21,7 @@ from core.placement.legibility import USUAL_ASPECT, legible_height, text_width
 from core.placement.objective import FACING_VIEW, Placement, best_possible_coverage
 from core.placement.options import SEARCH, SearchOptions
 from core.placement.rejection import REASONS, Stage
-from core.placement.selection import climb, select
+from core.placement.selection import select
 
 Step = list[tuple[Artwork, float]]  # layouts, and their widths in size-30 units, whose lines are about equally high
 
@@ -148,7 +148,7 @@ def _search(
     for number, step in enumerate(steps):
         wanted = None
         if found is not None:
-            chosen = climb(found, parameters.count, placed, rejected, found.start, options.selection)
+            chosen = select(found, parameters.count, placed, rejected, found.start, options.selection)
             if number and len(found.boxes) and set(chosen) == set(found.start):
                 if len(chosen) == parameters.count:
                     break  # there are as many marks as were asked for, and lower text would replace none of them
@@ -162,7 +162,7 @@ def _search(
                 )
                 if worth[poorly].sum() <= (1 - options.search.enough) * worth[coverable].sum():
                     break
-                wanted = poorly
+                wanted = context.targets.directions[poorly]
             if len(found.boxes) and _tiny(step, options.search):
                 break
         for layout, (artwork, width) in enumerate(step):

@@ -89,7 +89,7 @@ def test_where_all_marks_have_their_places_narrower_text_is_not_looked_for(count
     *searched, done = progress(cuboid(30, 30, 30), count=count)
     assert max(searched) <= 3 / (len(WIDTHS) + SEARCH.rounds - 1)
     assert done == 1
-    assert np.all(placed(cuboid(30, 30, 30), count=count, seed=7).boxes.size[:, 0] >= WIDTHS[1])
+    assert np.all(placed(cuboid(30, 30, 30), count=count).boxes.size[:, 0] >= WIDTHS[1])
 
 
 def test_what_one_search_finds_nothing_for_is_searched_again() -> None:
@@ -101,9 +101,8 @@ def test_what_one_search_finds_nothing_for_is_searched_again() -> None:
     def uncovered(seed: int, rounds: int) -> int:
         rng = np.random.default_rng(seed)
         context = opened(shape, rng, seed=seed)
-        few = replace(context.options.candidates, number=100)
         search = replace(context.options.search, rounds=rounds)
-        found = place(replace(context, options=replace(context.options, search=search, candidates=few)), rng)
+        found = place(replace(context, options=replace(context.options, search=search)), rng)
         covered, _ = found.coverage(found.start)
         return int((covered[:24] == 0).sum())
 
@@ -183,10 +182,10 @@ def test_long_text_runs_along_a_bar_on_which_it_would_not_be_legible_across() ->
 
 
 def test_a_long_text_has_fewer_lines_on_narrow_places_and_is_higher_for_it_on_wide_ones() -> None:
-    bar, kinds = placed(cuboid(30, 1.6, 1.6), aspect=0.03, lines=4, color=NO_COLOR, seed=7), layouts(0.03, lines=4)
+    bar, kinds = placed(cuboid(30, 1.6, 1.6), aspect=0.03, lines=4, color=NO_COLOR), layouts(0.03, lines=4)
     boxes = bar.boxes[np.array(bar.start)]
     assert kinds.of(boxes.size)[np.abs(boxes.axes[:, 2, 0]) < 0.1].max() <= 1, "but for its ends, which are square"
-    plate = placed(cuboid(12, 12, 1), aspect=0.03, lines=4, color=NO_COLOR, seed=7)
+    plate = placed(cuboid(12, 12, 1), aspect=0.03, lines=4, color=NO_COLOR)
     boxes = plate.boxes[np.array(plate.start)]
     on_face, count = np.abs(boxes.axes[:, 2, 2]) > 0.9, 1 + kinds.of(boxes.size)
     assert count[on_face].min() >= 3 > count[~on_face].max()
