@@ -91,11 +91,7 @@ class Renderer:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        # As the context's own `delete`, without its search of the whole process for garbage.
-        self._context._platform.make_current()
-        self._context._renderer.delete()
-        self._context._platform.delete_context()
-        self._context._renderer = self._context._platform = None
+        self._context.delete()
 
     def driver(self) -> str:
         """The name that the driver gives what draws."""
