@@ -2,10 +2,12 @@
 
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType, TracebackType
 from typing import Any, Self
+from weakref import proxy
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -83,7 +85,9 @@ class Renderer:
         # pyrender's own shader leaves back faces and surfaces without normals dark and ignores alpha cutoffs.
         drawer = self._context._renderer
         drawer._program_cache = ShaderProgramCache(shader_dir=str(_SHADERS))
-        drawer._read_main_framebuffer = self._read
+        # Weakly, since a renderer that is dropped shall be gone at once: found later among the garbage, it would take its
+        # context's display away from another one that draws.
+        drawer._read_main_framebuffer = partial(_read, proxy(drawer), size)
 
     def __enter__(self) -> Self:
         return self
@@ -165,33 +169,6 @@ class Renderer:
         picture, depth = self._context.render(self._scene, flags)
         return picture, depth
 
-    def _read(self, _: Any, flags: int) -> tuple[NDArray[np.uint8], NDArray[np.float32] | None]:
-        """The picture that was drawn; with alpha, which tells the shading, the depth of its pixels too.
-
-        Replaces pyrender's own, which spends most of its time on the depth, needed or not.
-        """
-        from OpenGL import GL
-
-        drawer, size, whole = self._context._renderer, self.size, (0, 0, self.size, self.size)
-        with_depth = bool(flags & self._gl.RenderFlags.RGBA)
-        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, drawer._main_fb_ms)
-        GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, drawer._main_fb)
-        GL.glBlitFramebuffer(*whole, *whole, GL.GL_COLOR_BUFFER_BIT, GL.GL_LINEAR)
-        if with_depth:
-            GL.glBlitFramebuffer(*whole, *whole, GL.GL_DEPTH_BUFFER_BIT, GL.GL_NEAREST)
-        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, drawer._main_fb)
-        colors = GL.glReadPixels(*whole, GL.GL_RGBA if with_depth else GL.GL_RGB, GL.GL_UNSIGNED_BYTE)
-        picture = np.frombuffer(colors, dtype=np.uint8).reshape(size, size, -1)[::-1].copy()  # its first row comes last
-        if not with_depth:
-            return picture, None
-        values = GL.glReadPixels(*whole, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT)
-        return picture, self._distance(np.frombuffer(values, dtype=np.float32).reshape(size, size)[::-1])
-
-    def _distance(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
-        """(S, S) distance along the view axis for values of the depth buffer, 0 where nothing is: those of 1."""
-        near, far = np.float32(self._camera.camera.znear), np.float32(self._camera.camera.zfar)
-        return np.where(depth < 1, near * far / (far - depth * (far - near)), np.float32(0))
-
     def _primitive(self, drawable: Drawable, textures: dict[Texture, Any]) -> Any:
         material = drawable.material
         texture, uv = self._sampled(drawable.texture, drawable.uv, textures)
@@ -245,3 +222,32 @@ def _frame(points: NDArray[np.float32]) -> Frame:
 
 def _unit(vector: Float) -> Float:
     return np.asarray(vector / np.linalg.norm(vector))
+
+
+def _read(drawer: Any, size: int, scene: Any, flags: int) -> tuple[NDArray[np.uint8], NDArray[np.float32] | None]:
+    """The picture that pyrender's ``drawer`` drew; with alpha, which tells the shading, the depth of its pixels too.
+
+    Replaces pyrender's own, which spends most of its time on the depth, needed or not.
+    """
+    from OpenGL import GL
+    from pyrender.constants import RenderFlags
+
+    whole, with_depth = (0, 0, size, size), bool(flags & RenderFlags.RGBA)
+    GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, drawer._main_fb_ms)
+    GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, drawer._main_fb)
+    GL.glBlitFramebuffer(*whole, *whole, GL.GL_COLOR_BUFFER_BIT, GL.GL_LINEAR)
+    if with_depth:
+        GL.glBlitFramebuffer(*whole, *whole, GL.GL_DEPTH_BUFFER_BIT, GL.GL_NEAREST)
+    GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, drawer._main_fb)
+    colors = GL.glReadPixels(*whole, GL.GL_RGBA if with_depth else GL.GL_RGB, GL.GL_UNSIGNED_BYTE)
+    picture = np.frombuffer(colors, dtype=np.uint8).reshape(size, size, -1)[::-1].copy()  # its first row comes last
+    if not with_depth:
+        return picture, None
+    depth = np.frombuffer(GL.glReadPixels(*whole, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT), dtype=np.float32)
+    return picture, _distance(depth.reshape(size, size)[::-1], scene.main_camera_node.camera)
+
+
+def _distance(depth: NDArray[np.float32], camera: Any) -> NDArray[np.float32]:
+    """(S, S) distance along the view axis for values of the depth buffer, 0 where nothing is: those of 1."""
+    near, far = np.float32(camera.znear), np.float32(camera.zfar)
+    return np.where(depth < 1, near * far / (far - depth * (far - near)), np.float32(0))

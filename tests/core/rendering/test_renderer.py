@@ -117,3 +117,21 @@ def test_no_cache_of_shaders_is_written_nor_warned_of(tmp_path: Path) -> None:
     }
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
     assert run.stderr == ""
+
+
+def test_a_renderer_that_is_dropped_is_gone_before_another_one_draws() -> None:
+    program = """
+import gc, sys, weakref
+from core.gltf.scene import scene_of
+from core.rendering.renderer import Renderer
+from tests.core.rendering.glb import cube
+gc.disable()
+renderer = Renderer(64)
+renderer.load(scene_of(cube()))
+renderer.render((0, 0, 1), (0, 1, 0))
+renderer.render_with_depth((0, 0, 1), (0, 1, 0))
+left = weakref.ref(renderer._context._renderer)
+del renderer
+sys.exit(left() is not None)
+"""
+    subprocess.run([sys.executable, "-c", program], check=True)
