@@ -85,8 +85,8 @@ class Renderer:
         # pyrender's own shader leaves back faces and surfaces without normals dark and ignores alpha cutoffs.
         drawer = self._context._renderer
         drawer._program_cache = ShaderProgramCache(shader_dir=str(_SHADERS))
-        # Weakly, since a renderer that is dropped shall be gone at once: found later among the garbage, it would take its
-        # context's display away from another one that draws.
+        # Weakly, so that a renderer which is dropped is gone at once: found later among the garbage, it would take the
+        # display of its context away from another one that draws.
         drawer._read_main_framebuffer = partial(_read, proxy(drawer), size)
 
     def __enter__(self) -> Self:
