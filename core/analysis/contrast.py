@@ -12,6 +12,7 @@ import numpy as np
 from core.analysis.color import Appearance, appearance
 from core.arrays import Bool, Float
 from core.geometry.boxes import Boxes
+from core.geometry.faces_near import near
 from core.geometry.products import length, product
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
@@ -93,7 +94,7 @@ def looks_of_letters(
     Args:
         scene: the asset.
         surface: the scene's, in which faces may be wound the other way round.
-        index: over the faces that count.
+        index: over the faces that count; those near the boxes are looked at.
         boxes: of the marks.
         palette: the colours that letters may have, "#rrggbb"; of a single one only the emission is decided here.
         options: tuned values; those of codes are :data:`CODES`.
@@ -109,7 +110,9 @@ def looks_of_letters(
     ]
     plane = np.stack(np.meshgrid(*across, indexing="ij"), axis=-1).reshape(-1, 2)
     offset = np.einsum("pk,bk,bki->bpi", plane, boxes.size[:, :2], boxes.axes[:, :2])
-    _, face, point = index.closest((boxes.center[:, None] + offset).reshape(-1, 3))
+    around = Boxes(boxes.center, boxes.axes, boxes.size * (*options.around, 2.0))
+    local = index.among(np.unique(np.concatenate(near(surface, around))))
+    _, face, point = local.closest((boxes.center[:, None] + offset).reshape(-1, 3))
     seen = appearance(scene, surface, point, face)
     shaped = (len(boxes), len(plane))
     needed = np.asarray(not_shaded(seen, options).reshape(shaped).mean(axis=1) >= options.flat_share)

@@ -141,6 +141,15 @@ class SpatialIndex:
         other._hides = self._mask(hides)
         return other
 
+    def among(self, rows: Int) -> "SpatialIndex":
+        """An index over those of the ``rows`` of ``faces`` (N,), ascending, that count here, for queries near these.
+
+        It is built sooner than one over all of them. Answers are rows of the same ``faces``, each of which hides."""
+        mine = rows if self._ids is None else np.flatnonzero(np.isin(self._ids, rows, assume_unique=True))
+        few = SpatialIndex(self.positions, self.faces, mine)
+        few._ids = mine if self._ids is None else self._ids[mine]
+        return few
+
     def _mask(self, hides: NDArray[np.uint8] | None) -> NDArray[np.uint8] | None:
         mine = hides if hides is None or self._ids is None else hides[self._ids]
         return mine if mine is not None and mine.any() else None

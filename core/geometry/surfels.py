@@ -16,7 +16,7 @@ class Surfels:
     """Discs tangent to even area samples of a surface (Pfister et al. 2000, "Surfels").
 
     A query takes the disc whose centre is nearest and the nearest point on that disc, so that over smooth ground the
-    distance is that to the tangent plane, and beyond an edge it grows. Exact queries decide near its result.
+    distance is that to the tangent plane, and beyond an edge it grows.
 
     Args:
         surface: with area.

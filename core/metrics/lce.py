@@ -4,10 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.geometry.boxes import Boxes
+from core.geometry.faces_near import near
 from core.geometry.products import product
 from core.geometry.spatial import Eye, SpatialIndex
 from core.geometry.surface import Surface
-from core.metrics.faces_near import near
 
 
 def lce(

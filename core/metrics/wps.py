@@ -4,8 +4,8 @@ import numpy as np
 
 from core.arrays import Float
 from core.geometry.boxes import Boxes
+from core.geometry.faces_near import near
 from core.geometry.surface import Surface
-from core.metrics.faces_near import near
 
 
 def wps(original: Surface, boxes: Boxes) -> Float:

@@ -4,8 +4,8 @@ import numpy as np
 
 from core.arrays import Float, Int
 from core.geometry.boxes import Boxes
+from core.geometry.faces_near import near
 from core.geometry.surface import Surface
-from core.metrics.faces_near import near
 
 
 def wps_area(original: Surface, boxes: Boxes) -> Float:

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from core.arrays import Int
 from core.geometry.spatial import Eye, Hides, SpatialIndex
 from core.geometry.spatial_warp import WarpIndex
 from tests.core.shapes import box, grid, join, moved, sphere
@@ -87,3 +88,12 @@ def test_through_many_panes_an_eye_sees_the_first_wall_and_its_own_number(index:
     assert set(face[:2]) <= {50, 51}
     assert face[2] == -1
     assert asked.hiding(None).first_hit(origins, down, Eye.ORIGIN)[0][0] == pytest.approx(4.5)
+
+
+@pytest.mark.parametrize("counts", [None, np.arange(10, 60)])
+def test_an_index_over_the_faces_near_some_points_answers_as_that_over_all(counts: Int | None) -> None:
+    panes = join(*(moved(grid(4.0, 4.0, 1, 1), 0.0, 0.0, -0.5 * step) for step in range(30)))
+    whole = SpatialIndex(panes.positions, panes.faces, counts)
+    points = np.array([[0.3, 0.1, -6.1], [1.0, -1.0, -6.9]])
+    for answer, expected in zip(whole.among(np.arange(4, 34)).closest(points), whole.closest(points), strict=True):
+        assert answer == pytest.approx(expected)

@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core.geometry.boxes import Boxes
+from core.geometry.faces_near import near
 from core.geometry.surface import Surface
-from core.metrics.faces_near import near
 from core.placement.candidates import upright
 from tests.core.placement.shapes import box, boxes, cuboid, join, moved, plane, sphere, surface
 
