@@ -20,16 +20,13 @@ POLE = np.cos(np.radians(20.0))
 class CandidateOptions:
     """Values of the boxes that fitting starts from: all ours, see :data:`PAPER_CANDIDATES` for the paper's.
 
-    Narrower text is searched only where wider text covers little, and draws more samples: thin edges and small parts
-    have little of the area.
-
     Attributes:
         thickness: share of a box's longer side; room for text on curved surface.
         thinnest: size-30 units; thickness of a box, at least.
-        samples: area samples drawn.
+        samples: area samples drawn at once.
+        draws: times that they are drawn, at most, until half as many look where text is wanted.
         radius: size-30 units between candidates; None for that which leaves ``number`` of them.
         number: boxes to fit, left after thinning: with ``samples``, about 0.5 s of fitting on one core.
-        more_samples: area samples drawn where only some directions are wanted.
         more: share of ``number`` for each share of all directions that is wanted.
         fewest: share of ``number`` however few directions are wanted.
         choice: candidates drawn for each one fitted, those with the best support: few others ever gain it.
@@ -44,12 +41,12 @@ class CandidateOptions:
 
     thickness: float = 0.15
     thinnest: float = 0.25
-    samples: int = 8000
+    samples: int = 6000
+    draws: int = 7
     radius: float | None = None
-    number: int = 700
-    more_samples: int = 40_000
-    more: float = 1.2
-    fewest: float = 0.25
+    number: int = 400
+    more: float = 2.1
+    fewest: float = 0.44
     choice: float = 2.0
     support_grid: tuple[int, int] = (8, 3)
     probes: int = 6

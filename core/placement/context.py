@@ -14,7 +14,9 @@ from core.geometry.products import product
 from core.geometry.surface import Surface
 from core.geometry.surfels import Surfels
 from core.parameters import Parameters
+from core.placement.filters import FACING
 from core.placement.label_height import picture_side
+from core.placement.nearest import Nearest, TangentPlanes
 from core.placement.objective import Targets, targets
 from core.placement.options import PlacementOptions, labelling, tuned
 from core.placement.rims import Rims, rims
@@ -36,7 +38,7 @@ class PlacementContext:
         options: the tuned values.
         ground: the faces of the surface that boxes may stand on.
         normals: (F, 3) of the surface, zero where no box may stand.
-        surfels: a proxy for ``ground``.
+        nearest: points of the ground.
         rims: the edges that no letter can be cut across; None where there are none.
         targets: of the objective.
         facing: (D,) cosine of the angle at which surface looks at the camera in each direction, at the middle of the
@@ -51,7 +53,7 @@ class PlacementContext:
     options: PlacementOptions
     ground: Surface
     normals: Float
-    surfels: Surfels
+    nearest: Nearest
     rims: Rims | None
     targets: Targets
     facing: Float
@@ -112,7 +114,7 @@ def build_context(
         options=options,
         ground=ground,
         normals=normals,
-        surfels=surfels,
+        nearest=TangentPlanes(surface, normals, carrier.index, FACING, surfels),
         rims=rims(surface, carrier.component >= 0, layouts, options.rims),
         targets=goal,
         facing=_facing(surfels, goal.directions, options.search.looking),

@@ -7,7 +7,6 @@ the surface. Boxes turn about their own centroid (the paper's Eqs. 6-7).
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import torch
@@ -20,6 +19,7 @@ from core.geometry.boxes import Boxes, unit_grid
 from core.geometry.products import cross
 from core.geometry.sampling import thin
 from core.geometry.spatial import SpatialIndex
+from core.placement.nearest import Nearest, of_surface
 
 process.after_torch()
 
@@ -75,7 +75,8 @@ class LevenbergMarquardtOptions:
             text is read better than with less (0.02) and as well as with more (0.04).
         coarse: first pass. Of the boxes that end well aligned, all but about one in twenty-five are below its slack.
         fine: second pass; all but one in a hundred are below its slack.
-        exact: last pass, on the surface itself after those on its proxy.
+        exact: last pass, after boxes were recentred on their support.
+        every: one in so many of the outline's points gives the loss at the end.
         copy: tolerance of :func:`distinct` after the coarse pass: closer boxes end as copies of one another.
         roll_weight: loss limits; weight of the squared sine of the roll against the mean squared distance: enough to
             keep text upright where the surface allows it, and on a saddle, which is straight along its diagonals only;
@@ -93,6 +94,7 @@ class LevenbergMarquardtOptions:
     coarse: Pass = Pass(grid=(8, 2), steps=8, slack=0.025)
     fine: Pass = Pass(grid=(12, 3), steps=6, slack=0.015)
     exact: Pass = Pass(grid=(10, 3), steps=2, slack=0.005)
+    every: int = 3
     copy: float = 0.06
     roll_weight: float = 3.0
     damping: float = 1e-2
@@ -139,17 +141,14 @@ def perimeter(size: Float) -> Float:
 
 def alignment_loss(boxes: Boxes, index: SpatialIndex) -> Float:
     """(B,) mean squared distance, squared size-30 units, of each box's 179 outline points to the surface."""
-    points = np.einsum("bpi,bij->bpj", perimeter(boxes.size), boxes.axes) + boxes.center[:, None, :]
-    distance, _, _ = index.closest(points.reshape(-1, 3))
-    return np.asarray((distance**2).reshape(len(boxes), LOSS_POINTS).mean(axis=1))
+    return _outline_loss(boxes, of_surface(index), every=1)
 
 
-class Closest(Protocol):
-    """Closest-point queries on a surface or its proxy."""
-
-    def closest(self, points: Float) -> tuple[Float, NDArray[np.int64], Float]:
-        """As :meth:`core.geometry.spatial.SpatialIndex.closest`."""
-        ...
+def _outline_loss(boxes: Boxes, nearest: Nearest, every: int) -> Float:
+    """The same for the ``nearest`` points of a surface, and for one in ``every`` so many of the outline's points."""
+    points = np.einsum("bpi,bij->bpj", perimeter(boxes.size)[:, ::every], boxes.axes) + boxes.center[:, None, :]
+    offset = points - nearest(points, boxes.axes[:, 2] * boxes.size[:, 2:] / 2)
+    return np.asarray((offset**2).sum(axis=2).mean(axis=1))
 
 
 Recentre = Callable[[Boxes], tuple[Boxes, Bool]]
@@ -157,8 +156,8 @@ Recentre = Callable[[Boxes], tuple[Boxes, Bool]]
 
 def levenberg_marquardt(
     boxes: Boxes,
-    index: SpatialIndex,
-    proxy: Closest | None = None,
+    nearest: Nearest,
+    device: torch.device,
     keep: Callable[[Boxes], Bool] | None = None,
     recentre: Recentre | None = None,
     options: LevenbergMarquardtOptions = LEVENBERG_MARQUARDT,
@@ -170,19 +169,17 @@ def levenberg_marquardt(
 
     Args:
         boxes: to start from.
-        index: over the surface.
-        proxy: the proxy surface (``surfels``) of the coarse and the fine pass, whose result the last pass corrects
-            on the surface itself; if None, the surface in all passes.
+        nearest: the nearest points on the surface.
+        device: that all else happens on.
         keep: (B,) the boxes to keep after the coarse pass, given these; all of them if None.
         recentre: see :func:`correct`.
         options: tuned values.
 
     Returns:
-        the fitted boxes, and their :func:`alignment_loss` (B,); inf where a box was rejected: it stayed too far from
-        the surface, came close to a better one, or was not kept by ``keep`` or ``recentre``.
+        the fitted boxes, and their :func:`alignment_loss` (B,), by every third point; inf where a box was rejected: it
+        stayed too far from the surface, came close to a better one, or was not kept by ``keep`` or ``recentre``.
     """
-    device = torch.device(index.device)
-    center, axes, rough = _fit(boxes, proxy or index, device, options.coarse, options)
+    center, axes, rough = _fit(boxes, nearest, device, options.coarse, options)
     loss, limit = np.full(len(boxes), np.inf), loss_limit(boxes.size, options)
     active = np.flatnonzero(rough < limit + options.coarse.slack)
     coarse = Boxes(center, axes, boxes.size)
@@ -190,26 +187,30 @@ def levenberg_marquardt(
         active = active[distinct(coarse[active], rough[active], options.copy)]
         active = active[keep(coarse[active])] if keep else active
         up = boxes.axes[active, 1]
-        center[active], axes[active], fine = _fit(coarse[active], proxy or index, device, options.fine, options, up)
+        center[active], axes[active], fine = _fit(coarse[active], nearest, device, options.fine, options, up)
         near = fine < limit[active] + options.fine.slack
         active = active[near]
-        fitted, loss[active] = correct(Boxes(center, axes, boxes.size)[active], index, recentre, up[near], options)
+        fitted, loss[active] = correct(
+            Boxes(center, axes, boxes.size)[active], nearest, device, recentre, up[near], options
+        )
         center[active], axes[active] = fitted.center, fitted.axes
     return Boxes(center, axes, boxes.size), loss
 
 
 def correct(
     boxes: Boxes,
-    index: SpatialIndex,
+    nearest: Nearest,
+    device: torch.device,
     recentre: Recentre | None,
     up: Float | None = None,
     options: LevenbergMarquardtOptions = LEVENBERG_MARQUARDT,
 ) -> tuple[Boxes, Float]:
-    """The last pass, on the surface itself, for boxes that are nearly aligned.
+    """The last pass, for boxes that are nearly aligned.
 
     Args:
         boxes: to start from.
-        index: over the surface.
+        nearest: the nearest points on the surface.
+        device: that all else happens on.
         recentre: recentres boxes on their support, and returns (B,) those to keep; all as they are if None.
         up: (B, 3) up direction of the roll prior; the boxes' own if None.
         options: tuned values.
@@ -223,14 +224,14 @@ def correct(
     if len(active):
         center[active], axes[active], squared = _fit(
             recentred[active],
-            index,
-            torch.device(index.device),
+            nearest,
+            device,
             options.exact,
             options,
             boxes.axes[active, 1] if up is None else up[active],
         )
         active = active[squared < loss_limit(boxes.size[active], options) + options.exact.slack]
-        loss[active] = alignment_loss(Boxes(center, axes, boxes.size)[active], index)
+        loss[active] = _outline_loss(Boxes(center, axes, boxes.size)[active], nearest, options.every)
     return Boxes(center, axes, boxes.size), loss
 
 
@@ -248,7 +249,7 @@ def distinct(boxes: Boxes, loss: Float, copy: float) -> NDArray[np.int64]:
 
 def _fit(
     boxes: Boxes,
-    index: Closest,
+    nearest: Nearest,
     device: torch.device,
     stage: Pass,
     options: LevenbergMarquardtOptions,
@@ -256,7 +257,7 @@ def _fit(
 ) -> tuple[Float, Float, Float]:
     """Damped Gauss-Newton steps per box, of one ``stage``; centres, axes, mean squared distance.
 
-    All but the look-ups in ``index`` happens on ``device``.
+    All but the look-up of ``nearest`` points happens on ``device``.
     ``reference`` (B, 3) is the up direction of the roll prior; the boxes' own if None.
     """
     unit = torch.tensor(np.pad(unit_grid(stage.grid), ((0, 0), (0, 1))), device=device)
@@ -265,7 +266,8 @@ def _fit(
     center, axes = torch.tensor(boxes.center, device=device), torch.tensor(boxes.axes, device=device)
     weight = torch.tensor(options.roll_weight * loss_limit(boxes.size, options), device=device)
     damping = torch.full((len(boxes),), options.damping, dtype=torch.float64, device=device)
-    squared, cost, hessian, gradient = _linearise(center, axes, local, up, weight, index)
+    half = torch.tensor(boxes.size[:, 2:] / 2, device=device)
+    squared, cost, hessian, gradient = _linearise(center, axes, local, up, weight, half, nearest)
     going = torch.arange(len(boxes), device=device)
     for _ in range(stage.steps):
         scale = torch.diagonal(hessian[going], dim1=1, dim2=2) + 1e-3
@@ -273,7 +275,7 @@ def _fit(
         step = -torch.linalg.solve(damped, gradient[going])
         moved = center[going] + _clamp(step[:, :3], options.longest_move)
         turned = axes[going] @ _rotation(_clamp(step[:, 3:], options.largest_turn)).transpose(1, 2)
-        trial = _linearise(moved, turned, local[going], up[going], weight[going], index)
+        trial = _linearise(moved, turned, local[going], up[going], weight[going], half[going], nearest)
         decrease = cost[going] - trial[1]
         better = decrease > 0
         # A box whose last step gained next to nothing has converged; its distances need no further queries.
@@ -302,15 +304,15 @@ def _even(center: Float, axes: Float, squared: Float) -> tuple[Float, Float, Flo
 
 
 def _linearise(
-    center: Tensor, axes: Tensor, local: Tensor, up: Tensor, weight: Tensor, index: Closest
+    center: Tensor, axes: Tensor, local: Tensor, up: Tensor, weight: Tensor, half: Tensor, nearest: Nearest
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Mean squared distance (B,), cost with the roll prior of ``weight`` (B,), Gauss-Newton matrix (B, 6, 6), gradient
-    (B, 6)."""
+    (B, 6); boxes are twice ``half`` (B, 1) thick."""
     arm = local @ axes
     points = arm + center[:, None, :]
-    distance, _, nearest = index.closest(points.numpy(force=True).reshape(-1, 3))
-    offset = points - torch.from_numpy(nearest).to(points.device).reshape(points.shape)
-    length = torch.from_numpy(distance).to(points.device).reshape(points.shape[:2])
+    met = nearest(points.numpy(force=True), (axes[:, 2] * half).numpy(force=True))
+    offset = points - torch.from_numpy(met).to(points.device)
+    length = offset.norm(dim=-1)
     # The sign only makes the residual smooth through zero; at zero the direction is the box's normal.
     normal = axes[:, 2:3, :].expand_as(points)
     sign = torch.where((offset * normal).sum(-1) < 0, -1.0, 1.0)

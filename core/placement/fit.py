@@ -3,8 +3,9 @@
 from collections.abc import Callable
 
 import numpy as np
+import torch
 
-from core.arrays import Bool, Float, Int
+from core.arrays import Bool, Float
 from core.artwork.artwork import Artwork
 from core.choices import Mode, Profile, Solver
 from core.geometry.boxes import Boxes
@@ -63,7 +64,7 @@ def fit(
     context: PlacementContext,
     artwork: Artwork,
     width: float,
-    wanted: Float | None,
+    wanted: Bool | None,
     rng: np.random.Generator,
     progress: Callable[[float], None],
 ) -> tuple[Placement, dict[Stage, int]]:
@@ -73,8 +74,8 @@ def fit(
         context: the shared inputs.
         artwork: one of the layouts.
         width: of it.
-        wanted: (K, 3) only candidates that look towards one of these directions, within 45 degrees, are fitted; None
-            for all.
+        wanted: (D,) only candidates that look towards one of these directions, within 45 degrees, are fitted; None for
+            all.
         rng: the source of every draw.
         progress: called with the share done, 0 to 1, by the slow solver.
 
@@ -104,7 +105,12 @@ def fit(
 
     solver = context.options.levenberg_marquardt
     boxes, loss = levenberg_marquardt(
-        boxes, context.carrier.index, context.surfels, keep_after_coarse, recentre_on_support, solver
+        boxes,
+        context.nearest,
+        torch.device(context.carrier.index.device),
+        keep_after_coarse,
+        recentre_on_support,
+        solver,
     )
     return _survivors(context, boxes, loss, loss_limit(boxes.size, solver), left, Boxes.concat(*overhanging))
 
@@ -113,7 +119,8 @@ def refit(context: PlacementContext, boxes: Boxes) -> Placement:
     """Those of the ``boxes``, which are nearly on the surface, that may carry the text where they are."""
     fitted, loss = correct(
         boxes,
-        context.carrier.index,
+        context.nearest,
+        torch.device(context.carrier.index.device),
         lambda moved: _recentred_on_support(context, moved),
         options=context.options.levenberg_marquardt,
     )
@@ -219,7 +226,7 @@ def _candidates(
     context: PlacementContext,
     artwork: Artwork,
     size: tuple[float, float, float],
-    wanted: Float | None,
+    wanted: Bool | None,
     rng: np.random.Generator,
 ) -> Boxes:
     """Boxes of a ``size`` to start from; where directions are ``wanted``, only on surface that looks there."""
@@ -228,25 +235,35 @@ def _candidates(
         points, face = sample(context.ground, options.samples, rng)
         return candidates(points, context.ground.normals[face], size, options.radius)
     # Each layout gets its share of the boxes: a place that one fits into mostly serves the others as well.
-    number, most = options.samples, options.number / len(context.layouts.artworks)
+    most = options.number / len(context.layouts.artworks)
     if wanted is not None:
-        share = max(options.more * len(wanted) / len(context.targets.directions), options.fewest)
-        number, most = options.more_samples, options.number * share
-    points, face = sample(context.ground, number, rng)
-    normals = context.ground.normals[face]
-    if wanted is not None:
-        looking = np.flatnonzero(looks_at_cameras(points, normals, wanted, FACING_VIEW).any(axis=1))
-        points, normals = points[looking[: 2 * options.samples]], normals[looking[: 2 * options.samples]]
-        number = number * len(points) // max(len(looking), 1)
-    shown = _in_sight(context, points, normals, context.targets.directions if wanted is None else wanted, rng)
-    area = float(context.ground.areas.sum()) * len(shown) / number
-    shown = shown[: options.samples]
-    if not len(shown):
+        most *= max(options.more * float(wanted.mean()), options.fewest)
+    directions = context.targets.directions if wanted is None else context.targets.directions[wanted]
+    points, normals, looking, drawn = _looking(context, directions, rng)
+    shown = _in_sight(context, points, normals, looking, directions, rng)
+    points, normals = points[shown], normals[shown]
+    if not len(points):
         return Boxes.empty()
-    boxes = candidates(points[shown], normals[shown], size, float(np.sqrt(PACKING * area / (options.choice * most))))
+    area = float(context.ground.areas.sum()) * len(points) / drawn
+    boxes = candidates(points, normals, size, float(np.sqrt(PACKING * area / (options.choice * most))))
     narrow = options.narrow * min(text_width(1.0, artwork.line_height), size[0])
-    around = shown[:: int(np.ceil(len(shown) * 4 * narrow**2 / (area * options.strip_density)))]
+    around = slice(None, None, int(np.ceil(len(points) * 4 * narrow**2 / (area * options.strip_density))))
     return _most_supported(context, along_strips(boxes, points[around], normals[around], narrow, options))
+
+
+def _looking(context: PlacementContext, directions: Float, rng: np.random.Generator) -> tuple[Float, Float, Bool, int]:
+    """Area samples (N, 3) of the ground, and its normals there (N, 3), that look at any of the ``directions`` (K, 3)
+    within 45 degrees; at which (N, K); and the number of samples of all of the ground among which they are so many."""
+    options, parts, found = context.options.candidates, [], 0
+    while 2 * found < options.samples and len(parts) < options.draws:
+        points, face = sample(context.ground, options.samples, rng)
+        normals = context.ground.normals[face]
+        looking = looks_at_cameras(points, normals, directions, FACING_VIEW)
+        some = np.flatnonzero(looking.any(axis=1))
+        parts.append((points[some], normals[some], looking[some]))
+        found += len(some)
+    points, normals, looking = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return points, normals, looking, len(parts) * options.samples
 
 
 def _most_supported(context: PlacementContext, boxes: Boxes) -> Boxes:
@@ -263,19 +280,19 @@ def _support(context: PlacementContext, boxes: Boxes) -> Float:
 
 
 def _in_sight(
-    context: PlacementContext, points: Float, normals: Float, directions: Float, rng: np.random.Generator
-) -> Int:
-    """Indices of the ``points`` (N, 3) of the surface, with unit ``normals`` (N, 3), that are visible from one of a few
-    ``directions`` (K, 3) within 45 degrees of their normal."""
-    hidden = ~looks_at_cameras(points, normals, directions, FACING_VIEW)
-    order = rng.random(hidden.shape, dtype=np.float32)
-    order[hidden] = np.inf
-    few = min(context.options.candidates.probes, len(directions))
-    probe = np.argpartition(order, few - 1, axis=1)[:, :few]
-    point, turn = np.nonzero(np.isfinite(np.take_along_axis(order, probe, axis=1)))
+    context: PlacementContext, points: Float, normals: Float, looking: Bool, directions: Float, rng: np.random.Generator
+) -> Bool:
+    """(N,) which ``points`` (N, 3) of the surface, with unit ``normals`` (N, 3), are visible from one of a few of the
+    ``directions`` (K, 3) that they are ``looking`` at (N, K)."""
+    turns = rng.permutation(len(directions))
+    looking = looking[:, turns]
+    looking &= looking.cumsum(axis=1, dtype=np.int16) <= context.options.candidates.probes
+    point, turn = np.nonzero(looking)
     start = points[point] + SKIN * normals[point]
-    _, face = context.carrier.index.first_hit(start, to_cameras(start, directions[probe[point, turn]]), Eye.FAR)
-    return np.unique(point[face < 0])
+    _, face = context.carrier.index.first_hit(start, to_cameras(start, directions[turns[turn]]), Eye.FAR)
+    seen = np.zeros(len(points), dtype=bool)
+    seen[point[face < 0]] = True
+    return seen
 
 
 def _valued(

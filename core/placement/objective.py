@@ -159,8 +159,9 @@ class Targets:
 
 def centroid(surface: Surface) -> Float:
     """(3,) of a surface with area, size-30 units."""
-    middle = surface.positions[surface.faces].mean(axis=1)
-    return np.asarray((surface.areas[:, None] * middle).sum(axis=0) / surface.areas.sum())
+    corners = (surface.positions.take(surface.faces[:, corner], axis=0) for corner in range(3))
+    moment = sum((surface.areas[:, None] * corner).sum(axis=0) for corner in corners)
+    return np.asarray(moment / (3 * surface.areas.sum()))
 
 
 def targets(surface: Surface, objective: Objective = OBJECTIVE) -> Targets:

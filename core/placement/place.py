@@ -21,7 +21,7 @@ from core.placement.legibility import USUAL_ASPECT, legible_height, text_width
 from core.placement.objective import FACING_VIEW, Placement, best_possible_coverage
 from core.placement.options import SEARCH, SearchOptions
 from core.placement.rejection import REASONS, Stage
-from core.placement.selection import select
+from core.placement.selection import climb, select
 
 Step = list[tuple[Artwork, float]]  # layouts, and their widths in size-30 units, whose lines are about equally high
 
@@ -148,12 +148,11 @@ def _search(
     for number, step in enumerate(steps):
         wanted = None
         if found is not None:
-            chosen = select(found, parameters.count, placed, rejected, found.start, options.selection)
-            if number and len(found.boxes) and set(chosen) == set(found.start):
-                if len(chosen) == parameters.count:
-                    break  # there are as many marks as were asked for, and lower text would replace none of them
-                if step is steps[number - 1]:
-                    break  # nor did more of this height
+            chosen = climb(found, parameters.count, placed, rejected, found.start, options.selection)
+            complete = len(chosen) == parameters.count or (number > 0 and step is steps[number - 1])
+            gained = found.value(chosen) - found.value(found.start)
+            if number and len(found.boxes) and complete and gained < options.search.gain:
+                break  # there are as many marks as were asked for, or more of this height would not help
             found = replace(found, start=tuple(chosen))
             well = [one for one in chosen if not found.last_resort[one]]
             if well:
@@ -162,7 +161,7 @@ def _search(
                 )
                 if worth[poorly].sum() <= (1 - options.search.enough) * worth[coverable].sum():
                     break
-                wanted = context.targets.directions[poorly]
+                wanted = poorly
             if len(found.boxes) and _tiny(step, options.search):
                 break
         for layout, (artwork, width) in enumerate(step):
@@ -181,7 +180,7 @@ def _search(
         for arranged in (partial(_moved, context), partial(_widened, context, steps)):
             which = np.array([one for one in best if one not in placed], dtype=np.int64)
             found = _merge(found, refit(context, arranged(found.boxes[which], options.arrange)))
-            best = select(found, parameters.count, placed, rejected, best, options.selection)
+            best = climb(found, parameters.count, placed, rejected, best, options.selection)
     return replace(found, start=tuple(best)), left
 
 

@@ -56,9 +56,8 @@ def select(
 ) -> list[int]:
     """Indices of at most ``count`` boxes that do not overlap, in the order in which to emboss them.
 
-    The box with the greatest gain of the objective is added while there is any gain; then single boxes are exchanged or
-    dropped while that helps. The same is done from ``start``, and the better result is returned: a larger choice of
-    boxes never makes the result worse.
+    They are the better result of :func:`climb` from nothing and from ``start``: a larger choice of boxes never makes
+    the result worse.
 
     Args:
         placement: the survivors.
@@ -68,6 +67,25 @@ def select(
         start: a choice to improve on, as this function returned it; rejected boxes in it are left out.
         options: tuned values.
     """
+    afresh = climb(placement, count, fixed, rejected, (), options)
+    if set(start) <= set(fixed) | set(rejected):
+        return afresh
+    return max(afresh, climb(placement, count, fixed, rejected, start, options), key=placement.value)
+
+
+def climb(
+    placement: Placement,
+    count: int,
+    fixed: Sequence[int] = (),
+    rejected: Collection[int] = (),
+    start: Sequence[int] = (),
+    options: SelectionOptions = SELECTION,
+) -> list[int]:
+    """As :func:`select`, from ``start`` alone.
+
+    The box with the greatest gain of the objective is added while there is any gain; then single boxes are exchanged or
+    dropped while that helps.
+    """
     usable = np.ones(len(placement.boxes), dtype=bool)
     usable[list(rejected)] = False
     overlap = cache(lambda one: overlapping(placement.boxes, one, options.spacing))
@@ -75,18 +93,16 @@ def select(
     def overlaps(chosen: list[int]) -> Bool:
         return np.stack([~usable, *(overlap(one) for one in chosen)], axis=1)
 
-    begun = list(fixed)
+    chosen = list(fixed)
     for one in start:
-        if len(begun) < count and one not in begun and not overlaps(begun)[one].any():
-            begun.append(one)
-    tried = [list(fixed)] + ([begun] if len(begun) > len(fixed) else [])
-    for chosen in tried:
+        if len(chosen) < count and one not in chosen and not overlaps(chosen)[one].any():
+            chosen.append(one)
+    _add(placement, chosen, overlaps, count)
+    for _ in range(options.exchanges):
+        if not _exchange(placement, chosen, overlaps, len(fixed)):
+            break
         _add(placement, chosen, overlaps, count)
-        for _ in range(options.exchanges):
-            if not _exchange(placement, chosen, overlaps, len(fixed)):
-                break
-            _add(placement, chosen, overlaps, count)
-    return max(tried, key=placement.value)
+    return chosen
 
 
 def _add(placement: Placement, chosen: list[int], overlaps: Overlaps, count: int) -> None:

@@ -9,6 +9,8 @@ from core.artwork.layouts import Layouts
 from core.geometry.boxes import Boxes
 from core.geometry.spatial import SpatialIndex
 from core.geometry.surface import Surface
+from core.placement.filters import FACING
+from core.placement.nearest import TangentPlanes
 from tests.core.shapes import join as join
 from tests.core.shapes import surface as surface
 
@@ -17,6 +19,11 @@ IDENTITY = np.eye(3)
 
 def index_of(shape: Surface) -> SpatialIndex:
     return SpatialIndex(shape.positions, shape.faces)
+
+
+def planes_of(shape: Surface) -> TangentPlanes:
+    index = index_of(shape)
+    return TangentPlanes(shape, shape.normals, index, FACING, index)
 
 
 def carrier(shape: Surface, cuttable: Bool | None = None) -> Carrier:

@@ -1,8 +1,10 @@
 import numpy as np
 import pytest
+import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from core.arrays import Float
 from core.geometry.boxes import Boxes
 from core.geometry.sampling import sample
 from core.geometry.surface import Surface
@@ -18,7 +20,7 @@ from core.placement.finetune import (
     loss_limit,
     perimeter,
 )
-from tests.core.placement.shapes import box, boxes, cuboid, index_of, moved, plane, rotation, sphere
+from tests.core.placement.shapes import box, boxes, cuboid, index_of, moved, plane, planes_of, rotation, sphere
 
 TILTED = box((1, 2, 0.4), (5.5, 1, 0.5), rotation((1, 1, 0), 20))
 
@@ -26,6 +28,12 @@ TILTED = box((1, 2, 0.4), (5.5, 1, 0.5), rotation((1, 1, 0), 20))
 def started(shape: Surface, size: tuple[float, float, float], number: int, radius: float) -> Boxes:
     points, face = sample(shape, number, np.random.default_rng(0))
     return candidates(points, shape.normals[face], size, radius)
+
+
+def fitted_to(
+    shape: Surface, start: Boxes, options: LevenbergMarquardtOptions = LEVENBERG_MARQUARDT
+) -> tuple[Boxes, Float]:
+    return levenberg_marquardt(start, planes_of(shape), torch.device("cpu"), options=options)
 
 
 def test_the_loss_has_179_points_on_the_outline_with_all_four_midpoints() -> None:
@@ -60,7 +68,7 @@ def test_the_loss_does_not_depend_on_where_the_asset_stands(
 
 
 def test_levenberg_marquardt_lays_a_tilted_box_flat_on_a_plane() -> None:
-    fitted, loss = levenberg_marquardt(TILTED, index_of(plane(30, 30)))
+    fitted, loss = fitted_to(plane(30, 30), TILTED)
     assert loss[0] < 1e-8
     assert abs(fitted.center[0, 2]) < 1e-3
     assert fitted.axes[0, 2] == pytest.approx([0, 0, 1], abs=1e-3)
@@ -69,7 +77,7 @@ def test_levenberg_marquardt_lays_a_tilted_box_flat_on_a_plane() -> None:
 
 def test_levenberg_marquardt_lets_a_ball_pass_through_the_middle_of_the_box() -> None:
     shape = sphere(10, rings=48)
-    fitted, loss = levenberg_marquardt(box((0, 0, 10.5), (3, 0.6, 0.4), rotation((0, 1, 0), 15)), index_of(shape))
+    fitted, loss = fitted_to(shape, box((0, 0, 10.5), (3, 0.6, 0.4), rotation((0, 1, 0), 15)))
     assert loss[0] < ADAM.threshold
     outward = fitted.center[0] / np.linalg.norm(fitted.center[0])
     assert fitted.axes[0, 2] @ outward == pytest.approx(1, abs=0.01)
@@ -77,15 +85,15 @@ def test_levenberg_marquardt_lets_a_ball_pass_through_the_middle_of_the_box() ->
 
 
 def test_levenberg_marquardt_pulls_a_box_back_from_an_edge() -> None:
-    fitted, loss = levenberg_marquardt(box((14, 0, 0.1), (5.5, 1, 0.5)), index_of(plane(30, 30)))
+    fitted, loss = fitted_to(plane(30, 30), box((14, 0, 0.1), (5.5, 1, 0.5)))
     assert loss[0] < ADAM.threshold
     assert fitted.center[0, 0] < 12.5
 
 
 def test_a_box_with_nowhere_to_lie_is_given_up_and_the_others_are_not_disturbed() -> None:
-    index = index_of(sphere(1.5))
-    alone, _ = levenberg_marquardt(box((0, 0, 1.5), (0.8, 0.2, 0.2)), index)
-    together, loss = levenberg_marquardt(boxes(box((0, 0, 1.5), (9, 4, 0.5)), box((0, 0, 1.5), (0.8, 0.2, 0.2))), index)
+    ball, small = sphere(1.5), box((0, 0, 1.5), (0.8, 0.2, 0.2))
+    alone, _ = fitted_to(ball, small)
+    together, loss = fitted_to(ball, boxes(box((0, 0, 1.5), (9, 4, 0.5)), small))
     assert np.isinf(loss[0])
     assert loss[1] < ADAM.threshold
     assert np.allclose(together.center[1], alone.center[0], atol=1e-9)
@@ -94,7 +102,7 @@ def test_a_box_with_nowhere_to_lie_is_given_up_and_the_others_are_not_disturbed(
 def test_fitted_text_on_a_ball_stays_nearly_upright() -> None:
     shape = sphere(12)
     start = started(shape, (4, 0.8, 0.4), 400, 3.0)
-    fitted, loss = levenberg_marquardt(start, index_of(shape))
+    fitted, loss = fitted_to(shape, start)
     good = loss < ADAM.threshold
     away_from_poles = np.abs(fitted.axes[:, 2, 1]) < 0.8
     roll = np.degrees(np.arcsin(np.abs(fitted.axes[good & away_from_poles, 0, 1])))
@@ -131,8 +139,7 @@ def test_adam_gives_up_after_200_steps_where_no_place_fits() -> None:
 def test_both_solvers_serve_faces_exactly_along_every_axis() -> None:
     shape = cuboid(20, 20, 20)
     start = started(shape, (4, 0.8, 0.4), 60, 4.0)
-    for solver in (levenberg_marquardt, adam):
-        fitted, loss = solver(start, index_of(shape))
+    for fitted, loss in (fitted_to(shape, start), adam(start, index_of(shape))):
         assert np.isfinite(fitted.center).all()
         assert np.isfinite(fitted.axes).all()
         assert (loss < ADAM.threshold).mean() > 0.9
@@ -145,7 +152,7 @@ def test_adam_takes_as_many_steps_as_asked_for() -> None:
 
 
 def test_long_text_may_follow_a_ball_round_as_far_as_the_options_say() -> None:
-    index, long = index_of(sphere(7, rings=48)), box((0, 0, 7), (4.6, 0.6, 0.7))
+    ball, long = sphere(7, rings=48), box((0, 0, 7), (4.6, 0.6, 0.7))
     for options, aligned in ((LEVENBERG_MARQUARDT, True), (LevenbergMarquardtOptions(bend=0.0), False)):
-        _, loss = levenberg_marquardt(long, index, options=options)
+        _, loss = fitted_to(ball, long, options)
         assert bool(loss[0] < loss_limit(long.size, options)[0]) == aligned

@@ -11,8 +11,12 @@ from core.placement.fit import fit, refit
 from core.placement.rejection import Stage
 from tests.core.placement.shapes import box, carrier, cuboid, inside_out, join, layouts, moved, sphere, text
 
-UP = np.array([[0.0, 1.0, 0.0]])
 TEXT = text(0.125)
+
+
+def upwards(context: PlacementContext) -> np.ndarray:
+    """(D,) the direction from above alone."""
+    return np.asarray(context.targets.directions[:, 1] > 0.999)
 
 
 def opened(shape: Surface) -> PlacementContext:
@@ -31,7 +35,8 @@ def test_each_stage_leaves_no_more_boxes_than_the_one_before() -> None:
 
 
 def test_boxes_are_looked_for_only_where_they_are_wanted() -> None:
-    found, _ = fit(opened(sphere(15)), TEXT, 3.0, UP, np.random.default_rng(0), lambda _: None)
+    ball = opened(sphere(15))
+    found, _ = fit(ball, TEXT, 3.0, upwards(ball), np.random.default_rng(0), lambda _: None)
     assert (found.boxes.axes[:, 2, 1] > np.cos(np.radians(50))).all()
 
 
@@ -50,7 +55,8 @@ def test_an_asset_that_looks_inwards_has_nothing_to_fit() -> None:
 
 
 def test_a_place_at_an_edge_costs_more_than_one_in_the_middle() -> None:
-    found, _ = fit(opened(cuboid(30, 30, 30)), TEXT, 5.5, UP, np.random.default_rng(0), lambda _: None)
+    cube = opened(cuboid(30, 30, 30))
+    found, _ = fit(cube, TEXT, 5.5, upwards(cube), np.random.default_rng(0), lambda _: None)
     half = found.boxes.size[:, :2] / 2
     room = (15 - np.abs(found.boxes.center[:, [0, 2]]) - half).min(axis=1)
     upright = np.abs(found.boxes.axes[:, 0, 0]) > 0.99

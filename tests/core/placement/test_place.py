@@ -101,8 +101,9 @@ def test_what_one_search_finds_nothing_for_is_searched_again() -> None:
     def uncovered(seed: int, rounds: int) -> int:
         rng = np.random.default_rng(seed)
         context = opened(shape, rng, seed=seed)
+        few = replace(context.options.candidates, number=60)
         search = replace(context.options.search, rounds=rounds)
-        found = place(replace(context, options=replace(context.options, search=search)), rng)
+        found = place(replace(context, options=replace(context.options, search=search, candidates=few)), rng)
         covered, _ = found.coverage(found.start)
         return int((covered[:24] == 0).sum())
 
