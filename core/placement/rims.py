@@ -10,6 +10,7 @@ from core.artwork.layouts import Layouts
 from core.artwork.raster import raster
 from core.geometry.boxes import Boxes
 from core.geometry.edges import EdgeTable
+from core.geometry.products import dot
 from core.geometry.spatial import Eye, SpatialIndex
 from core.geometry.surface import Surface
 from core.placement.filters import FACING
@@ -98,6 +99,7 @@ def _sharp_edges(edges: EdgeTable, normals: Float, crease: float) -> tuple[Int, 
     there, of the unit ``normals`` (F, 3), see :class:`Rims`; ``crease`` as in :class:`RimOptions`."""
     pair = np.column_stack([edges.first, np.minimum(edges.first + 1, len(edges.sides) - 1)])
     joined = (edges.uses == 2) & (edges.upward[pair[:, 0]] != edges.upward[pair[:, 1]])
-    both = np.where(joined[:, None, None], normals[edges.sides[pair] // 3], 0.0)
-    sharp = np.einsum("ei,ei->e", both[:, 0], both[:, 1]) < crease
-    return edges.ends[sharp], both[sharp]
+    faces = edges.sides[pair] // 3
+    cosine = dot(normals.take(faces[:, 0], axis=0), normals.take(faces[:, 1], axis=0))
+    sharp = np.flatnonzero(~joined | (cosine < crease))
+    return edges.ends[sharp], np.where(joined[sharp, None, None], normals[faces[sharp]], 0.0)
