@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from service.config import Settings
+from service.hooks.events import parse_notification
 from service.jobs import dropped
 from service.routes import hooks
 from tests.service.conftest import Client, client_with
@@ -81,7 +82,7 @@ def test_one_notification_may_tell_of_many(hooked: Client, watched: Watched) -> 
 def test_a_notification_is_not_read_in_the_loop(
     hooked: Client, watched: Watched, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    usual, in_loop = hooks.parse_notification, []
+    in_loop = []
 
     def parse(*given: Any) -> Any:
         try:
@@ -90,7 +91,7 @@ def test_a_notification_is_not_read_in_the_loop(
             in_loop.append(False)
         else:
             in_loop.append(True)
-        return usual(*given)
+        return parse_notification(*given)
 
     monkeypatch.setattr(hooks, "parse_notification", parse)
     assert len(accepted(hooked, watched.notification("incoming/a.obj"))) == 1
