@@ -21,10 +21,11 @@ from service.jobs import contents, copies, idempotency, queue
 from service.jobs.artifacts import Staged
 from service.jobs.copies import NewCopy
 from service.jobs.known_texts import known_texts
-from service.jobs.ledger import Content, MissingContentError, Submission
+from service.jobs.ledger import Content, Submission
 from service.jobs.limits import check_active
 from service.jobs.models import PUBLIC_TENANT, ArtifactKind, Job, JobKind, JobState, Priority
 from service.jobs.quota import check_stored
+from service.jobs.references import MissingContentError
 from service.state import AppState
 
 log = structlog.get_logger(__name__)

@@ -19,8 +19,8 @@ from starlette.background import BackgroundTask
 
 from core.errors import MeshmarkError
 from service.event_stream import POLL
-from service.jobs.ledger import ACTIVE
 from service.jobs.models import Job
+from service.jobs.transitions import ACTIVE
 from service.state import AppState, state_of
 
 LONGEST = 55  # seconds: proxies give an answer up after a minute, as a rule

@@ -8,10 +8,10 @@ from functools import partial
 
 import structlog
 
-from service.jobs import contents, events, idempotency, queue, sources, uploads
+from service.jobs import contents, events, forgetting, idempotency, queue, sources, uploads
 from service.jobs.artifacts import GRACE
 from service.jobs.clock import now
-from service.jobs.ledger import BATCH, WORKER_LOST
+from service.jobs.dead import WORKER_LOST
 from service.jobs.models import Queue
 from worker.repeating import repeatedly
 from worker.tasks import Worker, scratch_name
@@ -48,8 +48,9 @@ def sweep(worker: Worker) -> None:
 
 def remove_expired(worker: Worker) -> None:
     """Delete the files of jobs that have expired."""
-    for job_id in worker.ledger.overdue():
-        contents.discard(worker.ledger, worker.artifacts, worker.ledger.drop_artifacts(job_id))
+    for job_id in forgetting.overdue(worker.ledger.sessions):
+        dropped = forgetting.drop_artifacts(worker.ledger.sessions, job_id)
+        contents.discard(worker.ledger, worker.artifacts, dropped)
         log.info("job expired: its files are deleted", job=job_id)
 
 
@@ -58,11 +59,11 @@ def forget_old_jobs(worker: Worker) -> None:
     if not (days := worker.settings.history_days):
         return
     for _ in range(BATCHES):
-        number, hashes = worker.ledger.forget(timedelta(days=days))
+        number, hashes = forgetting.forget(worker.ledger.sessions, timedelta(days=days))
         contents.discard(worker.ledger, worker.artifacts, hashes)
         if number:
             log.info("old jobs are forgotten", jobs=number)
-        if number < BATCH:
+        if number < forgetting.BATCH:
             return
 
 

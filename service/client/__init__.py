@@ -12,7 +12,7 @@ It needs httpx2 alone, and imports nothing else of this project.
 from service.client.asynchronous import AsyncClient, AsyncJob
 from service.client.batches import Outcome
 from service.client.jobs import JobFacts
-from service.client.orders import Marking, Order
+from service.client.orders import BatchItem, Marking, Order, SourceUrl, UploadId
 from service.client.problems import MeshmarkProblem
 from service.client.synchronous import Client, Job
 from service.client.webhooks import InvalidWebhookError, verify_webhook
@@ -20,6 +20,7 @@ from service.client.webhooks import InvalidWebhookError, verify_webhook
 __all__ = [
     "AsyncClient",
     "AsyncJob",
+    "BatchItem",
     "Client",
     "InvalidWebhookError",
     "Job",
@@ -28,5 +29,7 @@ __all__ = [
     "MeshmarkProblem",
     "Order",
     "Outcome",
+    "SourceUrl",
+    "UploadId",
     "verify_webhook",
 ]

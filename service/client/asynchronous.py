@@ -14,9 +14,22 @@ import httpx2
 from service.client.batches import Outcome, all_of_async
 from service.client.exchange import Exchange
 from service.client.jobs import JobFacts
-from service.client.operations import Kind, Operations, filters_of, headers_of, job_path
-from service.client.orders import Copy, File, Form, Order, Sending, verification_form, watermark_form
+from service.client.operations import Kind, Listed, Operations, filters_of, headers_of, job_path
+from service.client.orders import (
+    BatchItem,
+    Copy,
+    File,
+    Form,
+    Order,
+    Sending,
+    Source,
+    UploadId,
+    conversion_form,
+    verification_form,
+    watermark_form,
+)
 from service.client.plans import AsyncWire, run_async
+from service.client.problems import MeshmarkProblem
 
 OnProgress = Callable[["AsyncJob"], object]
 
@@ -103,7 +116,7 @@ class AsyncClient:
 
     async def watermark(
         self,
-        asset: File,
+        asset: Source,
         text: str | None = None,
         *,
         filename: str | None = None,
@@ -117,7 +130,7 @@ class AsyncClient:
         return await self._made("watermarks", form, idempotency_key, wait, on_progress)
 
     def watermark_all(
-        self, assets: Iterable[File], text: str | None = None, *, concurrency: int = 4, **order: Unpack[Order]
+        self, assets: Iterable[Source], text: str | None = None, *, concurrency: int = 4, **order: Unpack[Order]
     ) -> AsyncGenerator[Outcome[AsyncJob], None]:
         """As :meth:`service.client.Client.watermark_all`."""
         one = partial(self.watermark, text=text, **order)
@@ -125,7 +138,7 @@ class AsyncClient:
 
     async def verify(
         self,
-        suspect: File,
+        suspect: Source,
         *,
         texts: Sequence[str] | None = None,
         watermark: str | None = None,
@@ -144,13 +157,34 @@ class AsyncClient:
         form = verification_form(suspect, filename, params, parts, sending)
         return await self._made("verifications", form, idempotency_key, wait, on_progress)
 
+    async def convert(
+        self,
+        asset: File,
+        *,
+        filename: str | None = None,
+        wait: bool = True,
+        on_progress: OnProgress | None = None,
+    ) -> AsyncJob:
+        """As :meth:`service.client.Client.convert`."""
+        form = conversion_form(asset, filename)
+        return await self._made("conversions", form, None, wait, on_progress)
+
+    async def upload(self, asset: File, filename: str | None = None) -> UploadId:
+        """As :meth:`service.client.Client.upload`."""
+        return UploadId(await run_async(self._do.upload(asset, filename)))
+
+    async def batch(self, items: Sequence[BatchItem]) -> list[AsyncJob | MeshmarkProblem]:
+        """As :meth:`service.client.Client.batch`."""
+        made = await run_async(self._do.batch(items))
+        return [each if isinstance(each, MeshmarkProblem) else AsyncJob(each, self._do) for each in made]
+
     async def get(self, job_id: str, kind: Kind = "watermarks") -> AsyncJob:
         """As :meth:`service.client.Client.get`."""
         return AsyncJob(await run_async(self._do.read(job_path(kind, job_id))), self._do)
 
     async def jobs(
         self,
-        kind: Kind = "watermarks",
+        kind: Listed = "watermarks",
         *,
         state: str | None = None,
         created_after: datetime | None = None,

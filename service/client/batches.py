@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Generic, TypeVar
 
-from service.client.orders import File
+from service.client.orders import Source
 from service.client.problems import MeshmarkProblem
 
 AnyJob = TypeVar("AnyJob")
@@ -17,18 +17,18 @@ AnyJob = TypeVar("AnyJob")
 class Outcome(Generic[AnyJob]):
     """Outcome for one asset: its job, which has succeeded, or an error."""
 
-    asset: File
+    asset: Source
     job: AnyJob | None = None
     error: MeshmarkProblem | OSError | None = None
 
 
 def all_of(
-    assets: Iterable[File], do: Callable[[File], AnyJob], concurrency: int
+    assets: Iterable[Source], do: Callable[[Source], AnyJob], concurrency: int
 ) -> Generator[Outcome[AnyJob], None, None]:
     """Outcomes in the order in which they come, of so many assets at a time in threads; no more are begun once nobody
     asks for the next one."""
 
-    def outcome(asset: File) -> Outcome[AnyJob]:
+    def outcome(asset: Source) -> Outcome[AnyJob]:
         try:
             return Outcome(asset, do(asset))
         except (MeshmarkProblem, OSError) as error:
@@ -46,11 +46,11 @@ def all_of(
 
 
 async def all_of_async(
-    assets: Iterable[File], do: Callable[[File], Coroutine[None, None, AnyJob]], concurrency: int
+    assets: Iterable[Source], do: Callable[[Source], Coroutine[None, None, AnyJob]], concurrency: int
 ) -> AsyncGenerator[Outcome[AnyJob], None]:
     """As :func:`all_of`, in tasks, which are canceled once nobody asks for the next outcome."""
 
-    async def outcome(asset: File) -> Outcome[AnyJob]:
+    async def outcome(asset: Source) -> Outcome[AnyJob]:
         try:
             return Outcome(asset, await do(asset))
         except (MeshmarkProblem, OSError) as error:

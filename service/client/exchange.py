@@ -10,21 +10,22 @@ from typing import Any
 
 import httpx2
 
-from service.client.orders import Form
+from service.client.orders import File, Form, opened
 from service.client.plans import Plan, Wire
 from service.client.problems import MeshmarkProblem, problem_of, unreachable
 
 PASSING = {429, 502, 503, 504}  # statuses of answers that may be better in a moment
-REPEATABLE = {"GET", "HEAD", "DELETE"}
+REPEATABLE = {"GET", "HEAD", "PUT", "DELETE"}
 NEVER_SENT = (httpx2.ConnectError, httpx2.ConnectTimeout, httpx2.PoolTimeout)
 FIRST_PAUSE, LONGEST_PAUSE = 0.5, 60.0  # seconds; a service that asks for a longer one is not waited for
 
 
 @dataclass(frozen=True)
 class Call:
-    """One request, with a form or with JSON.
+    """One request, with a form, with JSON or with a file as its body.
 
-    `patience` are seconds beyond the usual ones in which nothing need come.
+    `patience` are seconds beyond the usual ones in which nothing need come. `is_keyed` where its JSON has idempotency
+    keys.
     """
 
     method: str
@@ -34,11 +35,13 @@ class Call:
     form: Form | None = None
     patience: float = 0.0
     json: Any = None
+    body: File | None = None
+    is_keyed: bool = False
 
     @property
     def is_repeatable(self) -> bool:
         """True where the request may arrive twice and do no more than once."""
-        return self.method in REPEATABLE or "Idempotency-Key" in self.headers
+        return self.method in REPEATABLE or self.is_keyed or "Idempotency-Key" in self.headers
 
 
 class Exchange:
@@ -90,9 +93,14 @@ class Exchange:
             pause: float | None = None
             request = None
             try:
-                with ExitStack() as opened:
-                    files = opened.enter_context(call.form.opened()) if call.form else {}
-                    request = self._request(call, files, attempt)
+                with ExitStack() as files:
+                    contents: dict[str, Any] = {}
+                    if call.form:
+                        form: Mapping[str, Any] = yield self.wire.apart(files.enter_context, call.form.opened())
+                        contents = {"data": call.form.data(), "files": form}
+                    if call.body is not None:
+                        contents = {"content": (yield self.wire.apart(_open, files, call.body))}
+                    request = self._request(call, contents, attempt)
                     response: httpx2.Response = yield self.wire.send(request)
                 if response.is_success:
                     return response
@@ -111,16 +119,21 @@ class Exchange:
             yield self.wire.sleep(backoff(attempt) if pause is None else pause)
             attempt += 1
 
-    def _request(self, call: Call, files: Mapping[str, Any], attempt: int) -> httpx2.Request:
+    def _request(self, call: Call, contents: Mapping[str, Any], attempt: int) -> httpx2.Request:
         # Where an answer that is kept back does not get through, past an impatient proxy, one that comes at once may.
         headers = {name: value for name, value in call.headers.items() if not attempt or name != "Prefer"}
         timeout = httpx2.Timeout(self._timeout, read=self._timeout + call.patience, pool=None)
-        options: dict[str, Any] = {"params": call.query} if call.query else {}
-        if call.form:
-            options |= {"data": call.form.data(), "files": files}
+        options: dict[str, Any] = {**contents, **({"params": call.query} if call.query else {})}
         if call.json is not None:
             options["json"] = call.json
-        return self.wire.http.build_request(call.method, call.path, headers=headers, timeout=timeout, **options)
+        request = self.wire.http.build_request(call.method, call.path, headers=headers, timeout=timeout, **options)
+        if "://" in call.path:  # of a bucket, which is not to have the key
+            request.headers.pop("Authorization", None)
+        return request
+
+
+def _open(files: ExitStack, body: File) -> Any:
+    return files.enter_context(opened(body))
 
 
 def backoff(attempt: int) -> float:

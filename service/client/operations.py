@@ -7,16 +7,16 @@ import uuid
 from collections.abc import Callable, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Any, BinaryIO, Literal
+from typing import IO, Any, Literal
 from urllib.parse import quote
 
 import httpx2
 
 from service.client.exchange import Call, Exchange, backoff
 from service.client.jobs import JobFacts
-from service.client.orders import Copy, Form, new_key
+from service.client.orders import BatchItem, Copy, File, Form, named, new_key
 from service.client.plans import Plan
-from service.client.problems import MeshmarkProblem, unreachable
+from service.client.problems import MeshmarkProblem, told, unreachable
 
 PREFERRED_WAIT = 50  # seconds that the service is asked to keep an answer back for the job's end
 STREAM_PATIENCE = 30.0  # seconds beyond the usual ones: a stream of events is never silent for longer than 15
@@ -24,7 +24,8 @@ BROKEN_STREAMS = 3  # in a row, without an event, after which the job is asked f
 FIRST_POLL, LONGEST_POLL = 0.5, 5.0  # seconds between two questions
 PAGE = 100  # jobs of a list that are asked for at a time
 
-Kind = Literal["watermarks", "verifications"]
+Listed = Literal["watermarks", "verifications"]
+Kind = Listed | Literal["conversions"]
 Tell = Callable[[], object]  # called when something new is known of a job
 
 
@@ -61,9 +62,10 @@ class Operations:
     def create(self, kind: Kind, form: Form, key: str | None, wait: bool) -> Plan[dict[str, Any]]:
         """Facts of a new job; with `wait` those of its end, if it comes soon.
 
-        Without a key of the API none for the request is made up: who verifies in public may not send one.
+        Without a key of the API none for the request is made up: who verifies in public may not send one. Conversions
+        take none.
         """
-        if key is None and (self._has_key or kind == "watermarks"):
+        if key is None and (kind == "watermarks" or (self._has_key and kind == "verifications")):
             key = new_key()
         headers = {"Prefer": f"wait={PREFERRED_WAIT}"} if wait else {}
         headers |= {} if key is None else {"Idempotency-Key": key}
@@ -77,7 +79,7 @@ class Operations:
         """Facts of a job, or a page of a list."""
         return dict((yield from self._exchange.ask(Call("GET", path))))
 
-    def first_page(self, kind: Kind, filters: dict[str, str]) -> Plan[dict[str, Any]]:
+    def first_page(self, kind: Listed, filters: dict[str, str]) -> Plan[dict[str, Any]]:
         """First page of a list of jobs."""
         return dict((yield from self._exchange.ask(Call("GET", f"/v1/{kind}", {"limit": str(PAGE)} | filters))))
 
@@ -93,6 +95,30 @@ class Operations:
     def first_copies(self, job_id: str) -> Plan[dict[str, Any]]:
         """First page of a list of copies."""
         return dict((yield from self._exchange.ask(Call("GET", copies_path(job_id), {"limit": str(PAGE)}))))
+
+    def upload(self, asset: File, filename: str | None) -> Plan[str]:
+        """Id of an asset that is sent ahead.
+
+        Raises:
+            MeshmarkProblem: the service refuses it, or does not answer.
+            OSError: it cannot be read.
+        """
+        name, content = named(asset, filename)
+        if isinstance(content, bytes):
+            size = len(content)
+        else:
+            size = yield self._wire.apart(os.path.getsize, content)
+        new = {"size": size, "filename": name}
+        begun = yield from self._exchange.ask(Call("POST", "/v1/uploads", json=new))
+        yield from self._exchange.ask(Call("PUT", begun["url"], body=content))
+        return str(begun["id"])
+
+    def batch(self, items: Sequence[BatchItem]) -> Plan[list[dict[str, Any] | MeshmarkProblem]]:
+        """Facts of the job of each item, or the reason why it has none; items without an idempotency key get one."""
+        keyed = [{"idempotency_key": new_key(), **item} for item in items]
+        call = Call("POST", "/v1/watermarks/batch", json={"items": keyed}, is_keyed=True)
+        answer = yield from self._exchange.ask(call)
+        return [dict(each["job"]) if each["job"] else told(each["problem"], each["status"]) for each in answer["items"]]
 
     def delete(self, path: str) -> Plan[None]:
         """Cancel a job if it has not ended, and delete what is kept of it."""
@@ -150,14 +176,17 @@ class Operations:
         target = Path(target)
         partial = target.with_name(f".{target.name}.{uuid.uuid4().hex}.part")
         try:
-            with partial.open("xb") as file:
+            file: IO[bytes] = yield self._wire.apart(partial.open, "xb")
+            try:
                 yield from self._fetch(path, file)
-            partial.replace(target)
+            finally:
+                yield self._wire.apart(file.close)
+            yield self._wire.apart(partial.replace, target)
         finally:
-            partial.unlink(missing_ok=True)
+            yield self._wire.apart(partial.unlink, True)
         return target
 
-    def _fetch(self, path: str, sink: BinaryIO) -> Plan[None]:
+    def _fetch(self, path: str, sink: IO[bytes]) -> Plan[None]:
         """Write a file of a job; where it breaks off, go on from there if it still is the same file."""
         tag, broken = "", 0
         while True:
@@ -169,12 +198,12 @@ class Operations:
             try:
                 if not _goes_on(response, tag, there):
                     sink.seek(0)
-                    sink.truncate()
+                    yield self._wire.apart(sink.truncate)
                 if response.status_code != httpx2.codes.PARTIAL_CONTENT or sink.tell():
                     tag = _strong(response.headers.get("ETag", ""))
                     chunks = self._wire.chunks(response)
                     while chunk := (yield self._wire.following(chunks)):
-                        sink.write(chunk)
+                        yield self._wire.apart(sink.write, chunk)
                         broken = 0
                     return
                 tag = ""  # a part of another file: all of that is asked for

@@ -6,7 +6,7 @@ result already, of an asynchronous one something to be awaited. Errors come up w
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Awaitable, Generator, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Generator, Iterator
 from typing import Any, Protocol, TypeVar
 
 import httpx2
@@ -43,6 +43,9 @@ class Wire(Protocol):
     def sleep(self, seconds: float) -> Any:
         """Pause."""
 
+    def apart(self, work: Callable[..., Any], *arguments: Any) -> Any:
+        """Result of work that may wait for a disk; errors come up as they are."""
+
 
 class SyncWire:
     """Wire that waits in the caller's thread."""
@@ -78,15 +81,33 @@ class SyncWire:
         """Pause."""
         time.sleep(seconds)
 
+    def apart(self, work: Callable[..., Result], *arguments: Any) -> Result:
+        """Result of work that may wait for a disk."""
+        return work(*arguments)
+
+
+class _ReadApart(httpx2.AsyncByteStream):
+    """Body of a request that is read in threads."""
+
+    def __init__(self, body: httpx2.SyncByteStream) -> None:
+        self._body = body
+
+    async def __aiter__(self) -> AsyncIterator[bytes]:
+        chunks = iter(self._body)
+        while (chunk := await asyncio.to_thread(next, chunks, None)) is not None:
+            yield chunk
+
 
 class AsyncWire:
-    """Wire whose results are awaited."""
+    """Wire whose results are awaited; files are read and written in threads."""
 
     def __init__(self, http: httpx2.AsyncClient) -> None:
         self.http = http
 
     def send(self, request: httpx2.Request) -> Awaitable[httpx2.Response]:
         """Response, of which the body has not been read."""
+        if isinstance(request.stream, httpx2.SyncByteStream) and not isinstance(request.stream, httpx2.ByteStream):
+            request.stream = _ReadApart(request.stream)
         return self.http.send(request, stream=True, follow_redirects=request.method == "GET")
 
     def read(self, response: httpx2.Response) -> Awaitable[bytes]:
@@ -112,6 +133,10 @@ class AsyncWire:
     def sleep(self, seconds: float) -> Awaitable[None]:
         """Pause."""
         return asyncio.sleep(seconds)
+
+    def apart(self, work: Callable[..., Result], *arguments: Any) -> Awaitable[Result]:
+        """Result of work that may wait for a disk."""
+        return asyncio.to_thread(work, *arguments)
 
 
 def run(plan: Plan[Result]) -> Result:

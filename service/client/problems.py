@@ -28,8 +28,7 @@ class MeshmarkProblem(Exception):  # noqa: N818  # the service's own word for it
 def problem_of(response: httpx2.Response) -> MeshmarkProblem:
     """The problem that a response tells of; its body has been read."""
     try:
-        told = response.json()
-        return _told(told, response.status_code)
+        return told(response.json(), response.status_code)
     except (ValueError, KeyError, TypeError):
         return MeshmarkProblem(
             "unexpected_answer",
@@ -44,7 +43,7 @@ def failure_of(facts: Mapping[str, Any]) -> MeshmarkProblem | None:
     """Why a job has no results; None where it has some, or has not ended."""
     match facts["state"]:
         case "failed":
-            problem = _told(facts["error"], None)
+            problem = told(facts["error"], None)
         case "canceled":
             problem = MeshmarkProblem("job_canceled", "The job was canceled.", "Send the asset again.")
         case "expired":
@@ -64,5 +63,10 @@ def unreachable(request: httpx2.Request, error: httpx2.TransportError) -> Meshma
     )
 
 
-def _told(told: Mapping[str, Any], status: int | None) -> MeshmarkProblem:
-    return MeshmarkProblem(str(told["code"]), str(told["detail"]), str(told["remedy"]), status)
+def told(problem: Mapping[str, Any], status: int | None) -> MeshmarkProblem:
+    """The problem that the service tells of in these members.
+
+    Raises:
+        KeyError: one is missing.
+    """
+    return MeshmarkProblem(str(problem["code"]), str(problem["detail"]), str(problem["remedy"]), status)

@@ -14,9 +14,22 @@ import httpx2
 from service.client.batches import Outcome, all_of
 from service.client.exchange import Exchange
 from service.client.jobs import JobFacts
-from service.client.operations import Kind, Operations, filters_of, headers_of, job_path
-from service.client.orders import Copy, File, Form, Order, Sending, verification_form, watermark_form
+from service.client.operations import Kind, Listed, Operations, filters_of, headers_of, job_path
+from service.client.orders import (
+    BatchItem,
+    Copy,
+    File,
+    Form,
+    Order,
+    Sending,
+    Source,
+    UploadId,
+    conversion_form,
+    verification_form,
+    watermark_form,
+)
 from service.client.plans import SyncWire, run
+from service.client.problems import MeshmarkProblem
 
 OnProgress = Callable[["Job"], object]
 
@@ -141,7 +154,7 @@ class Client:
 
     def watermark(
         self,
-        asset: File,
+        asset: Source,
         text: str | None = None,
         *,
         filename: str | None = None,
@@ -153,7 +166,7 @@ class Client:
         """Job that watermarks an asset, once it has succeeded; without `wait` as soon as it is accepted.
 
         Args:
-            asset: path or content.
+            asset: path or content, or an :class:`UploadId` or a :class:`SourceUrl`.
             text: the words.
             filename: name of the asset, if it is not that of its path.
             idempotency_key: of your own; else one is made up, with which the request can be repeated.
@@ -169,7 +182,7 @@ class Client:
         return self._made("watermarks", form, idempotency_key, wait, on_progress)
 
     def watermark_all(
-        self, assets: Iterable[File], text: str | None = None, *, concurrency: int = 4, **order: Unpack[Order]
+        self, assets: Iterable[Source], text: str | None = None, *, concurrency: int = 4, **order: Unpack[Order]
     ) -> Generator[Outcome[Job], None, None]:
         """Outcomes of many assets with the same order, so many at a time, in the order in which they end.
 
@@ -180,7 +193,7 @@ class Client:
 
     def verify(
         self,
-        suspect: File,
+        suspect: Source,
         *,
         texts: Sequence[str] | None = None,
         watermark: str | None = None,
@@ -196,7 +209,7 @@ class Client:
         """Job that reads the marks of a suspect file, or of a picture of it, as :meth:`watermark` gives one.
 
         Args:
-            suspect: path or content.
+            suspect: path or content, or an :class:`UploadId` or a :class:`SourceUrl`.
             texts: known texts that marks may say.
             watermark: id of a job of yours whose marks are looked for.
             keep: keep the files with the results.
@@ -217,6 +230,50 @@ class Client:
         form = verification_form(suspect, filename, params, parts, sending)
         return self._made("verifications", form, idempotency_key, wait, on_progress)
 
+    def convert(
+        self,
+        asset: File,
+        *,
+        filename: str | None = None,
+        wait: bool = True,
+        on_progress: OnProgress | None = None,
+    ) -> Job:
+        """Job that makes a plain GLB of an asset, which browsers can show, as :meth:`watermark` gives one.
+
+        It is kept for an hour at most.
+
+        Args:
+            asset: path or content.
+            filename: as of :meth:`watermark`.
+            wait: as of :meth:`watermark`.
+            on_progress: as of :meth:`watermark`.
+
+        Raises:
+            MeshmarkProblem: as :meth:`watermark` does.
+            OSError: as :meth:`watermark` does.
+        """
+        form = conversion_form(asset, filename)
+        return self._made("conversions", form, None, wait, on_progress)
+
+    def upload(self, asset: File, filename: str | None = None) -> UploadId:
+        """Send an asset ahead, to be named in any number of orders for a day.
+
+        Raises:
+            MeshmarkProblem: the service refuses it, or does not answer.
+            OSError: it cannot be read.
+        """
+        return UploadId(run(self._do.upload(asset, filename)))
+
+    def batch(self, items: Sequence[BatchItem]) -> list[Job | MeshmarkProblem]:
+        """Jobs of up to 100 assets that were sent ahead or are at addresses, in the order of the items, as soon as they
+        are accepted; in the place of one that is refused stands its problem.
+
+        Raises:
+            MeshmarkProblem: the service refuses the whole, or does not answer.
+        """
+        made = run(self._do.batch(items))
+        return [each if isinstance(each, MeshmarkProblem) else Job(each, self._do) for each in made]
+
     def get(self, job_id: str, kind: Kind = "watermarks") -> Job:
         """A job by its id.
 
@@ -227,7 +284,7 @@ class Client:
 
     def jobs(
         self,
-        kind: Kind = "watermarks",
+        kind: Listed = "watermarks",
         *,
         state: str | None = None,
         created_after: datetime | None = None,

@@ -29,12 +29,14 @@ from typing import Any, TypeVar
 import structlog
 
 from core.errors import MeshmarkError
+from service.jobs import references
 from service.jobs.artifacts import GRACE, ArtifactStore, Staged, StoreUnavailableError
 from service.jobs.cache import find_results, result_key
 from service.jobs.clock import now
-from service.jobs.ledger import BY_DEFAULT, Content, Ledger, MissingContentError, Submission
+from service.jobs.ledger import BY_DEFAULT, Content, Ledger, Submission
 from service.jobs.models import ArtifactKind, Job, JobKind, Lease
 from service.jobs.ownership import PAGE, claim
+from service.jobs.references import MissingContentError
 
 TRIES = 5  # to put and record; each that fails means that a removal came between two requests to the store
 
@@ -98,7 +100,7 @@ def discard(ledger: Ledger, store: ArtifactStore, hashes: Iterable[str]) -> None
     now."""
     for sha256 in hashes:
         try:
-            ledger.discard(sha256, store.remove)
+            references.discard(ledger.sessions, sha256, store.remove)
         except StoreUnavailableError:
             log.warning("content without a reference could not be removed; a sweeper will", sha256=sha256)
 
@@ -114,7 +116,7 @@ def discard_orphans(ledger: Ledger, store: ArtifactStore, prefix: str = "", grac
     old = (item.sha256 for item in store.listing(prefix) if item.since < cutoff)
     orphans: set[str] = set()
     while page := list(islice(old, PAGE)):
-        orphans |= ledger.unreferenced(page)
+        orphans |= references.unreferenced(ledger.sessions, page)
     discard(ledger, store, orphans)
     return orphans
 

@@ -3,12 +3,19 @@
 from sqlalchemy import select
 from sqlalchemy.orm import Session, sessionmaker
 
+from core.errors import MeshmarkError
 from service.errors import ServiceErrorCode
 from service.jobs import dropped
 from service.jobs.artifacts import ArtifactStore
-from service.jobs.ledger import OUTPUTS, Content, Ledger, MissingContentError, Submission
+from service.jobs.ledger import OUTPUTS, Content, Ledger, Submission
 from service.jobs.models import ArtifactKind, Job, JobState, Priority
+from service.jobs.references import MissingContentError
 
+WORKER_LOST = MeshmarkError(
+    ServiceErrorCode.WORKER_LOST,
+    "The worker that ran this job disappeared, each time it was tried.",
+    "Send the asset again; if it happens again, this asset may exhaust the machine: reduce it, or report it.",
+)
 DEAD = (Job.state == JobState.FAILED, Job.error_code == ServiceErrorCode.WORKER_LOST)
 
 

@@ -15,8 +15,8 @@ from sqlalchemy import ColumnElement, exists, select, update
 from sqlalchemy.orm import Session, aliased, sessionmaker
 
 from service.jobs.clock import clock
-from service.jobs.ledger import ACTIVE
 from service.jobs.models import DroppedObject, Job
+from service.jobs.transitions import ACTIVE
 
 TAKEN = timedelta(minutes=5)  # lease of a worker on an object: then another one may take it
 LONGEST_PAUSE = 300.0  # seconds of backoff at most

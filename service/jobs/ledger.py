@@ -11,34 +11,31 @@ canceled, given to another worker, or finished.
 
 Moments that are compared are those of the database's own clock: see :mod:`service.jobs.clock`.
 
-The event of a change is recorded by the transaction of the change: see :mod:`service.jobs.events`.
+The event of a change is recorded by the transaction of the change: see :mod:`service.jobs.transitions`.
 """
 
 import uuid
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from typing import Any, NamedTuple
 
-from sqlalchemy import ColumnElement, Connection, case, delete, literal, or_, select, text, update
+from sqlalchemy import select, update
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import DatabaseError, OperationalError
 from sqlalchemy.orm import Session, sessionmaker
 
 from core.errors import MeshmarkError
 from service.correlation import correlation
-from service.errors import ServiceErrorCode
 from service.jobs import copies
 from service.jobs.clock import clock
 from service.jobs.database import connect
-from service.jobs.erasure import erase_job
 from service.jobs.events import record
+from service.jobs.forgetting import expiry, expiry_of_ended
+from service.jobs.locks import lock_keys
 from service.jobs.migrations import NewerSchemaError, migrate
 from service.jobs.models import (
-    COMPARED,
     DEFAULT_TENANT,
-    PUBLIC_TENANT,
     Artifact,
     ArtifactKind,
     Identity,
@@ -49,17 +46,13 @@ from service.jobs.models import (
     MetadataEntry,
     Priority,
     Queue,
-    UtcDateTime,
 )
 from service.jobs.quota import add_stored
+from service.jobs.references import lock_content
+from service.jobs.transitions import ACTIVE, change, drop_files, lock, move, tenant_of, under
 from service.metrics import JOBS_ACCEPTED, ended
 
-ACTIVE = (JobState.QUEUED, JobState.RUNNING)
-WITHOUT_RESULTS = (JobState.FAILED, JobState.CANCELED, JobState.EXPIRED)  # terminal states of a job that has none
-BATCH = 50  # old jobs forgotten in one transaction, with some ten rows each
-# First statement of a transaction that excludes all others with the same key. SQLite has one lock for all.
-EXCLUSIVE = {"sqlite": text("BEGIN IMMEDIATE"), "postgresql": text("SELECT pg_advisory_xact_lock(:key)")}
-MIGRATION = 7239017  # key of that lock for migrations: an arbitrary constant
+MIGRATION = 7239017  # key of the lock for migrations: an arbitrary constant
 OUTPUTS = (
     *(
         ArtifactKind.MODEL,
@@ -73,8 +66,6 @@ OUTPUTS = (
     *(ArtifactKind.PREVIEW_MODEL, ArtifactKind.EXPORT),
 )
 SIGNING = "signing"  # stage of a job that waits for its credentials
-PASSING = or_(Job.tenant_id == PUBLIC_TENANT, Job.kind == JobKind.CONVERSION)  # jobs of which nothing stays
-SHORT_RETENTION = timedelta(hours=1)  # the most that the files of conversions, and of jobs without a key, are kept
 
 
 class Content(NamedTuple):
@@ -113,10 +104,6 @@ class UnusableLedgerError(Exception):
     """The database answers, and cannot be the ledger of this version."""
 
 
-class MissingContentError(Exception):
-    """The store does not have the content that a row was to refer to."""
-
-
 class Ledger:
     """Jobs in a SQL database. Safe to share between threads; each call is one short transaction.
 
@@ -137,7 +124,7 @@ class Ledger:
         self._session = sessionmaker(self._engine, expire_on_commit=False)
         try:
             with self._engine.begin() as connection:
-                _lock_keys(connection, {MIGRATION})
+                lock_keys(connection, {MIGRATION})
                 migrate(connection)
                 self.identity = str(connection.scalar(select(Identity.id)))
         except BaseException as error:
@@ -183,10 +170,10 @@ class Ledger:
         """
         contents = {**contents, **(results or {})}
         with self._session.begin() as session:
-            _lock_content(session, contents.values(), stored)
+            lock_content(session, (item.sha256 for item in contents.values()), stored)
             moment = clock(session)
-            expiry = self._expiry(moment)
-            ended_at = {"finished_at": moment, "expires_at": expiry, "purge_at": expiry}
+            expires = expiry(moment, self._retention)
+            ended_at = {"finished_at": moment, "expires_at": expires, "purge_at": expires}
             done = {"state": JobState.SUCCEEDED, "progress": 1.0, "cached": True, **ended_at}
             job = Job(
                 id=str(uuid.uuid4()),
@@ -229,9 +216,9 @@ class Ledger:
         Raises:
             MissingContentError: it does not, for the job's files are deleted; nothing is recorded.
         """
-        shared = [Content(item.sha256, item.size) for item in parent.artifacts if item.kind in copies.SHARED]
+        shared = {item.sha256 for item in parent.artifacts if item.kind in copies.SHARED}
         with self._session.begin() as session:
-            _lock_content(session, shared, stored)
+            lock_content(session, shared, stored)
             made = copies.add(session, parent, wanted, clock(session), webhook)
             condition(session, made[0].id)
         JOBS_ACCEPTED.inc(len(made))
@@ -246,7 +233,7 @@ class Ledger:
         """Claim a queued job: start it, with a new lease; None where it is not (or no longer) there to be claimed."""
         with self._session.begin() as session:
             moment = clock(session)
-            claimed = self._move(
+            claimed = move(
                 session,
                 job_id,
                 (Job.state == JobState.QUEUED, ~Job.held),
@@ -265,11 +252,11 @@ class Ledger:
         """Renew the lease and record stage and progress; False when the lease is void."""
         with self._session.begin() as session:
             moment = clock(session)
-            expiry = moment + timedelta(seconds=lease_seconds)
-            values = {"lease_expires_at": expiry, "stage": stage, "progress": progress}
-            if self._set(session, (*_held(lease), Job.stage.is_not_distinct_from(stage)), **values):
+            until = moment + timedelta(seconds=lease_seconds)
+            values = {"lease_expires_at": until, "stage": stage, "progress": progress}
+            if change(session, (*under(lease), Job.stage.is_not_distinct_from(stage)), **values):
                 return True
-            if not self._set(session, _held(lease), **values):
+            if not change(session, under(lease), **values):
                 return False
             record(session, lease.job_id, "stage", moment)
             return True
@@ -281,14 +268,14 @@ class Ledger:
             MissingContentError: `stored` says that the store does not have it; nothing is recorded.
         """
         with self._session.begin() as session:
-            _lock_content(session, [content], stored)
-            if not self._lock(session, _held(lease)):
+            lock_content(session, {content.sha256}, stored)
+            if not lock(session, under(lease)):
                 return False
             before = session.get(Artifact, (lease.job_id, kind))
             more = content.size - (before.size if before else 0)
             session.merge(Artifact(job_id=lease.job_id, kind=kind, sha256=content.sha256, size=content.size))
             session.flush()
-            add_stored(session, _tenant_of(session, lease.job_id), more)
+            add_stored(session, tenant_of(session, lease.job_id), more)
             return True
 
     def hand_over(self, lease: Lease) -> bool:
@@ -297,7 +284,7 @@ class Ledger:
         with self._session.begin() as session:
             moment = clock(session)
             values = {"stage": SIGNING, "lease_token": Job.lease_token + 1, "lease_expires_at": None, "sign_at": moment}
-            if not self._set(session, _held(lease), **values):
+            if not change(session, under(lease), **values):
                 return False
             record(session, lease.job_id, "stage", moment)
             return True
@@ -307,7 +294,7 @@ class Ledger:
         with self._session.begin() as session:
             moment = clock(session)
             values = {"progress": 1.0, **self._finished(moment)}
-            done = self._move(session, lease.job_id, _held(lease), JobState.SUCCEEDED, moment, **values)
+            done = move(session, lease.job_id, under(lease), JobState.SUCCEEDED, moment, **values)
         return ended(done, JobState.SUCCEEDED)
 
     def fail(self, lease: Lease, error: MeshmarkError) -> bool:
@@ -315,7 +302,7 @@ class Ledger:
         with self._session.begin() as session:
             moment = clock(session)
             values = self._finished(moment, error)
-            done = self._move(session, lease.job_id, _held(lease), JobState.FAILED, moment, **values)
+            done = move(session, lease.job_id, under(lease), JobState.FAILED, moment, **values)
         return ended(done, JobState.FAILED, error.code)
 
     def release(self, lease: Lease) -> bool:
@@ -323,85 +310,22 @@ class Ledger:
         with self._session.begin() as session:
             moment = clock(session)
             values = {"attempts": Job.attempts - 1, **_queued(moment)}
-            return self._move(session, lease.job_id, _held(lease), JobState.QUEUED, moment, **values)
+            return move(session, lease.job_id, under(lease), JobState.QUEUED, moment, **values)
 
     def cancel(self, job_id: str, tenant: str = DEFAULT_TENANT) -> bool:
         """queued or running -> canceled; False when the job had already ended, or is not the tenant's."""
         condition = (Job.tenant_id == tenant, Job.state.in_(ACTIVE))
         with self._session.begin() as session:
             moment = clock(session)
-            done = self._move(session, job_id, condition, JobState.CANCELED, moment, **self._finished(moment))
+            done = move(session, job_id, condition, JobState.CANCELED, moment, **self._finished(moment))
         return ended(done, JobState.CANCELED)
-
-    def drop_artifacts(self, job_id: str, erase: bool = False) -> set[str]:
-        """Forget an ended job's files (succeeded -> expired); returns their hashes: other jobs may have the same.
-
-        With `erase`, and of conversions and jobs without a key, its client's data too: see
-        :mod:`service.jobs.erasure`.
-        """
-        with self._session.begin() as session:
-            self._move(session, job_id, (Job.state == JobState.SUCCEEDED,), JobState.EXPIRED, clock(session))
-            if not self._set(session, (Job.id == job_id, Job.state.not_in(ACTIVE)), purge_at=None):
-                return set()
-            if erase or session.scalar(select(Job.id).where(Job.id == job_id, PASSING)):
-                erase_job(session, job_id)
-            return self._drop(session, job_id)
-
-    def overdue(self, limit: int = 100) -> list[str]:
-        """Jobs that have expired and whose files are still there; those that expired first come first."""
-        with self._session() as session:
-            expired = select(Job.id).where(Job.purge_at < clock(session)).order_by(Job.purge_at).limit(limit)
-            return list(session.scalars(expired))
 
     def drop_outputs(self, lease: Lease) -> set[str]:
         """Forget what an earlier attempt published; returns the hashes: other jobs may have the same."""
         with self._session.begin() as session:
-            if not self._lock(session, _held(lease)):
+            if not lock(session, under(lease)):
                 return set()
-            return self._drop(session, lease.job_id, Artifact.kind.in_(OUTPUTS))
-
-    def forget(self, age: timedelta, limit: int = BATCH) -> tuple[int, set[str]]:
-        """Delete up to `limit` jobs without results that ended more than `age` ago, with all that refers to them.
-
-        Returns their number, and the hashes of their files: other jobs may have the same.
-        """
-        with self._session.begin() as session:
-            old = (Job.state.in_(WITHOUT_RESULTS), Job.finished_at < clock(session) - age)
-            some = select(Job.id, Job.tenant_id).where(*old).limit(limit).with_for_update(skip_locked=True)
-            tenants = {row.id: row.tenant_id for row in session.execute(some)}
-            if not tenants:
-                return 0, set()
-            of_these = delete(Artifact).where(Artifact.job_id.in_(tenants))
-            files = session.execute(of_these.returning(Artifact.job_id, Artifact.sha256, Artifact.size)).all()
-            session.execute(delete(Job).where(Job.id.in_(tenants)).execution_options(synchronize_session=False))
-            freed = Counter[str]()
-            for file in files:
-                freed[tenants[file.job_id]] += file.size
-            for tenant in sorted(freed):  # in the same order everywhere, so that no two wait for each other
-                add_stored(session, tenant, -freed[tenant])
-            return len(tenants), {file.sha256 for file in files}
-
-    @staticmethod
-    def _drop(session: Session, job_id: str, *which: ColumnElement[bool]) -> set[str]:
-        """Forget files of a job that is locked: those that meet the conditions, all without any."""
-        dropped = delete(Artifact).where(Artifact.job_id == job_id, *which).returning(Artifact.sha256, Artifact.size)
-        rows = session.execute(dropped.execution_options(synchronize_session=False)).all()
-        if rows:
-            add_stored(session, _tenant_of(session, job_id), -sum(row.size for row in rows))
-        return {row.sha256 for row in rows}
-
-    def unreferenced(self, hashes: Iterable[str]) -> set[str]:
-        """Select those hashes that no job refers to at the moment."""
-        candidates = set(hashes)
-        with self._session() as session:
-            return candidates - set(session.scalars(select(Artifact.sha256).where(Artifact.sha256.in_(candidates))))
-
-    def discard(self, sha256: str, remove: Callable[[str], None]) -> None:
-        """Remove content unless a job refers to it; no job can begin to meanwhile."""
-        with self._session.begin() as session:
-            _lock_keys(session, {_key(sha256)})
-            if session.scalar(select(Artifact.job_id).where(Artifact.sha256 == sha256).limit(1)) is None:
-                remove(sha256)
+            return drop_files(session, lease.job_id, Artifact.kind.in_(OUTPUTS))
 
     def recover(self, max_attempts: int, error: MeshmarkError) -> tuple[list[str], list[str]]:
         """Requeue or fail running jobs whose leases have expired: (requeued ids, failed ids)."""
@@ -412,11 +336,11 @@ class Ledger:
             silent = select(Job).where(Job.state == JobState.RUNNING, Job.lease_expires_at < moment)
             for job in session.scalars(silent.with_for_update(skip_locked=True)).all():
                 # SQLite locks no row that is only read: there a heartbeat or another sweeper may have come since.
-                condition = (*_held(job.lease), Job.lease_expires_at < moment)
+                condition = (*under(job.lease), Job.lease_expires_at < moment)
                 again = job.attempts < max_attempts
                 state = JobState.QUEUED if again else JobState.FAILED
                 values = _queued(moment) if again else self._finished(moment, error)
-                if self._move(session, job.id, condition, state, moment, **values):
+                if move(session, job.id, condition, state, moment, **values):
                     (requeued if again else failed).append(job.id)
         for _ in failed:
             ended(True, JobState.FAILED, error.code)
@@ -442,69 +366,19 @@ class Ledger:
             rows = session.execute(select(Job.id, Job.lease_token).where(Job.state == JobState.RUNNING))
             return {Lease(job_id, token) for job_id, token in rows}
 
-    def _lock(self, session: Session, condition: Iterable[ColumnElement[bool]]) -> bool:
-        """Lock a job until the commit; False where the condition does not hold."""
-        return self._set(session, condition, lease_token=Job.lease_token)
-
-    def _expiry(self, moment: datetime) -> datetime | None:
-        """Expiry of a job that ends at a moment."""
-        return moment + timedelta(seconds=self._retention) if self._retention else None
-
     def _finished(self, moment: datetime, error: MeshmarkError | None = None) -> dict[str, Any]:
-        usual, short = self._expiry(moment), moment + SHORT_RETENTION
-        sooner = literal(min(usual or short, short), UtcDateTime)
-        expiry = case((PASSING, sooner), else_=literal(usual, UtcDateTime))
+        expires = expiry_of_ended(moment, self._retention)
         values: dict[str, Any] = {
             "stage": None,
             "finished_at": moment,
             "lease_expires_at": None,
             "sign_at": None,
-            "expires_at": expiry,
-            "purge_at": expiry,
+            "expires_at": expires,
+            "purge_at": expires,
         }
         if error:
             values |= {"error_code": error.code.value, "error_message": error.message, "error_remedy": error.remedy}
         return values
-
-    @classmethod
-    def _move(
-        cls,
-        session: Session,
-        job_id: str,
-        condition: Iterable[ColumnElement[bool]],
-        state: JobState,
-        moment: datetime,
-        **values: Any,
-    ) -> bool:
-        """Bring a job into a state and record the event; False where the condition does not hold.
-
-        Inputs that are kept only while the job runs are forgotten with its end. Copies that wait for the job are let go
-        by its success, and have its end where it has another.
-        """
-        moved = cls._set(session, (Job.id == job_id, *condition), state=state, **values)
-        if moved:
-            job = record(session, job_id, state, moment)
-            if state not in ACTIVE and not job.keeps_input:
-                cls._drop(session, job_id, Artifact.kind.in_(COMPARED))
-            if state not in ACTIVE and not job.copy_of and (waiting := copies.held(session, job_id)):
-                if state is JobState.SUCCEEDED:
-                    copies.let_go(session, job, waiting)
-                else:
-                    ended_too = {**values, "held": False}
-                    for copy in waiting:
-                        cls._move(session, copy, (Job.state == JobState.QUEUED,), state, moment, **ended_too)
-        return moved
-
-    @staticmethod
-    def _set(session: Session, condition: Iterable[ColumnElement[bool]], **values: Any) -> bool:
-        result: Any = session.execute(
-            update(Job).where(*condition).values(**values).execution_options(synchronize_session=False)
-        )
-        return bool(result.rowcount == 1)
-
-
-def _tenant_of(session: Session, job_id: str) -> str:
-    return session.scalars(select(Job.tenant_id).where(Job.id == job_id)).one()
 
 
 def _why_unusable(error: BaseException) -> str | None:
@@ -516,38 +390,5 @@ def _why_unusable(error: BaseException) -> str | None:
     return None
 
 
-def _held(lease: Lease) -> tuple[ColumnElement[bool], ...]:
-    return (Job.id == lease.job_id, Job.state == JobState.RUNNING, Job.lease_token == lease.token)
-
-
 def _queued(moment: datetime) -> dict[str, Any]:
     return {"stage": None, "progress": 0.0, "lease_expires_at": None, "enqueued_at": moment}
-
-
-def _lock_keys(transaction: Connection | Session, keys: Iterable[int]) -> None:
-    """Begin a transaction that excludes all others with one of these keys, until it commits."""
-    dialect = transaction.get_bind().dialect.name if isinstance(transaction, Session) else transaction.dialect.name
-    if dialect == "sqlite":
-        transaction.execute(EXCLUSIVE[dialect])
-        return
-    for key in sorted(keys):  # in the same order everywhere, so that no two wait for each other
-        transaction.execute(EXCLUSIVE[dialect], {"key": key})
-
-
-def _lock_content(session: Session, contents: Iterable[Content], stored: Callable[[str], bool]) -> None:
-    """Begin a transaction in which this content stays in the store, which must have it."""
-    hashes = {content.sha256 for content in contents}
-    _lock_keys(session, map(_key, hashes))
-    if not all(map(stored, hashes)):
-        raise MissingContentError
-
-
-def _key(sha256: str) -> int:
-    return int(sha256[:15], 16)  # 60 bits: a key is a signed 64-bit integer
-
-
-WORKER_LOST = MeshmarkError(
-    ServiceErrorCode.WORKER_LOST,
-    "The worker that ran this job disappeared, each time it was tried.",
-    "Send the asset again; if it happens again, this asset may exhaust the machine: reduce it, or report it.",
-)

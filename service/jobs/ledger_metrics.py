@@ -16,8 +16,8 @@ from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session, sessionmaker
 
 from service.jobs.clock import clock
-from service.jobs.ledger import ACTIVE
 from service.jobs.models import UNDER_WAY, WAITING, Job, JobState, Queue, WebhookDelivery
+from service.jobs.transitions import ACTIVE
 
 log = structlog.get_logger(__name__)
 

@@ -6,8 +6,8 @@ from sqlalchemy.orm import Session, sessionmaker
 from core.errors import MeshmarkError
 from service.errors import ServiceErrorCode
 from service.jobs.clock import clock
-from service.jobs.ledger import ACTIVE
 from service.jobs.models import ApiKey, Job, Tenant
+from service.jobs.transitions import ACTIVE
 
 MINUTE = 60.0  # seconds
 

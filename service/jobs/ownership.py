@@ -11,6 +11,7 @@ from itertools import islice
 
 from service.jobs.artifacts import ArtifactStore
 from service.jobs.ledger import Ledger
+from service.jobs.references import unreferenced
 
 PAGE = 500  # hashes in one query
 
@@ -58,6 +59,6 @@ def adopt(ledger: Ledger, store: ArtifactStore) -> None:
 def _has_unknown_content(ledger: Ledger, store: ArtifactStore) -> bool:
     hashes = (item.sha256 for item in store.listing())
     while page := list(islice(hashes, PAGE)):
-        if ledger.unreferenced(page):
+        if unreferenced(ledger.sessions, page):
             return True
     return False

@@ -7,8 +7,8 @@ job has ended, and no answer and no log line has it.
 from sqlalchemy import delete, exists, or_, select
 from sqlalchemy.orm import Session, sessionmaker
 
-from service.jobs.ledger import ACTIVE
 from service.jobs.models import Artifact, ArtifactKind, Job, JobSource
+from service.jobs.transitions import ACTIVE
 
 
 def record(session: Session, job_id: str, url: str) -> None:

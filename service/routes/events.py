@@ -14,8 +14,8 @@ from service.access import Admitted, Client, GuardedRoute
 from service.errors import ServiceErrorCode
 from service.event_stream import EVENT_ID, event_stream, parse_last_event_id
 from service.jobs import events
-from service.jobs.ledger import ACTIVE
 from service.jobs.models import EventType, JobKind
+from service.jobs.transitions import ACTIVE
 from service.problems import problem_responses
 from service.routes.stored import find_job
 from service.state import AppState, State

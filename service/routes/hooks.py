@@ -122,9 +122,12 @@ async def receive_notification(request: Request, background: BackgroundTasks, st
         body = await request.body()
     except ClientDisconnect:
         raise MeshmarkError(ErrorCode.INVALID_REQUEST, "The request broke off.", "Send it again.") from None
-    check_signature(hook, request.headers, body)
-    events = parse_notification(hook.kind, request.headers, body)
-    return await run_in_threadpool(_accept, state, source, hook, events, background)
+
+    def accept() -> HookResult:  # in a thread: a notification may be a megabyte of JSON
+        check_signature(hook, request.headers, body)
+        return _accept(state, source, hook, parse_notification(hook.kind, request.headers, body), background)
+
+    return await run_in_threadpool(accept)
 
 
 def _hook(state: AppState, name: str) -> HookSource:

@@ -10,6 +10,7 @@ from service.access import Client
 from service.delivery import deliver
 from service.errors import ServiceErrorCode
 from service.jobs import contents
+from service.jobs.forgetting import drop_artifacts
 from service.jobs.models import ArtifactKind, Job, JobKind, JobState
 from service.problems import problem_responses
 from service.state import AppState
@@ -76,7 +77,7 @@ def send_file(request: Request, state: AppState, job: Job, kind: ArtifactKind, h
 def delete_job(state: AppState, client: Client, job: Job) -> None:
     """Cancel a job if it has not ended, and delete its files and what its client said about it."""
     state.ledger.cancel(job.id, client.tenant)
-    dropped = state.ledger.drop_artifacts(job.id, erase=True)
+    dropped = drop_artifacts(state.ledger.sessions, job.id, erase=True)
     unkept = set() if job.keeps_input else {item.sha256 for item in job.artifacts}  # dropped when it was canceled
     contents.discard(state.ledger, state.artifacts, dropped | unkept)
 

@@ -5,7 +5,7 @@ import time
 from pathlib import Path
 
 from service.config import Settings
-from service.jobs.ledger import WORKER_LOST
+from service.jobs.dead import WORKER_LOST
 from service.jobs.models import Queue
 from service.jobs.queue import depth
 from tests.service.conftest import Client, client_with

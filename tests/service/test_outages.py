@@ -4,6 +4,7 @@ import time
 from pathlib import Path
 
 from service.jobs.ledger import Ledger
+from service.jobs.references import unreferenced
 from service.jobs.stores import open_store
 from tests.service.harness import API_COMMAND, WORKER_COMMAND, Service, redis_server
 from tests.service.postgres import postgres_server
@@ -46,6 +47,6 @@ def test_every_accepted_job_ends_once_though_database_and_store_fail_meanwhile(s
         assert ledger.running() == set()
         # An input and a plan of each; model, report and preview are the same for all.
         assert len(stored) == 2 * JOBS + 3
-        assert ledger.unreferenced(stored) == set()
+        assert unreferenced(ledger.sessions, stored) == set()
         ledger.close()
         assert list((tmp_path / "data" / "scratch").iterdir()) == []

@@ -13,7 +13,7 @@ from httpx2 import Response
 from core.artwork.fonts import DEFAULT_FONT
 from service.config import Settings
 from service.jobs import contents, sources
-from service.jobs.ledger import WORKER_LOST
+from service.jobs.dead import WORKER_LOST
 from service.jobs.models import ArtifactKind
 from tests.service.conftest import Client, client_with
 from tests.service.outbound.servers import LOOPBACK, Script, Server, read_request, replying, response, serving

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from service.config import Settings
 from service.jobs.ledger import Ledger
+from service.jobs.references import unreferenced
 from service.jobs.stores import open_store
 from tests.service.harness import API_COMMAND, Service, redis_server, running
 from tests.worker.waiting import wait_until
@@ -37,5 +38,5 @@ def test_a_worker_that_sleeps_through_its_lease_changes_nothing_when_it_wakes(tm
             assert first.poll() is None
         ledger = Ledger(f"sqlite:///{tmp_path / 'data' / 'ledger.sqlite3'}")
         stored = {item.sha256 for item in open_store(Settings(data_dir=tmp_path / "data")).listing()}
-        assert ledger.unreferenced(stored) == set()
+        assert unreferenced(ledger.sessions, stored) == set()
         ledger.close()

@@ -5,7 +5,8 @@ from sqlalchemy import update
 from structlog.testing import capture_logs
 
 from service.jobs.clock import now
-from service.jobs.ledger import WORKER_LOST, Ledger
+from service.jobs.dead import WORKER_LOST
+from service.jobs.ledger import Ledger
 from service.jobs.models import Job
 from tests.service.postgres import Postgres, postgres_server
 from tests.worker.waiting import PATIENCE, wait_until

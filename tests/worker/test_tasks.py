@@ -13,7 +13,8 @@ from structlog.testing import capture_logs
 
 from service.config import SECRETS, Settings
 from service.jobs import contents, queue
-from service.jobs.ledger import WORKER_LOST
+from service.jobs.dead import WORKER_LOST
+from service.jobs.forgetting import drop_artifacts
 from service.jobs.models import Artifact, ArtifactKind, Job, JobState, Queue
 from tests.service.s3 import S3, Flaky, bucket_settings
 from tests.worker.engines import asset
@@ -219,7 +220,7 @@ def test_a_job_that_is_deleted_between_its_claim_and_its_fetch_is_given_up_witho
     def delete_and_fetch(sha256: str, size: int, target: Path) -> None:
         if target.name == kind:
             worker.ledger.cancel(job_id)
-            contents.discard(worker.ledger, worker.artifacts, worker.ledger.drop_artifacts(job_id))
+            contents.discard(worker.ledger, worker.artifacts, drop_artifacts(worker.ledger.sessions, job_id))
         fetch(sha256, size, target)
 
     monkeypatch.setattr(worker.artifacts, "fetch", delete_and_fetch)

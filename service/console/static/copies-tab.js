@@ -1,7 +1,8 @@
 // The copies of a job: a text for each buyer, at the places of its marks.
-import { getJson, request, save } from "./api.js";
-import { html, useEffect, useState } from "./html.js";
-import { Icon, ProblemCard, State, active } from "./parts.js";
+import { request, save } from "./api.js";
+import { html, useState } from "./html.js";
+import { usePages } from "./pages.js";
+import { Icon, ProblemCard, State } from "./parts.js";
 import { t } from "./text.js";
 
 const PAUSE = 3000; // milliseconds between two looks while something runs
@@ -9,52 +10,25 @@ const PAUSE = 3000; // milliseconds between two looks while something runs
 export function CopiesTab({ job, stem }) {
   const path = `${job.links.self}/copies`;
   const [texts, setTexts] = useState("");
-  const [items, setItems] = useState(null);
-  const [next, setNext] = useState(null);
-  const [asked, setAsked] = useState(0);
-  const [problem, setProblem] = useState(null);
+  const { items, more, again, ...list } = usePages(`${path}?limit=100`, PAUSE);
+  const [refused, setRefused] = useState(null);
+  const problem = refused ?? list.problem;
   const wanted = texts.split("\n").map((line) => line.trim()).filter(Boolean);
-
-  useEffect(() => {
-    let gone = false;
-    let timer;
-    const load = async () => {
-      try {
-        const page = await getJson(`${path}?limit=100`);
-        if (gone) return;
-        setItems(page.items);
-        setNext(page.next);
-        if (page.items.some(active)) timer = setTimeout(load, PAUSE);
-      } catch (error) {
-        if (!gone) setProblem(error);
-      }
-    };
-    load();
-    return () => {
-      gone = true;
-      clearTimeout(timer);
-    };
-  }, [path, asked]);
 
   const tried = (work) => async (event) => {
     event.preventDefault();
-    setProblem(null);
+    setRefused(null);
     try {
       await work();
     } catch (error) {
-      setProblem(error);
+      setRefused(error);
     }
   };
   const make = tried(async () => {
     const body = JSON.stringify({ copies: wanted.map((text) => ({ text })) });
     await request(path, { method: "POST", headers: { "Content-Type": "application/json" }, body });
     setTexts("");
-    setAsked(asked + 1);
-  });
-  const more = tried(async () => {
-    const page = await getJson(next);
-    setItems([...items, ...page.items]);
-    setNext(page.next);
+    again();
   });
 
   return html`
@@ -78,7 +52,7 @@ export function CopiesTab({ job, stem }) {
           ${copy.error && html`<p class="hint" lang="en">${copy.error.detail} ${copy.error.remedy}</p>`}
         </li>`)}
     </ul>
-    ${next && html`<button type="button" onClick=${more}>${t("jobs.more")}</button>`}`;
+    ${more && html`<button type="button" onClick=${more}>${t("jobs.more")}</button>`}`;
 }
 
 const nameOf = (text) => text.replace(/[^\p{L}\p{N}._-]+/gu, "-").slice(0, 60);

@@ -1,8 +1,8 @@
 // All jobs, newest first.
-import { getJson } from "./api.js";
 import { html, useEffect, useRef, useState } from "./html.js";
 import { usePicture } from "./job-page.js";
-import { Choice, Icon, ProblemCard, State, active } from "./parts.js";
+import { usePages } from "./pages.js";
+import { Choice, Icon, ProblemCard, State } from "./parts.js";
 import { moment, t } from "./text.js";
 
 const STATES = ["all", "running", "queued", "succeeded", "failed", "canceled", "expired"];
@@ -24,43 +24,8 @@ function Thumbnail({ path }) {
 export function JobsPage() {
   const [kind, setKind] = useState("watermarks");
   const [state, setState] = useState("all");
-  const [items, setItems] = useState(null);
-  const [next, setNext] = useState(null);
-  const [problem, setProblem] = useState(null);
-  const first = `/v1/${kind}${state === "all" ? "" : `?state=${state}`}`;
+  const { items, problem, more } = usePages(`/v1/${kind}${state === "all" ? "" : `?state=${state}`}`, PAUSE);
 
-  useEffect(() => {
-    let gone = false;
-    let timer;
-    setItems(null);
-    const load = async () => {
-      try {
-        const page = await getJson(first);
-        if (gone) return;
-        setProblem(null);
-        setItems(page.items);
-        setNext(page.next);
-        if (page.items.some(active)) timer = setTimeout(load, PAUSE);
-      } catch (error) {
-        if (!gone) setProblem(error);
-      }
-    };
-    load();
-    return () => {
-      gone = true;
-      clearTimeout(timer);
-    };
-  }, [first]);
-
-  const more = async () => {
-    try {
-      const page = await getJson(next);
-      setItems([...items, ...page.items]);
-      setNext(page.next);
-    } catch (error) {
-      setProblem(error);
-    }
-  };
   return html`
     <main class="list" id="main" tabindex="-1">
       <div class="row spread wrap">
@@ -83,6 +48,6 @@ export function JobsPage() {
             <${State} state=${job.state} />
           </a></li>`)}
       </ul>
-      ${next && html`<button type="button" onClick=${more}>${t("jobs.more")}</button>`}
+      ${more && html`<button type="button" onClick=${more}>${t("jobs.more")}</button>`}
     </main>`;
 }

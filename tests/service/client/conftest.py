@@ -47,7 +47,9 @@ class Hand:
         with self.ledger.sessions() as session:
             job = session.get_one(Job, lease.job_id)
         files = {ArtifactKind.REPORT: json.dumps(REPORT).encode()}
-        if job.kind is JobKind.WATERMARK:
+        if job.kind is JobKind.CONVERSION:
+            files = {ArtifactKind.MODEL: MODEL}
+        elif job.kind is JobKind.WATERMARK:
             files |= {ArtifactKind.MODEL: MODEL, ArtifactKind.PREVIEW: b"\x89PNG"}
             files |= {} if job.copy_of else {ArtifactKind.PLAN: b"{}"}
         else:
@@ -112,7 +114,7 @@ class Either:
 
 @pytest.fixture(scope="module")
 def edge(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Edge]:
-    with edge_with(data_dir=tmp_path_factory.mktemp("client"), cache=False) as edge:
+    with edge_with(data_dir=tmp_path_factory.mktemp("client"), cache=False, source_urls=True) as edge:
         yield edge
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from tests.service.harness import free_port
 from tests.worker.waiting import PATIENCE
 
-HEAD = re.compile(rb"(GET|POST|DELETE) (\S+) HTTP/1.1\r\n(.*?)\r\n\r\n", re.DOTALL)
+HEAD = re.compile(rb"(GET|POST|PUT|DELETE) (\S+) HTTP/1.1\r\n(.*?)\r\n\r\n", re.DOTALL)
 LENGTH = re.compile(rb"content-length: (\d+)", re.IGNORECASE)
 
 

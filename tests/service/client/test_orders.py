@@ -6,21 +6,24 @@ from enum import EnumType
 from types import NoneType
 from typing import Literal, get_args, get_origin, get_type_hints
 
+from core import parameters
 from core.labels.profiles import Label
-from core.parameters import Parameters
 from service.client.jobs import ENDED
-from service.client.orders import FORM_FIELDS, OF_WATERMARKS, Marking, Order, watermark_form
+from service.client.orders import FORM_FIELDS, OF_WATERMARKS, BatchItem, Marking, Order, Parameters, watermark_form
 from service.jobs import events
+from service.routes import batch
 from service.routes.schemas import PriorityName
 
 
 def test_a_client_takes_every_parameter_and_no_other() -> None:
-    assert {*get_type_hints(Marking), "text"} == set(Parameters.model_fields)
+    assert {*get_type_hints(Marking), "text"} == set(parameters.Parameters.model_fields)
+    assert set(get_type_hints(Parameters)) == set(parameters.Parameters.model_fields)
+    assert set(get_type_hints(BatchItem)) == set(batch.BatchItem.model_fields)
 
 
 def test_choices_are_those_of_the_service() -> None:
     hints = get_type_hints(Order)
-    for name, field in Parameters.model_fields.items():
+    for name, field in parameters.Parameters.model_fields.items():
         [kind, *_] = [each for each in get_args(field.annotation) or [field.annotation] if each is not NoneType]
         if isinstance(kind, EnumType):
             assert get_origin(hints[name]) is Literal, name

@@ -10,7 +10,8 @@ from sqlalchemy.orm import Session
 
 from core.errors import MeshmarkError
 from service.jobs import clock, dropped, idempotency
-from service.jobs.ledger import WORKER_LOST, Ledger, Submission
+from service.jobs.dead import WORKER_LOST
+from service.jobs.ledger import Ledger, Submission
 from service.jobs.limits import spend
 from service.jobs.models import Queue
 from service.jobs.tenants import Scope, create_key

@@ -12,9 +12,11 @@ import pytest
 
 from service.jobs import contents
 from service.jobs.artifacts import ArtifactStore, StoreUnavailableError
+from service.jobs.forgetting import drop_artifacts
 from service.jobs.ledger import Ledger
 from service.jobs.models import ArtifactKind, Job
 from service.jobs.ownership import claim
+from service.jobs.references import discard
 from service.jobs.stores import open_store
 from tests.service.s3 import S3, Flaky, bucket_settings
 from tests.worker.waiting import PATIENCE
@@ -36,7 +38,7 @@ def submit(ledger: Ledger, store: ArtifactStore, content: bytes) -> Job:
 
 def delete(ledger: Ledger, store: ArtifactStore, job_id: str) -> None:
     ledger.cancel(job_id)
-    contents.discard(ledger, store, ledger.drop_artifacts(job_id))
+    contents.discard(ledger, store, drop_artifacts(ledger.sessions, job_id))
 
 
 def names(store: ArtifactStore) -> list[str]:
@@ -135,7 +137,7 @@ def test_a_race_between_storing_and_a_slow_removal_waits_for_the_removal(ledger:
         events.append("removed")
 
     with ThreadPoolExecutor(1) as pool:
-        removal = pool.submit(ledger.discard, staged.sha256, slowly)
+        removal = pool.submit(discard, ledger.sessions, staged.sha256, slowly)
         assert deleting.wait(PATIENCE)
         submit(ledger, store, b"1")
         events.append("recorded")

@@ -9,8 +9,9 @@ from sqlalchemy.orm import Session
 from core.errors import ErrorCode, MeshmarkError
 from service.jobs import copies, turns
 from service.jobs.copies import NewCopy
-from service.jobs.ledger import Content, Ledger, MissingContentError, Submission
+from service.jobs.ledger import Content, Ledger, Submission
 from service.jobs.models import ArtifactKind, Job, JobState, Queue
+from service.jobs.references import MissingContentError
 
 INPUT, PLAN = Content("ab" * 32, 3), Content("cd" * 32, 5)
 WANTED = [NewCopy(f"ORDER-{number}", {"number": str(number)}) for number in range(1000)]

@@ -7,9 +7,9 @@ from io import BytesIO
 import pytest
 
 from service.jobs import contents, dropped
-from service.jobs.dead import retry
+from service.jobs.dead import WORKER_LOST, retry
 from service.jobs.dropped import Output
-from service.jobs.ledger import WORKER_LOST, Ledger
+from service.jobs.ledger import Ledger
 from service.jobs.models import ArtifactKind, Job
 from tests.service.conftest import Client
 from tests.service.watched import Watched, accepted, outputs, run

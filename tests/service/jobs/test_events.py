@@ -9,8 +9,10 @@ from sqlalchemy.orm import Session
 from core.errors import ErrorCode, MeshmarkError
 from service.jobs import events
 from service.jobs.clock import now
+from service.jobs.dead import WORKER_LOST
 from service.jobs.events import forget, read
-from service.jobs.ledger import WORKER_LOST, Ledger, Submission
+from service.jobs.forgetting import drop_artifacts
+from service.jobs.ledger import Ledger, Submission
 from service.jobs.models import EventType, JobState
 
 BROKEN = MeshmarkError(ErrorCode.NO_FACES, "It has no faces.", "Add some.")
@@ -44,8 +46,8 @@ def test_a_job_tells_of_each_state_and_stage_it_goes_through_once(ledger: Ledger
     assert not ledger.succeed(job.lease)
     assert not ledger.heartbeat(job.lease, 60, "cutting", 0.5)
     assert not ledger.cancel(job_id)
-    ledger.drop_artifacts(job_id)
-    ledger.drop_artifacts(job_id)
+    drop_artifacts(ledger.sessions, job_id)
+    drop_artifacts(ledger.sessions, job_id)
     assert told(ledger, job_id) == ["queued", "running", "stage", "stage", "succeeded", "expired"]
     stages = [event for event in read(ledger.sessions, job_id) if event.type is EventType.STAGE]
     assert [(event.data["stage"], event.data["progress"]) for event in stages] == [("reading", 0.0), ("placing", 0.2)]
@@ -108,7 +110,7 @@ def test_what_is_undone_is_not_told(ledger: Ledger, monkeypatch: pytest.MonkeyPa
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("service.jobs.ledger.record", stumble)
+        patch.setattr("service.jobs.transitions.record", stumble)
         with pytest.raises(KeyboardInterrupt):
             ledger.cancel(job_id)
     job = ledger.get(job_id)
@@ -142,5 +144,5 @@ def test_old_events_of_jobs_that_ended_are_forgotten_and_numbers_go_on(ledger: L
     forget(ledger.sessions, now() + timedelta(seconds=1))
     assert read(ledger.sessions, ended) == []
     assert len(read(ledger.sessions, waiting)) == 1
-    ledger.drop_artifacts(ended)
+    drop_artifacts(ledger.sessions, ended)
     assert [(event.number, event.type) for event in read(ledger.sessions, ended)] == [(4, EventType.EXPIRED)]

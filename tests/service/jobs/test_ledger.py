@@ -12,8 +12,11 @@ from sqlalchemy.orm import Session
 
 from core.errors import ErrorCode, MeshmarkError
 from service.jobs.clock import now
-from service.jobs.ledger import WORKER_LOST, Content, Ledger, MissingContentError, Submission
+from service.jobs.dead import WORKER_LOST
+from service.jobs.forgetting import drop_artifacts, overdue
+from service.jobs.ledger import Content, Ledger, Submission
 from service.jobs.models import ArtifactKind, Job, JobState, Lease
+from service.jobs.references import MissingContentError, unreferenced
 from tests.service.postgres import postgres_server
 
 CONTENT = Content("ab" * 32, 3)
@@ -85,7 +88,7 @@ def test_what_a_submissions_condition_raises_undoes_the_job(ledger: Ledger) -> N
     with pytest.raises(MeshmarkError):
         ledger.create("asset.glb", {}, {ArtifactKind.INPUT: CONTENT}, stored, Submission(condition=refuse))
     assert ledger.waiting(-1) == []
-    assert ledger.unreferenced([CONTENT.sha256]) == {CONTENT.sha256}
+    assert unreferenced(ledger.sessions, [CONTENT.sha256]) == {CONTENT.sha256}
 
 
 def test_an_unknown_job_is_none(ledger: Ledger) -> None:
@@ -206,17 +209,6 @@ def test_a_second_attempts_output_takes_the_place_of_the_first(ledger: Ledger) -
     assert read(ledger, lease.job_id).artifact(ArtifactKind.INPUT) is not None
 
 
-def test_content_is_removed_when_the_last_job_has_let_go_of_it(ledger: Ledger) -> None:
-    removed: list[str] = []
-    first, second = create(ledger).id, create(ledger).id
-    for job_id, expected in ((first, []), (second, [CONTENT.sha256])):
-        ledger.cancel(job_id)
-        assert ledger.drop_artifacts(job_id) == {CONTENT.sha256}
-        ledger.discard(CONTENT.sha256, removed.append)
-        assert removed == expected
-        assert ledger.unreferenced([CONTENT.sha256]) == set(expected)
-
-
 def test_nothing_is_recorded_for_content_that_the_store_does_not_have(ledger: Ledger) -> None:
     lease = claim(ledger, create(ledger).id).lease
     with pytest.raises(MissingContentError):
@@ -226,19 +218,6 @@ def test_nothing_is_recorded_for_content_that_the_store_does_not_have(ledger: Le
     assert ledger.running() == {lease}
     assert ledger.waiting(0) == []
     assert read(ledger, lease.job_id).artifact(ArtifactKind.MODEL) is None
-
-
-def test_a_succeeded_job_without_its_files_is_expired(ledger: Ledger) -> None:
-    lease = claim(ledger, create(ledger).id).lease
-    ledger.succeed(lease)
-    ledger.drop_artifacts(lease.job_id)
-    assert read(ledger, lease.job_id).state == JobState.EXPIRED
-
-
-def test_the_files_of_a_job_that_has_not_ended_stay(ledger: Ledger) -> None:
-    job_id = create(ledger).id
-    assert ledger.drop_artifacts(job_id) == set()
-    assert read(ledger, job_id).artifact(ArtifactKind.INPUT) is not None
 
 
 def test_of_a_race_to_cancel_and_to_succeed_one_wins(ledger: Ledger) -> None:
@@ -259,20 +238,6 @@ def test_of_many_sweepers_each_announces_what_no_other_does(ledger: Ledger) -> N
     with ThreadPoolExecutor(8) as pool:
         named = [job_id for swept in pool.map(lambda _: ledger.waiting(60 * 30), range(8)) for job_id in swept]
     assert sorted(named) == sorted(jobs)
-
-
-def test_a_deleted_job_keeps_nothing_that_its_worker_publishes_meanwhile(ledger: Ledger) -> None:
-    for _ in range(20):
-        lease = claim(ledger, create(ledger).id).lease
-
-        def delete(job_id: str = lease.job_id) -> None:
-            ledger.cancel(job_id)
-            ledger.drop_artifacts(job_id)
-
-        with ThreadPoolExecutor(2) as pool:
-            pool.submit(ledger.publish, lease, ArtifactKind.MODEL, CONTENT, stored)
-            pool.submit(delete).result()
-        assert read(ledger, lease.job_id).artifacts == []
 
 
 def test_the_ledger_goes_on_after_its_database_was_restarted() -> None:
@@ -298,9 +263,9 @@ def test_a_job_expires_some_time_after_its_end_and_then_is_named_until_its_files
     assert job.finished_at is not None
     assert job.expires_at == job.finished_at + timedelta(seconds=0.05)
     time.sleep(0.06)
-    assert ledger.overdue() == [lease.job_id]
-    assert ledger.drop_artifacts(lease.job_id) == {CONTENT.sha256}
-    assert ledger.overdue() == []
+    assert overdue(ledger.sessions) == [lease.job_id]
+    assert drop_artifacts(ledger.sessions, lease.job_id) == {CONTENT.sha256}
+    assert overdue(ledger.sessions) == []
     gone = read(ledger, lease.job_id)
     assert (gone.state, gone.expires_at) == ("expired" if end == "succeeded" else end, job.expires_at)
     assert read(ledger, waiting.id).expires_at is None
@@ -311,7 +276,7 @@ def test_without_a_retention_nothing_expires(ledger: Ledger) -> None:
     lease = claim(ledger, create(ledger).id).lease
     ledger.succeed(lease)
     assert read(ledger, lease.job_id).expires_at is None
-    assert ledger.overdue() == []
+    assert overdue(ledger.sessions) == []
 
 
 def test_files_of_more_than_four_gigabytes_can_be_referred_to(ledger: Ledger) -> None:

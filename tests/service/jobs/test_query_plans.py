@@ -10,12 +10,15 @@ from sqlalchemy import Engine, event, text
 
 from service.jobs import cache, dropped, events, idempotency, sources, turns, uploads
 from service.jobs.clock import now
+from service.jobs.dead import WORKER_LOST
+from service.jobs.forgetting import forget, overdue
 from service.jobs.known_texts import known_texts
-from service.jobs.ledger import WORKER_LOST, Content, Ledger, Submission
+from service.jobs.ledger import Content, Ledger, Submission
 from service.jobs.ledger_metrics import LedgerCollector
 from service.jobs.limits import check_active
 from service.jobs.listing import Filters, list_jobs
 from service.jobs.models import ArtifactKind, JobState, Queue
+from service.jobs.references import discard, unreferenced
 from service.webhooks import deliveries
 from tests.service.postgres import Postgres
 
@@ -99,8 +102,8 @@ def work(ledger: Ledger) -> None:
     assert ledger.heartbeat(job.lease, 60, "placing", 0.5)
     assert ledger.publish(job.lease, ArtifactKind.MODEL, Content("1" * 64, 1), lambda _: True)
     assert ledger.succeed(job.lease)
-    ledger.discard("2" * 64, lambda _: None)
-    ledger.unreferenced({"2" * 64})
+    discard(ledger.sessions, "2" * 64, lambda _: None)
+    unreferenced(ledger.sessions, {"2" * 64})
 
 
 def look(ledger: Ledger) -> None:
@@ -129,12 +132,12 @@ def sweep(ledger: Ledger) -> None:
     assert ledger.recover(2, WORKER_LOST)[0]
     for queue in Queue:
         ledger.waiting(60, queue)
-    assert ledger.overdue() == []
+    assert overdue(ledger.sessions) == []
     ledger.running()
     idempotency.forget(ledger.sessions)
     events.forget(ledger.sessions, now() - events.KEPT)
     sources.forget(ledger.sessions)
-    assert ledger.forget(timedelta(days=90)) == (0, set())
+    assert forget(ledger.sessions, timedelta(days=90)) == (0, set())
 
 
 def tell(ledger: Ledger) -> None:

@@ -1,6 +1,7 @@
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from core.errors import MeshmarkError
 from service.config import Settings
 from service.errors import ServiceErrorCode
 from service.jobs import uploads
+from service.jobs.forgetting import drop_artifacts
 from service.jobs.ledger import Content, Ledger, Submission
 from service.jobs.migrations import migrate
 from service.jobs.models import ArtifactKind, Tenant
@@ -58,7 +60,7 @@ def test_every_byte_that_is_stored_and_removed_is_counted_once(ledger: Ledger) -
     assert not ledger.publish(job.lease._replace(token=99), MODEL, Content("f" * 64, 50), lambda _: True)
     ledger.cancel(job_id, "acme")
     for _ in range(2):
-        ledger.drop_artifacts(job_id)
+        drop_artifacts(ledger.sessions, job_id)
         assert stored(ledger) == 100
 
 
@@ -67,7 +69,7 @@ def test_what_is_stored_at_once_is_counted_whole(ledger: Ledger) -> None:
         ids = list(pool.map(lambda number: submit(ledger, number, tenant=f"t{number % 2}"), range(1, 41)))
         assert (stored(ledger, "t0"), stored(ledger, "t1")) == (420, 400)
         list(pool.map(lambda item: ledger.cancel(item, "t0") or ledger.cancel(item, "t1"), ids))
-        list(pool.map(ledger.drop_artifacts, ids))
+        list(pool.map(partial(drop_artifacts, ledger.sessions), ids))
     assert (stored(ledger, "t0"), stored(ledger, "t1")) == (0, 0)
 
 
@@ -80,7 +82,7 @@ def test_nothing_is_recorded_beyond_the_quota_until_there_is_room(ledger: Ledger
         assert stored(ledger) == 60
     submit(ledger, 50, 100, tenant="beta")
     ledger.cancel(kept, "acme")
-    ledger.drop_artifacts(kept)
+    drop_artifacts(ledger.sessions, kept)
     submit(ledger, 50, 100)
 
 

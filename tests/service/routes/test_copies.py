@@ -11,8 +11,7 @@ from sqlalchemy import select, update
 
 from service.config import Settings
 from service.jobs.clock import now
-from service.jobs.dead import retry
-from service.jobs.ledger import WORKER_LOST
+from service.jobs.dead import WORKER_LOST, retry
 from service.jobs.ledger_metrics import LedgerCollector
 from service.jobs.models import Artifact, ArtifactKind, Job, Tenant, WebhookDelivery
 from tests.service.conftest import Client, client_with

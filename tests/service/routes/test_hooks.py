@@ -1,12 +1,16 @@
 """Files dropped in a bucket of a real S3 server are told of over HTTP."""
 
+import asyncio
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from service.config import Settings
+from service.hooks.events import parse_notification
 from service.jobs import dropped
+from service.routes import hooks
 from tests.service.conftest import Client, client_with
 from tests.service.watched import Watched, accepted, run, tell
 from tests.worker.engines import asset
@@ -73,6 +77,25 @@ def test_one_notification_may_tell_of_many(hooked: Client, watched: Watched) -> 
     assert [item["key"] for item in answer["jobs"]] == keys
     assert len({item["job"] for item in answer["jobs"]}) == 3
     assert [item["key"] for item in answer["ignored"]] == ["incoming/notes.txt"]
+
+
+def test_a_notification_is_not_read_in_the_loop(
+    hooked: Client, watched: Watched, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    in_loop = []
+
+    def parse(*given: Any) -> Any:
+        try:
+            asyncio.get_running_loop()
+        except RuntimeError:
+            in_loop.append(False)
+        else:
+            in_loop.append(True)
+        return parse_notification(*given)
+
+    monkeypatch.setattr(hooks, "parse_notification", parse)
+    assert len(accepted(hooked, watched.notification("incoming/a.obj"))) == 1
+    assert in_loop == [False]
 
 
 def test_who_has_not_the_token_or_asks_for_no_hook_is_refused(hooked: Client, watched: Watched) -> None:

@@ -14,7 +14,7 @@ from sqlalchemy import select, update
 
 from service.config import Settings
 from service.jobs.clock import now
-from service.jobs.ledger import WORKER_LOST
+from service.jobs.dead import WORKER_LOST
 from service.jobs.models import PUBLIC_TENANT, ArtifactKind, Job, Lease
 from service.jobs.tenants import Scope, create_key
 from tests.core.metrics.drawn import drawn

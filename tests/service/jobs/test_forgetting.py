@@ -1,6 +1,7 @@
-"""History of jobs: erased when a job is deleted, and forgotten when it is old."""
+"""Forgetting: of a job's files and its client's data when it is deleted, and of jobs that are old."""
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from datetime import timedelta
 from pathlib import Path
@@ -14,7 +15,8 @@ from service.config import Settings
 from service.jobs import dropped, idempotency, sources
 from service.jobs.clock import now
 from service.jobs.events import ENDINGS
-from service.jobs.ledger import BATCH, Content, Ledger, Submission
+from service.jobs.forgetting import BATCH, drop_artifacts, forget
+from service.jobs.ledger import Content, Ledger, Submission
 from service.jobs.models import (
     Artifact,
     ArtifactKind,
@@ -30,6 +32,7 @@ from service.jobs.models import (
     WebhookDelivery,
 )
 from service.jobs.queue import create_queue
+from service.jobs.references import unreferenced
 from service.webhooks.deliver import Outcome, Result
 from service.webhooks.deliveries import claim, settle
 from service.webhooks.endpoints import create_endpoint
@@ -73,7 +76,7 @@ def job_in(ledger: Ledger, state: JobState, name: str, tenant: str = "default") 
         elif state != JobState.RUNNING:
             ledger.succeed(claimed.lease)
         if state == JobState.EXPIRED:
-            ledger.drop_artifacts(job.id)
+            drop_artifacts(ledger.sessions, job.id)
     return job.id
 
 
@@ -114,7 +117,7 @@ def test_old_jobs_without_results_are_forgotten_with_all_that_refers_to_them(led
     other = job_in(ledger, JobState.FAILED, "cccc", "acme")
     deliver_all(ledger)
     age(ledger, *old.values(), other)
-    number, hashes = ledger.forget(timedelta(days=364))
+    number, hashes = forget(ledger.sessions, timedelta(days=364))
     gone = {old[state] for state in (JobState.FAILED, JobState.CANCELED, JobState.EXPIRED)} | {other}
     assert number == len(gone)
     names = {f"aaa{states.index(state)}" * 16 for state in (JobState.FAILED, JobState.CANCELED)}
@@ -125,9 +128,9 @@ def test_old_jobs_without_results_are_forgotten_with_all_that_refers_to_them(led
         assert {"jobs", "job_metadata", "job_events", "dropped_objects", "idempotency_keys"} <= {
             *mentions(ledger, job_id)
         }
-    assert (stored(ledger, "acme"), ledger.forget(timedelta(days=364))) == (0, (0, set()))
+    assert (stored(ledger, "acme"), forget(ledger.sessions, timedelta(days=364))) == (0, (0, set()))
     assert stored(ledger) == 15 + 22 + 22 + 22  # queued, running, succeeded, and the young failed one
-    assert ledger.unreferenced({"f0f0" * 16}) == set()
+    assert unreferenced(ledger.sessions, {"f0f0" * 16}) == set()
 
 
 def test_a_long_past_is_forgotten_in_small_transactions_by_workers_beside_each_other(
@@ -140,7 +143,7 @@ def test_a_long_past_is_forgotten_in_small_transactions_by_workers_beside_each_o
         past = {"state": JobState.CANCELED, "filename": "a", "parameters": {}, "finished_at": moment}
         past |= {"created_at": moment, "enqueued_at": moment}
         session.add_all(Job(id=str(number), **past) for number in range(3 * BATCH + 7))
-    first, _ = worker.ledger.forget(timedelta(days=90))
+    first, _ = forget(worker.ledger.sessions, timedelta(days=90))
     worker.settings.history_days = 0
     sweeper.forget_old_jobs(worker)
     with worker.ledger.sessions() as session:
@@ -161,7 +164,7 @@ def test_what_was_said_about_a_job_goes_when_it_is_deleted_and_what_is_to_be_tol
     with ledger.sessions.begin() as session:  # those have lives of their own
         for table in (IdempotencyKey, DroppedObject, JobSource):
             session.execute(delete(table))
-    ledger.drop_artifacts(job_id, erase=True)
+    drop_artifacts(ledger.sessions, job_id, erase=True)
     # What is pending is told as it is: the address, and the events that webhooks tell of.
     assert mentions(ledger, "secret-7") == ["job_events", "webhook_deliveries"]
     with ledger.sessions() as session:
@@ -177,6 +180,38 @@ def test_what_was_said_about_a_job_goes_when_it_is_deleted_and_what_is_to_be_tol
     assert job.error_code == ("no_placement" if state == JobState.FAILED else None)
     assert events[0].type == EventType.QUEUED
     assert stored(ledger) == 0
+
+
+def test_a_succeeded_job_without_its_files_is_expired(ledger: Ledger) -> None:
+    job = ledger.get(job_in(ledger, JobState.EXPIRED, "eeee"))
+    assert job is not None
+    assert (job.state, job.artifacts) == (JobState.EXPIRED, [])
+
+
+@pytest.mark.parametrize("state", [JobState.QUEUED, JobState.RUNNING])
+def test_the_files_of_a_job_that_has_not_ended_stay(ledger: Ledger, state: JobState) -> None:
+    job_id = job_in(ledger, state, "eeee")
+    assert drop_artifacts(ledger.sessions, job_id) == set()
+    job = ledger.get(job_id)
+    assert job is not None
+    assert job.artifact(ArtifactKind.INPUT) is not None
+
+
+def test_a_deleted_job_keeps_nothing_that_its_worker_publishes_meanwhile(ledger: Ledger) -> None:
+    for number in range(20):
+        job_id = job_in(ledger, JobState.RUNNING, f"{number:04}")
+        (lease,) = ledger.running()
+
+        def delete(job_id: str = job_id) -> None:
+            ledger.cancel(job_id)
+            drop_artifacts(ledger.sessions, job_id)
+
+        with ThreadPoolExecutor(2) as pool:
+            pool.submit(ledger.publish, lease, ArtifactKind.MODEL, Content("ab" * 32, 3), lambda _: True)
+            pool.submit(delete).result()
+        job = ledger.get(job_id)
+        assert job is not None
+        assert job.artifacts == []
 
 
 def test_a_client_who_deletes_a_job_finds_that_there_was_one_and_no_more(tmp_path: Path) -> None:
