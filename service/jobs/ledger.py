@@ -70,7 +70,7 @@ OUTPUTS = (
         ArtifactKind.POSTER,
     ),
     *(ArtifactKind.EXPLANATION, ArtifactKind.LAYERS, ArtifactKind.CREDENTIALS, ArtifactKind.EVIDENCE),
-    *(ArtifactKind.PREVIEW_MODEL, ArtifactKind.EXPORT),
+    *(ArtifactKind.PREVIEW_MODEL, ArtifactKind.PREVIEW_MANIFEST, ArtifactKind.EXPORT),
 )
 SIGNING = "signing"  # stage of a job that waits for its credentials
 PASSING = or_(Job.tenant_id == PUBLIC_TENANT, Job.kind == JobKind.CONVERSION)  # jobs of which nothing stays
