@@ -141,7 +141,7 @@ class Session:
             used, resident = sum(process.cpu_times()[:2]), process.memory_info().rss
         except psutil.NoSuchProcess:
             return False
-        return used < processor_seconds(self._limits.seconds) and resident < self._limits.memory / 2
+        return bool(used < processor_seconds(self._limits.seconds) and resident < self._limits.memory / 2)
 
     def go_on(self, parameters: dict[str, Any], folder: Path) -> None:
         """Ask for a copy in a folder, which is the child's own under another name."""

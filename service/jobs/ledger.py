@@ -232,9 +232,20 @@ class Ledger:
         shared = [Content(item.sha256, item.size) for item in parent.artifacts if item.kind in copies.SHARED]
         with self._session.begin() as session:
             _lock_content(session, shared, stored)
-            made = copies.add(session, parent, wanted, clock(session), webhook)
+            made = self.add_copies(session, parent, wanted, clock(session), webhook)
             condition(session, made[0].id)
         JOBS_ACCEPTED.inc(len(made))
+        return made
+
+    def add_copies(
+        self, session: Session, parent: Job, wanted: Sequence[copies.NewCopy], moment: datetime, webhook: str | None
+    ) -> list[Job]:
+        """Record copies of a job in a transaction: held back, or, where it has succeeded, let go at once. The content
+        of its files is locked, and the job itself where it has not ended."""
+        made = copies.add(session, parent, wanted, moment, webhook)
+        if parent.state is JobState.SUCCEEDED:
+            done = {"progress": 1.0, **self._finished(moment)}
+            self._let_go(session, parent, [copy.id for copy in made], moment, done)
         return made
 
     def get(self, job_id: str, tenant: str = DEFAULT_TENANT) -> Job | None:
@@ -488,12 +499,20 @@ class Ledger:
                 cls._drop(session, job_id, Artifact.kind.in_(COMPARED))
             if state not in ACTIVE and not job.copy_of and (waiting := copies.held(session, job_id)):
                 if state is JobState.SUCCEEDED:
-                    copies.let_go(session, job, waiting)
+                    cls._let_go(session, job, waiting, moment, values)
                 else:
                     ended_too = {**values, "held": False}
                     for copy in waiting:
                         cls._move(session, copy, (Job.state == JobState.QUEUED,), state, moment, **ended_too)
         return moved
+
+    @classmethod
+    def _let_go(
+        cls, session: Session, parent: Job, waiting: Sequence[str], moment: datetime, done: Mapping[str, Any]
+    ) -> None:
+        """Let copies go; those that have their results already succeed with the values ``done``."""
+        for copy in copies.let_go(session, parent, waiting):
+            cls._move(session, copy, (Job.state == JobState.QUEUED,), JobState.SUCCEEDED, moment, cached=True, **done)
 
     @staticmethod
     def _set(session: Session, condition: Iterable[ColumnElement[bool]], **values: Any) -> bool:

@@ -27,7 +27,7 @@ def client(tmp_path: Path) -> Iterator[Client]:
         yield client
 
 
-def post(client: Client, texts: list[str], do: str = "work", **details: Any) -> str:
+def post(client: Client, texts: list[str], do: str = "work", /, **details: Any) -> str:
     """The URL of a new job, whose models say which process made them."""
     data = {"params": '{"text": "HI"}'}
     if texts:
