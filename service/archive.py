@@ -18,7 +18,7 @@ class Entry(NamedTuple):
 
 
 class _Sink:
-    """What a ZipFile writes to, and cannot go back in."""
+    """Output of a ZipFile, which cannot go back in it."""
 
     def __init__(self) -> None:
         self._written: list[bytes] = []

@@ -127,7 +127,7 @@ class Session:
             self._child = template.fork(stdin.fileno(), self._stderr.fileno(), theirs.fileno())
 
     def events(self) -> Generator[Progress | Published | None]:
-        """What :func:`run_engine` yields and raises, of the job or copy that was asked for last."""
+        """Events and errors as :func:`run_engine` has them, of the job or copy that was asked for last."""
         done = yield from self._listen()
         if not done:
             raise _crashed(self._end())

@@ -34,7 +34,7 @@ class Series:
 
     @property
     def waits(self) -> bool:
-        """Whether a process waits for a copy."""
+        """True where a process waits for a copy."""
         return self._inputs is not None
 
     def start(self, template: Template, work: Work, limits: Limits) -> Session:
