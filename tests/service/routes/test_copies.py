@@ -341,7 +341,8 @@ def archive(client: Client, url: str) -> zipfile.ZipFile:
 
 
 def test_all_copies_come_in_one_archive_with_an_index(client: Client) -> None:
-    content = asset(**{"for": {"ORDER-22": "refuse"}})
+    instead: dict[str, Any] = {"for": {"ORDER-22": "refuse"}}
+    content = asset(**instead)
     url = str(post(client, [*COPIES, {"text": "ORDER/3"}], content).headers["Location"])
     early = client.http.get(f"{url}/copies.zip")
     assert (early.status_code, early.json()["code"]) == (409, "not_ready")
