@@ -77,6 +77,11 @@ bench: $(VENV)/.tests ## Compare seconds and memory with those at BEFORE=COMMIT 
 	@$(BIN)/python -m tests.bench $(BEFORE) $(if $(AFTER),--after $(AFTER)) $(if $(MESHES),--meshes $(MESHES)) \
 		$(foreach each,$(ASSETS),--only $(each)) $(if $(RUNS),--runs $(RUNS)) $(if $(JSON),--json $(JSON))
 
+copies: $(VENV)/.tests ## Mark each of FILES="FILE ..." over HTTP, make 1, 10 and 100 copies of it, and print what they took
+	@test -n "$(FILES)" || { echo 'usage: make copies FILES="FILE ..."'; exit 2; }
+	@sh docker/system-packages.sh service fonts
+	@$(BIN)/python -m tests.copies $(FILES)
+
 performance: $(VENV)/.tests ## Measure every file of MESHES=DIR and write the tables of service/docs/performance.md (OUT=DIR: the profile, too)
 	@test -n "$(MESHES)" || { echo "usage: make performance MESHES=DIR [OUT=DIR]"; exit 2; }
 	@sh docker/system-packages.sh service fonts
@@ -141,4 +146,4 @@ $(VENV)/.tests: $(VENV)/.service
 	$(BIN)/pip install --quiet --quiet --constraint docker/constraints.txt --editable '.[test,benchmark]'
 	touch $@
 
-.PHONY: help install demo run test check survey delivered formats features design labels verified compared lighter bench performance benchmark ablation fuzz faults load attacks audit docker-test pictures openapi clean
+.PHONY: help install demo run test check survey delivered formats features design labels verified compared lighter copies bench performance benchmark ablation fuzz faults load attacks audit docker-test pictures openapi clean

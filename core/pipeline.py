@@ -38,6 +38,7 @@ class Result:
     Attributes:
         file: the watermarked model.
         report: ``meshmark.report/1``; ``service/docs/report.md`` has its fields.
+        asset: as it was read, for copies of it with other texts.
         preview: a PNG contact sheet; None where none was asked for, or where none could be rendered (then the
             report's ``warnings`` say why).
         turntable, poster: animated WebP of the model as it turns, and its first frame; None as for ``preview``.
@@ -49,6 +50,7 @@ class Result:
 
     file: OutputFile
     report: dict[str, Any]
+    asset: Asset
     preview: bytes | None
     turntable: bytes | None = None
     poster: bytes | None = None
@@ -72,6 +74,7 @@ def watermark(
     preview: bool = True,
     plan: Plan | None = None,
     copies: Sequence[str] = (),
+    before: Asset | None = None,
     progress: Progress | None = None,
     publish: Publish | None = None,
 ) -> Result:
@@ -86,7 +89,7 @@ def watermark(
         preview: render a contact sheet.
         plan: of an earlier run for this file, whose places are taken; None to search for places.
         copies: other texts that the places should have room for.
-        progress, publish: as for :func:`run_stages`.
+        before, progress, publish: as for :func:`run_stages`.
 
     Returns:
         The GLB, the report and the preview. The same arguments on the same device give the same GLB bytes.
@@ -95,7 +98,7 @@ def watermark(
         MeshmarkError: where the asset cannot be watermarked; nothing was published then.
     """
     request = Request(parameters.resolved(), font, logo, budgets, preview, plan=plan, copies=tuple(copies))
-    return run_stages(data, request, progress, publish)
+    return run_stages(data, request, progress, publish, before)
 
 
 def run_stages(
@@ -188,7 +191,7 @@ def run_stages(
     told = measuring.as_json(report, run)
     beside = light.output.file.data if light and light.output is not output else None
     exported = output.exported.file if output.exported else None
-    return Result(output.file, told, seen.preview, seen.turntable, seen.poster, beside, exported, plan)
+    return Result(output.file, told, asset, seen.preview, seen.turntable, seen.poster, beside, exported, plan)
 
 
 def _peak_memory() -> int:

@@ -19,6 +19,7 @@ from service.errors import ServiceErrorCode
 from service.intake import Verdicts
 from service.jobs import contents, copies, idempotency, queue
 from service.jobs.artifacts import Staged
+from service.jobs.cache import copy_key
 from service.jobs.copies import NewCopy
 from service.jobs.known_texts import known_texts
 from service.jobs.ledger import Content, Submission
@@ -138,7 +139,7 @@ def submit(state: AppState, order: Order, known: Verdicts | None = None) -> Acce
                 **order.origin,
             }
             content |= {"webhook": order.webhook} if order.webhook else {}
-            content |= {"copies": [[*copy] for copy in order.copies]} if order.copies else {}
+            content |= {"copies": _told(order.copies)} if order.copies else {}
             content |= {kind.value: item.sha256 for kind, item in staged.items()}
             sessions = state.ledger.sessions
             reserved = idempotency.reserve(sessions, order.tenant, order.key, idempotency.fingerprint(content))
@@ -152,8 +153,9 @@ def submit(state: AppState, order: Order, known: Verdicts | None = None) -> Acce
         def condition(session: Session, job_id: str) -> None:
             if order.copies:
                 job = session.get_one(Job, job_id)
-                made = copies.add(session, job, order.copies, job.created_at, order.webhook)
-                started[:] = made if job.state is JobState.SUCCEEDED else []
+                made = state.ledger.add_copies(session, job, asked, job.created_at, order.webhook)
+                if job.state is JobState.SUCCEEDED:
+                    started[:] = [copy for copy in made if copy.state is JobState.QUEUED]
             if most := PUBLIC_JOBS if order.tenant == PUBLIC_TENANT else state.settings.max_active_jobs:
                 check_active(session, order.tenant, most)
             check_stored(session, order.tenant, state.settings.max_stored_bytes)
@@ -164,6 +166,7 @@ def submit(state: AppState, order: Order, known: Verdicts | None = None) -> Acce
         if order.kind is JobKind.VERIFICATION and wanted["texts"] is None:  # as they are now, for every attempt
             wanted["texts"] = [] if shared else known_texts(state.ledger.sessions, order.tenant)
         cache = order.cache and state.settings.cache
+        asked = _keyed(state, order.copies, order.parameters) if cache else order.copies
         submission = Submission(
             tenant=order.tenant,
             kind=order.kind,
@@ -186,10 +189,31 @@ def _staged_texts(state: AppState, order: Order) -> AbstractContextManager[Stage
     return state.artifacts.stage_chunks([texts], limit=len(texts), name="list of texts")
 
 
+def _told(wanted: Sequence[NewCopy]) -> list[list[Any]]:
+    """Copies as they were asked for."""
+    return [[copy.text, copy.metadata] for copy in wanted]
+
+
+def _keyed(state: AppState, wanted: Sequence[NewCopy], parameters: object) -> Sequence[NewCopy]:
+    """Copies that may have the results of equal ones."""
+    if not isinstance(parameters, Parameters):
+        return wanted
+    signed = state.settings.c2pa_chain is not None
+    return [copy._replace(key=copy_key(parameters, copy.text, signed)) for copy in wanted]
+
+
 def submit_copies(
-    state: AppState, parent: Job, wanted: Sequence[NewCopy], webhook: str | None, key: str | None
+    state: AppState, parent: Job, wanted: Sequence[NewCopy], webhook: str | None, key: str | None, cache: bool
 ) -> Accepted:
-    """Record copies of a job that has succeeded; announcing them is left to the caller.
+    """Record copies of a job that has succeeded; announcing those that wait is left to the caller.
+
+    Args:
+        state: the app's.
+        parent: the job.
+        wanted: the copies.
+        webhook: where their ends are told.
+        key: of idempotency, if there is one.
+        cache: accept results that exist already.
 
     Returns:
         The first of the copies; ``started`` are all.
@@ -202,7 +226,7 @@ def submit_copies(
     with ExitStack() as stack:
         reservation: idempotency.Reservation | None = None
         if key is not None:
-            content = {"copy_of": parent.id, "copies": [[*copy] for copy in wanted], "webhook": webhook}
+            content = {"copy_of": parent.id, "copies": _told(wanted), "webhook": webhook}
             reserved = idempotency.reserve(sessions, parent.tenant_id, key, idempotency.fingerprint(content))
             if isinstance(reserved, str):
                 first = _recorded(state, parent.tenant_id, reserved)
@@ -216,6 +240,8 @@ def submit_copies(
             if reservation is not None:
                 idempotency.settle(session, reservation, job_id)
 
+        if cache and state.settings.cache:
+            wanted = _keyed(state, wanted, Parameters.model_validate(parent.parameters))
         try:
             made = state.ledger.copy(parent, wanted, state.artifacts.has, webhook, condition)
         except MissingContentError:

@@ -23,7 +23,7 @@ START_TIMEOUT = 300.0  # seconds; the first start compiles every module of the l
 def main() -> int:
     """Watermarks the demo asset; returns 0 when model, report and preview lie in ``demo-output``."""
     OUTPUT.mkdir(exist_ok=True)
-    with tempfile.TemporaryDirectory() as data, _service(Path(data)) as url, Client(url) as client:
+    with tempfile.TemporaryDirectory() as data, service(Path(data)) as url, Client(url) as client:
         print(f"The service answers at {url}. Uploading {ASSET.name} ({ASSET.stat().st_size:,} bytes).")
         started = time.monotonic()
         try:
@@ -45,7 +45,7 @@ def _print_progress(job: Job) -> None:
 
 
 @contextmanager
-def _service(data: Path) -> Iterator[str]:
+def service(data: Path) -> Iterator[str]:
     """The address of the embedded service on a free port, up and answering."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))

@@ -1,8 +1,11 @@
-"""The process that runs the engine once, forked by :mod:`worker.template` for :mod:`worker.runner`.
+"""The process that runs the engine, forked by :mod:`worker.template` for :mod:`worker.runner`.
 
-It reads one JSON object from stdin and answers in JSON lines on a pipe of its own, since native libraries print on
+It reads one JSON object from stdin and answers in JSON lines on a socket of its own, since native libraries print on
 stdout: `{"stage", "progress"}`, `{"artifact", "path"}`, and last `{"done": true}`, `{"error": {...}}`, or, where the
 disk is, `{"full": true}`. Files stay in the working folder it was given.
+
+One that has an asset with a plan then waits: a line `{"parameters", "folder"}` on the socket asks for a copy of it,
+whose folder is the first one under another name.
 """
 
 import ctypes
@@ -15,8 +18,9 @@ import signal
 import sys
 import tempfile
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from datetime import datetime
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn, TextIO
@@ -27,7 +31,7 @@ from worker import sandbox
 
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 LARGEST_FILE = 2**31  # bytes; results are far smaller
-CPU_MARGIN = 60  # seconds beyond all cores' time within the job's limit: in case the worker no longer enforces it
+CPU_MARGIN = 60  # seconds beyond all cores' time within the job's limit
 CHANNEL = 3  # the descriptor of its answers, after stdin, stdout and stderr
 SUFFIXES = {
     "model": ".glb",
@@ -72,14 +76,15 @@ class Outputs:
         self._say(artifact=kind, path=os.fspath(path))
 
 
-def run(engine: Engine, request: dict[str, Any], say: Say) -> None:
-    """Call the engine and send the paths of its artifacts as it publishes them.
+def run(engine: Engine, request: dict[str, Any], say: Say, further: Iterable[dict[str, Any]]) -> None:
+    """Call the engine and send the paths of its artifacts as it publishes them; then once for each further copy.
 
     Args:
         engine: the engine's function.
         request: ``input``, ``font``, ``logo``, ``placement`` and ``texts`` as paths, ``parameters``, ``budgets``,
             ``folder``.
         say: sends one message.
+        further: ``parameters`` and ``folder`` of copies of the same asset at the same places.
 
     Raises:
         MeshmarkError: as the engine does.
@@ -88,24 +93,34 @@ def run(engine: Engine, request: dict[str, Any], say: Say) -> None:
     from core.parameters import parse_parameters
     from core.plan import parse_plan
 
-    outputs = Outputs(Path(request["folder"]), say)
-
-    result = engine(
+    given = partial(
+        engine,
         Path(request["input"]).read_bytes(),
-        parse_parameters(request["parameters"]),
         budgets=Budgets(**request["budgets"]),
         font=Path(request["font"]).read_bytes() if request["font"] else None,
         logo=Path(request["logo"]).read_bytes() if request["logo"] else None,
-        plan=parse_plan(Path(request["placement"]).read_bytes()) if request["placement"] else None,
-        preview=not request["placement"],  # copies look as their job does, but for the text
-        copies=json.loads(Path(request["texts"]).read_bytes()) if request["texts"] else (),
         progress=lambda stage, fraction: say(stage=stage, progress=float(fraction)),
-        publish=outputs.publish,
     )
-    for kind, content in (("model", result.model), ("preview", result.preview)):
-        if content is not None and kind not in outputs.published:
-            outputs.publish(kind, content)
-    outputs.publish("report", json.dumps(result.report, allow_nan=False).encode())
+    plan = parse_plan(Path(request["placement"]).read_bytes()) if request["placement"] else None
+    texts = json.loads(Path(request["texts"]).read_bytes()) if request["texts"] else ()
+
+    def mark(asked: dict[str, Any], **more: Any) -> Any:
+        outputs = Outputs(Path(asked["folder"]), say)
+        parameters = parse_parameters(asked["parameters"])
+        # Copies look as their job does, but for the text.
+        result = given(parameters, preview=more["plan"] is None, publish=outputs.publish, **more)
+        for kind, content in (("model", result.model), ("preview", result.preview)):
+            if content is not None and kind not in outputs.published:
+                outputs.publish(kind, content)
+        outputs.publish("report", json.dumps(result.report, allow_nan=False).encode())
+        return result
+
+    result = mark(request, plan=plan, copies=texts)
+    plan, asset = plan or result.plan, result.asset
+    del result  # all else of it is written
+    if plan is not None:
+        for copy in further:
+            mark(copy, plan=plan, before=asset)
 
 
 def run_verification(request: dict[str, Any], say: Say) -> None:
@@ -160,15 +175,21 @@ def run_conversion(request: dict[str, Any], say: Say) -> None:
     Outputs(Path(request["folder"]), say).publish("model", model)
 
 
+def processor_seconds(seconds: float) -> int:
+    """The most that a job with a limit of so many seconds can take of all cores."""
+    return int(seconds * (os.cpu_count() or 1)) + CPU_MARGIN
+
+
 def limit(seconds: float) -> None:
     """Set resource limits: CPU time, file size, no core dumps.
 
     Memory has none: CUDA and ONNX reserve address space without using it, so the worker watches resident memory.
+    Time is for two jobs, in case the worker no longer enforces it: it asks for no copy after that for one is used.
     """
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # a crash is reported, not written to disk with the asset in it
     resource.setrlimit(resource.RLIMIT_FSIZE, (LARGEST_FILE, LARGEST_FILE))
-    processor_seconds = int(seconds * (os.cpu_count() or 1)) + CPU_MARGIN
-    resource.setrlimit(resource.RLIMIT_CPU, (processor_seconds, processor_seconds))
+    most = 2 * processor_seconds(seconds)
+    resource.setrlimit(resource.RLIMIT_CPU, (most, most))
 
 
 def confine(request: dict[str, Any]) -> dict[str, bool]:
@@ -207,6 +228,16 @@ def main(engine: Engine, parent: int, *files: int) -> NoReturn:
     def say(**message: Any) -> None:
         channel.write(json.dumps(message) + "\n")
 
+    def further() -> Iterator[dict[str, Any]]:
+        with open(CHANNEL, closefd=False) as lines:
+            say(done=True)
+            for line in lines:
+                copy = json.loads(line)
+                os.environ["TMPDIR"], tempfile.tempdir = copy["folder"], None
+                yield copy
+                say(done=True)
+        os._exit(0)  # the worker is gone
+
     try:
         if request["sandbox"] == "required" and not all(in_force.values()):
             raise RuntimeError(f"the sandbox is not whole: {in_force}")
@@ -215,7 +246,7 @@ def main(engine: Engine, parent: int, *files: int) -> NoReturn:
         elif request["conversion"]:
             run_conversion(request, say)
         else:
-            run(engine, request, say)
+            run(engine, request, say, further())
         say(done=True)
     except MeshmarkError as error:
         say(error={"code": error.code, "message": error.message, "remedy": error.remedy})

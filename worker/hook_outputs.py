@@ -23,12 +23,14 @@ INTERVAL = 1.0  # seconds between two queries for due objects
 SUFFIXES = {  # the model last
     ArtifactKind.REPORT: ".report.json",
     ArtifactKind.CREDENTIALS: ".watermarked.c2pa",
+    ArtifactKind.PREVIEW_MANIFEST: ".watermarked.preview.c2pa",
     ArtifactKind.PREVIEW_MODEL: ".watermarked.preview.glb",
     ArtifactKind.MODEL: ".watermarked.glb",
 }
 MEDIA_TYPES = {
     ArtifactKind.REPORT: "application/json",
     ArtifactKind.CREDENTIALS: "application/c2pa",
+    ArtifactKind.PREVIEW_MANIFEST: "application/c2pa",
     ArtifactKind.PREVIEW_MODEL: "model/gltf-binary",
     ArtifactKind.MODEL: "model/gltf-binary",
 }

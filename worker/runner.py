@@ -4,8 +4,10 @@ import json
 import os
 import select
 import signal
+import socket
 import time
 from collections.abc import Generator, Mapping
+from contextlib import closing, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -18,8 +20,8 @@ from core.errors import ErrorCode, MeshmarkError
 from service.errors import ServiceErrorCode, error_code
 from service.jobs.artifacts import StoreUnavailableError, writing
 from service.jobs.models import ArtifactKind
-from service.template import Child, Template, tail
-from worker.child import SUFFIXES
+from service.template import Template, tail
+from worker.child import SUFFIXES, processor_seconds
 
 TICK = 0.1  # seconds between two checks of the child's limits
 LONGEST_MESSAGE = 2**20  # bytes
@@ -100,22 +102,97 @@ def run_engine(template: Template, work: Work, limits: Limits) -> Generator[Prog
         StoreUnavailableError: the disk under the working folder is full.
         MeshmarkError: the engine's own; ``time_limit``, ``memory_limit``; ``engine_crashed`` when the child died.
     """
-    request = work.folder / "request"
-    with writing():
-        request.write_text(_request(work, limits))
-        stderr = (work.folder / "stderr").open("w+b")
-    reader, writer = os.pipe()
-    with os.fdopen(reader, "rb", buffering=0) as channel, stderr:
-        with os.fdopen(writer, "wb"), request.open("rb") as stdin:  # closed here: the pipe shall end with the child
-            child = template.fork(stdin.fileno(), stderr.fileno(), writer)
+    with closing(Session(template, work, limits)) as session:
+        yield from session.events()
+
+
+class Session:
+    """A child that runs the engine: for one job, and then for copies of the same asset, each a job of its own.
+
+    `folder` is the only one that it can write in.
+
+    Raises:
+        StoreUnavailableError: the disk under the folder is full.
+    """
+
+    def __init__(self, template: Template, work: Work, limits: Limits) -> None:
+        self.folder = work.folder
+        self._limits, self._pid = limits, 0
+        request = work.folder / "request"
+        with writing():
+            request.write_text(_request(work, limits))
+            self._stderr = (work.folder / "stderr").open("w+b")
+        self._channel, theirs = socket.socketpair()
+        with theirs, request.open("rb") as stdin:  # closed here: the channel shall end with the child
+            self._child = template.fork(stdin.fileno(), self._stderr.fileno(), theirs.fileno())
+
+    def events(self) -> Generator[Progress | Published | None]:
+        """Events and errors as :func:`run_engine` has them, of the job or copy that was asked for last."""
+        done = yield from self._listen()
+        if not done:
+            raise _crashed(self._end())
+
+    def may_go_on(self) -> bool:
+        """True where the child, which is done, is there, and the limits of a job leave room for a copy."""
+        if self._stderr.closed or select.select([self._channel], [], [], 0)[0]:  # it was ended, or died
+            return False
         try:
-            done = yield from _listen(child, channel.fileno(), limits, work.folder)
-        finally:
-            exit_code = child.end()
-            if text := tail(stderr):
+            process = psutil.Process(self._pid)
+            used, resident = sum(process.cpu_times()[:2]), process.memory_info().rss
+        except psutil.NoSuchProcess:
+            return False
+        return bool(used < processor_seconds(self._limits.seconds) and resident < self._limits.memory / 2)
+
+    def go_on(self, parameters: dict[str, Any], folder: Path) -> None:
+        """Ask for a copy in a folder, which is the child's own under another name."""
+        self.folder = folder
+        order = json.dumps({"parameters": parameters, "folder": os.fspath(folder)}) + "\n"
+        with suppress(BrokenPipeError):  # a child that died meanwhile is met in events()
+            self._channel.sendall(order.encode())
+
+    def close(self) -> None:
+        """Kill the child's process group."""
+        self._end()
+
+    def _end(self) -> int | None:
+        if self._stderr.closed:
+            return None
+        with self._channel, self._stderr:
+            exit_code = self._child.end()
+            if text := tail(self._stderr):
                 log.warning("the engine's process wrote to stderr", text=text)
-    if not done:
-        raise _crashed(exit_code)
+        return exit_code
+
+    def _listen(self) -> Generator[Progress | Published | None, None, bool]:
+        """Yield the events of the child; returns whether it said that it is done, before the channel was closed."""
+        try:
+            while not self._pid:
+                self._pid = self._child.pid(TICK) or 0
+                yield None
+        except EOFError:
+            return False
+        deadline = time.monotonic() + self._limits.seconds
+        buffer = b""
+        while True:
+            if select.select([self._channel], [], [], TICK)[0]:
+                try:
+                    chunk = self._channel.recv(65536)
+                except ConnectionResetError:  # it died before it read what it was asked for
+                    return False
+                *lines, buffer = (buffer + chunk).split(b"\n")
+                for line in lines:
+                    message = json.loads(line)
+                    if "done" in message:
+                        return True
+                    if "full" in message:
+                        raise StoreUnavailableError
+                    if error := message.get("error"):
+                        raise MeshmarkError(error_code(error["code"]), error["message"], error["remedy"])
+                    yield _event(message, self.folder)
+                if not chunk or len(buffer) > LONGEST_MESSAGE:
+                    return False
+            _check_limits(self._pid, self._limits, deadline)
+            yield None
 
 
 def _request(work: Work, limits: Limits) -> str:
@@ -136,36 +213,6 @@ def _request(work: Work, limits: Limits) -> str:
             "conversion": work.conversion,
         }
     )
-
-
-def _listen(
-    child: Child, channel: int, limits: Limits, folder: Path
-) -> Generator[Progress | Published | None, None, bool]:
-    """Yield the events of a child; returns whether it said that it is done, before the pipe was closed."""
-    try:
-        while (pid := child.pid(TICK)) is None:
-            yield None
-    except EOFError:
-        return False
-    deadline = time.monotonic() + limits.seconds
-    buffer = b""
-    while True:
-        if select.select([channel], [], [], TICK)[0]:
-            chunk = os.read(channel, 65536)
-            *lines, buffer = (buffer + chunk).split(b"\n")
-            for line in lines:
-                message = json.loads(line)
-                if "done" in message:
-                    return True
-                if "full" in message:
-                    raise StoreUnavailableError
-                if error := message.get("error"):
-                    raise MeshmarkError(error_code(error["code"]), error["message"], error["remedy"])
-                yield _event(message, folder)
-            if not chunk or len(buffer) > LONGEST_MESSAGE:
-                return False
-        _check_limits(pid, limits, deadline)
-        yield None
 
 
 def _event(message: dict[str, Any], folder: Path) -> Progress | Published:

@@ -2,7 +2,7 @@
 
 - The network: a seccomp filter refuses to create sockets of any kind, and io_uring, which could create them past it. It
   also refuses access to other processes' memory and descriptors. (An inherited descriptor stays usable: there
-  are a pipe and two files.)
+  are a socket to the worker and two files.)
 - Files: Landlock lets the process write in its own folder only, and read nothing in the private folders, which hold
   other tenants' files, the ledger and secrets, and of `/proc` only its own entry.
 - Its process group, which it cannot leave: its children are killed with it.

@@ -48,6 +48,10 @@ PICTURES = {  # ending and media type of those that carry a manifest of their ow
     ArtifactKind.TURNTABLE: (".turntable.webp", "image/webp"),
     ArtifactKind.POSTER: (".poster.webp", "image/webp"),
 }
+MODELS = {  # ending, and the manifest that lies beside it
+    ArtifactKind.PREVIEW_MODEL: (".preview.glb", ArtifactKind.PREVIEW_MANIFEST),
+    ArtifactKind.MODEL: (".glb", ArtifactKind.CREDENTIALS),
+}
 
 log = structlog.get_logger(__name__)
 
@@ -97,10 +101,13 @@ class SignerProcess:
                     self._signed(picture, _defined(report, stem + ending, media_type), signed, embed=True)
                     signed.seek(0)
                     self._publish(job, kind, signed, 2 * picture.size + LARGEST_MANIFEST)
-        model = _there(job, ArtifactKind.MODEL)
-        with self.artifacts.spool() as copy:
-            manifest = self._signed(model, _defined(report, stem + ".glb", MODEL), copy, embed=False)
-        self._publish(job, ArtifactKind.CREDENTIALS, io.BytesIO(manifest), LARGEST_MANIFEST)
+        _there(job, ArtifactKind.MODEL)
+        for kind, (ending, beside) in MODELS.items():
+            if model := job.artifact(kind):
+                defined = _defined(report, stem + ending, MODEL, preview=kind is ArtifactKind.PREVIEW_MODEL)
+                with self.artifacts.spool() as copy:
+                    manifest = self._signed(model, defined, copy, embed=False)
+                self._publish(job, beside, io.BytesIO(manifest), LARGEST_MANIFEST)
 
     def _report(self, job: Job) -> Any:
         artifact = _there(job, ArtifactKind.REPORT)
@@ -126,10 +133,10 @@ def _there(job: Job, kind: ArtifactKind) -> Artifact:
     raise FileNotFoundError(kind)
 
 
-def _defined(report: Any, title: str, media_type: str) -> dict[str, Any]:
+def _defined(report: Any, title: str, media_type: str, preview: bool = False) -> dict[str, Any]:
     """Definition of a manifest by a report that the engine's process wrote, which has read a hostile file."""
     try:
-        return definition(report, title, media_type)
+        return definition(report, title, media_type, preview=preview)
     except (LookupError, TypeError, ValueError, AttributeError):
         raise UnsignableError("its report is no report") from None
 

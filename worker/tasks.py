@@ -7,7 +7,7 @@ import shutil
 import threading
 import time
 from collections.abc import Callable
-from contextlib import closing, suppress
+from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TypeVar
@@ -34,7 +34,8 @@ from service.tracing import tracer
 from worker.child import SUFFIXES
 from worker.heartbeat import Heartbeat
 from worker.results import open_result, replace_result
-from worker.runner import Limits, Progress, Published, Verification, Work, run_engine
+from worker.runner import Limits, Progress, Published, Session, Verification, Work
+from worker.series import Series
 from worker.sources import Sources
 from worker.stage_clock import StageClock, known
 from worker.template import Template
@@ -88,7 +89,10 @@ class Worker:
         self.stopping.set()
 
     def run(self, job_id: str) -> None:
-        """Attempt the job that is next in this one's queue; where none waits, the message changes nothing."""
+        """Attempt the job that is next in this one's queue; where none waits, the message changes nothing.
+
+        After a job that copies may follow, whose process has read their asset, the next is attempted at once.
+        """
         if self.stopping.is_set():
             self.announce(job_id)
             return
@@ -96,7 +100,15 @@ class Worker:
         job = waits_in and turns.claim_next(self.ledger, waits_in, self.settings.lease_seconds)
         if not job:
             log.info("message dropped: no job is waiting", job=job_id)
-            return
+        with Series() as series:
+            while job:
+                self._observed(job, series)
+                if not series.waits or self.stopping.is_set():
+                    return
+                job = turns.claim_next(self.ledger, job.queue, self.settings.lease_seconds)
+
+    def _observed(self, job: Job, series: Series) -> None:
+        """Attempt a job, under the eyes of logs, metrics and traces."""
         if job.attempts == 1 and job.started_at:
             JOB_WAIT_SECONDS.observe((job.started_at - job.created_at).total_seconds())
         ids: dict[str, str | int] = {"job": job.id, "attempt": job.attempts}
@@ -106,7 +118,7 @@ class Worker:
             JOB_SECONDS.time(),
             tracer.start_as_current_span("job", kind=SpanKind.CONSUMER, attributes=ids),
         ):
-            self._attempt(job)
+            self._attempt(job, series)
 
     def announce(self, job_id: str) -> None:
         """Announce a waiting job."""
@@ -114,21 +126,26 @@ class Worker:
             log.info("job announced", job=job_id)
             queue.send(self.celery, job_id, waits_in)
 
-    def _attempt(self, job: Job) -> None:
+    def _attempt(self, job: Job, series: Series) -> None:
         lease, began = job.lease, time.monotonic()
         folder = self.scratch / scratch_name(lease)
         signed = self.settings.c2pa_chain is not None and job.kind is JobKind.WATERMARK
         source = job.artifact(ArtifactKind.INPUT)
         log.info("job started")
         try:
-            with writing():
-                folder.mkdir()
+            session = series.go_on(job, folder)
+            if session is None:
+                with writing():
+                    folder.mkdir()
             with Heartbeat(self.ledger, lease, self.settings.lease_seconds) as heartbeat:
                 contents.discard(self.ledger, self.artifacts, self.ledger.drop_outputs(lease))
                 source = source or self._bring(job, folder, heartbeat)
                 if source is None:  # canceled between the claim and here
                     raise LeaseLostError
-                self._work(job, source, folder, heartbeat)
+                if session is None:
+                    work = self._prepared(job, source, folder, heartbeat)
+                    session = series.start(self.template, work, self._limits)
+                self._work(job, session, heartbeat)
                 finish = self.ledger.hand_over if signed else self.ledger.succeed
                 if not self._retried(heartbeat, lambda: finish(lease)):
                     raise LeaseLostError
@@ -136,6 +153,7 @@ class Worker:
             log.info(done, seconds=round(time.monotonic() - began, 2))
             if not signed:
                 self._announce_copies(job)
+            self._keep(job, series)
         except (StoreUnavailableError, OperationalError) as error:
             self.ledger.release(lease)  # without a message: a sweeper announces it again after a while
             log.warning("job put back: the artifact store or the ledger does not answer", reason=str(error))
@@ -154,13 +172,24 @@ class Worker:
             get_current_span().set_status(StatusCode.ERROR, INTERNAL.code)
             self.ledger.fail(lease, INTERNAL)
         finally:
-            shutil.rmtree(folder, ignore_errors=True)
+            if not series.waits:
+                series.end()
+                shutil.rmtree(folder, ignore_errors=True)
             if source and not job.keeps_input:  # forgotten with the job's end, if it has ended
                 with suppress(OperationalError):  # then a sweeper removes it
                     compared = (job.artifact(kind) for kind in COMPARED[1:])
                     contents.discard(
                         self.ledger, self.artifacts, {source.sha256, *(file.sha256 for file in compared if file)}
                     )
+
+    def _keep(self, job: Job, series: Series) -> None:
+        """Let the job's process wait for copies, if there may be some."""
+        if job.copy_of:
+            series.keep(job)
+        elif job.artifact(ArtifactKind.TEXTS):
+            with suppress(OperationalError):
+                if published := self.ledger.get(job.id, job.tenant_id):
+                    series.keep(published)
 
     def _announce_copies(self, job: Job) -> None:
         """Announce the copies that a job's success has let go; what fails here, a sweeper makes up for."""
@@ -170,7 +199,12 @@ class Worker:
         except (KombuError, OSError, OperationalError) as error:
             log.warning("copies could not be announced; a sweeper will find them", error=str(error))
 
-    def _work(self, job: Job, source: Artifact, folder: Path, heartbeat: Heartbeat) -> None:
+    @property
+    def _limits(self) -> Limits:
+        return Limits(self.settings.job_time_limit, self.settings.job_memory_limit)
+
+    def _prepared(self, job: Job, source: Artifact, folder: Path, heartbeat: Heartbeat) -> Work:
+        """The call of the engine for a job, with the files that it needs in its folder."""
         parts = (ArtifactKind.FONT, ArtifactKind.LOGO, ArtifactKind.PLACEMENT, ArtifactKind.TEXTS)
         given = {kind: part for kind in parts if (part := job.artifact(kind))}
         verification = None
@@ -189,7 +223,7 @@ class Worker:
                 anchors=self._anchors(),
             )
         fetched = {kind: self._fetch(job.lease, part, folder, heartbeat) for kind, part in given.items()}
-        work = Work(
+        return Work(
             input=self._fetch(job.lease, source, folder, heartbeat),
             font=fetched.get(ArtifactKind.FONT),
             logo=fetched.get(ArtifactKind.LOGO),
@@ -203,10 +237,11 @@ class Worker:
             verification=verification,
             conversion=job.kind is JobKind.CONVERSION,
         )
-        limits = Limits(self.settings.job_time_limit, self.settings.job_memory_limit)
-        report = folder / ("report" + SUFFIXES["report"])
+
+    def _work(self, job: Job, session: Session, heartbeat: Heartbeat) -> None:
+        report = session.folder / ("report" + SUFFIXES["report"])
         try:
-            self._follow(job, work, limits, heartbeat)
+            self._follow(job, session, heartbeat)
         except StoreUnavailableError:
             raise
         except MeshmarkError as error:
@@ -218,7 +253,7 @@ class Worker:
                 written = file.read(LARGEST_REPORT)
             with writing():
                 replace_result(report, _explained(written, error))
-        if not work.conversion:
+        if job.kind is not JobKind.CONVERSION:
             self._publish(job.lease, Published(ArtifactKind.REPORT, report), heartbeat)
 
     def _anchors(self) -> str | None:
@@ -229,16 +264,18 @@ class Worker:
         """
         return self.settings.c2pa_trust.read_text() if self.settings.c2pa_trust else None
 
-    def _follow(self, job: Job, work: Work, limits: Limits, heartbeat: Heartbeat) -> None:
-        """Run the engine, publish its artifacts except the report, and pass on its progress."""
-        with closing(run_engine(self.template, work, limits)) as events, StageClock() as clock:
-            for event in events:
+    def _follow(self, job: Job, session: Session, heartbeat: Heartbeat) -> None:
+        """Publish the engine's artifacts except the report, and pass on its progress."""
+        with ExitStack() as unless_done, StageClock() as clock:
+            unless_done.callback(session.close)
+            for event in session.events():
                 self._check(heartbeat)
                 if isinstance(event, Published) and event.kind is not ArtifactKind.REPORT:
                     self._publish(job.lease, event, heartbeat)
                 if isinstance(event, Progress):
                     heartbeat.at(known(event.stage), event.fraction)
                     clock.at(event.stage)
+            unless_done.pop_all()
 
     def _bring(self, job: Job, folder: Path, heartbeat: Heartbeat) -> Artifact | None:
         """Download an asset that the client did not send into the store, as if it had been sent."""

@@ -11,7 +11,7 @@ PARENT = "asset"  # label of the ingredient within one definition
 OPENED, CREATED, EDITED, METADATA = "c2pa.opened", "c2pa.created", "c2pa.edited", "c2pa.edited.metadata"
 
 
-def definition(report: Mapping[str, Any], title: str, media_type: str) -> Json:
+def definition(report: Mapping[str, Any], title: str, media_type: str, *, preview: bool = False) -> Json:
     """Definition of a manifest, as the library takes it.
 
     The asset was opened and edited; where the report declares how it came about, it was created so, and edited.
@@ -20,6 +20,7 @@ def definition(report: Mapping[str, Any], title: str, media_type: str) -> Json:
         report: ``meshmark.report/1``.
         title: name of the file that is signed.
         media_type: of that file.
+        preview: it is the preview model, which may lack some of the marks.
 
     Raises:
         LookupError, TypeError: that is no such report.
@@ -46,17 +47,18 @@ def definition(report: Mapping[str, Any], title: str, media_type: str) -> Json:
         "ingredients": [] if source_type else [parent],
         "assertions": [
             {"label": "c2pa.actions.v2", "data": {"actions": [began, edited]}},
-            {"label": MARKS, "data": _marks(report)},
+            {"label": MARKS, "data": _marks(report, preview)},
         ],
     }
 
 
-def _marks(report: Mapping[str, Any]) -> Json:
+def _marks(report: Mapping[str, Any], preview: bool) -> Json:
     """The assertion about the marks: both files' hashes, and each mark's words and place, in world coordinates."""
+    made = report["preview_model" if preview else "model"]
     return {
         "schema": MARKS_SCHEMA,
         "asset": {"sha256": report["asset"]["sha256"]},
-        "model": {"sha256": report["model"]["sha256"]},
+        "model": {"sha256": made["sha256"]},
         "watermarks": [
             {
                 "text": mark["text"],
@@ -68,6 +70,7 @@ def _marks(report: Mapping[str, Any]) -> Json:
                 "relief": float(mark["relief"]),
             }
             for mark in report["watermarks"]
+            if not preview or mark["id"] in made["watermarks"]
         ],
     }
 

@@ -254,7 +254,7 @@ def _candidates(
 def _looking(context: PlacementContext, directions: Float, rng: np.random.Generator) -> tuple[Float, Float, Bool, int]:
     """Area samples (N, 3) of the ground, and its normals there (N, 3), that look at any of the ``directions`` (K, 3)
     within 45 degrees; at which (N, K); and the number of samples of all of the ground among which they are so many."""
-    options, parts, found = context.options.candidates, [], 0
+    options, parts, found = context.options.candidates, list[tuple[Float, Float, Bool]](), 0
     while 2 * found < options.samples and len(parts) < options.draws:
         points, face = sample(context.ground, options.samples, rng)
         normals = context.ground.normals[face]

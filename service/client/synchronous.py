@@ -77,8 +77,8 @@ class Job(JobFacts):
 
         Args:
             path: of the file, which is replaced if it exists.
-            part: `model`, `preview_model`, `export`, `report`, `preview`, `credentials`, `turntable` or `poster`; of a
-                verification `report` or `evidence`.
+            part: `model`, `preview_model`, `export`, `report`, `preview`, `credentials`, `preview_manifest`,
+                `turntable` or `poster`; of a verification `report` or `evidence`.
 
         Raises:
             MeshmarkProblem: ``not_ready``, ``not_found``, ..., or as :meth:`wait` does.

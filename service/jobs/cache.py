@@ -13,6 +13,7 @@ from core import __version__
 from core.artwork.layout import serving_fonts
 from core.parameters import Parameters
 from service.jobs.clock import clock
+from service.jobs.copies import UNREPEATED
 from service.jobs.idempotency import fingerprint
 from service.jobs.ledger import OUTPUTS, Content
 from service.jobs.models import ArtifactKind, Job, JobState
@@ -30,6 +31,17 @@ def result_key(
     fonts = serving_fonts(wording.text, wording.language)
     more = {"signed": True} if signed else {}
     return fingerprint({"engine": __version__, "parameters": parameters, "fonts": fonts, **more, **inputs})
+
+
+def copy_key(parameters: Parameters, text: str, signed: bool) -> str:
+    """Cache key of the results of a copy with this text of a job with these parameters, beside its files.
+
+    It holds for an asset, a font, a logo and a plan that are known only once the job has succeeded.
+    """
+    wording = parameters.model_copy(update={"text": text}).resolved()
+    fonts = serving_fonts(wording.text, wording.language)
+    asked = parameters.model_dump(mode="json") | UNREPEATED | {"text": text}
+    return fingerprint({"engine": __version__, "copy": asked, "fonts": fonts, "signed": signed})
 
 
 def find_results(sessions: sessionmaker[Session], tenant: str, key: str | None) -> dict[ArtifactKind, Content]:

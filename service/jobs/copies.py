@@ -11,10 +11,11 @@ from collections.abc import Sequence
 from datetime import datetime, timedelta
 from typing import NamedTuple
 
-from sqlalchemy import insert, literal, select, tuple_, update
+from sqlalchemy import insert, literal, or_, select, tuple_, update
 from sqlalchemy.orm import Session, sessionmaker
 
 from service.correlation import correlation
+from service.jobs.clock import clock
 from service.jobs.events import snapshot
 from service.jobs.listing import Page, cursor_of, position_of
 from service.jobs.models import (
@@ -44,15 +45,17 @@ TICK = timedelta(microseconds=1)  # between two copies of a request, so that the
 
 
 class NewCopy(NamedTuple):
-    """A copy to be made: its text, and the client's notes about it."""
+    """A copy to be made: its text, the client's notes about it, and the key of equal ones' results
+    (:func:`service.jobs.cache.copy_key`); None where it shall be made anew."""
 
     text: str
     metadata: dict[str, str]
+    key: str | None = None
 
 
 def add(session: Session, parent: Job, wanted: Sequence[NewCopy], moment: datetime, webhook: str | None) -> list[Job]:
-    """Record copies of a job in a transaction: held back, or, where it has succeeded, let go at once. The content of
-    its files is locked, and the job itself where it has not ended."""
+    """Record copies of a job in a transaction, held back. The content of its files is locked, and the job itself where
+    it has not ended."""
     parameters = {**parent.parameters, **UNREPEATED}
     jobs = [
         Job(
@@ -66,6 +69,7 @@ def add(session: Session, parent: Job, wanted: Sequence[NewCopy], moment: dateti
             state=JobState.QUEUED,
             filename=parent.filename,
             parameters={**parameters, "text": copy.text},
+            result_key=copy.key,
             webhook=webhook,
             created_at=moment + number * TICK,
             enqueued_at=moment,
@@ -86,8 +90,6 @@ def add(session: Session, parent: Job, wanted: Sequence[NewCopy], moment: dateti
         for job in jobs
     ]
     session.execute(insert(JobEvent), events)
-    if parent.state is JobState.SUCCEEDED:
-        let_go(session, parent, [job.id for job in jobs])
     return jobs
 
 
@@ -101,8 +103,12 @@ def held(session: Session, job_id: str) -> list[str]:
     return list(session.scalars(waiting))
 
 
-def let_go(session: Session, parent: Job, copies: Sequence[str]) -> None:
-    """Give copies the files that they share with a job that has succeeded, and let them be started."""
+def let_go(session: Session, parent: Job, copies: Sequence[str]) -> list[str]:
+    """Give copies the files that they share with a job that has succeeded, and let them be started.
+
+    Returns:
+        Those that have their results already, of equal ones: they need no start.
+    """
     files = [item for item in parent.artifacts if item.kind in SHARED]
     rows = [
         {"job_id": job_id, "kind": SHARED[file.kind], "sha256": file.sha256, "size": file.size}
@@ -113,6 +119,37 @@ def let_go(session: Session, parent: Job, copies: Sequence[str]) -> None:
     freed = update(Job).where(Job.copy_of == parent.id, Job.held).values(held=False)
     session.execute(freed.execution_options(synchronize_session=False))
     add_stored(session, parent.tenant_id, len(copies) * sum(file.size for file in files))
+    return _served(session, parent, copies, {(row["kind"], row["sha256"]) for row in rows})
+
+
+def _served(session: Session, parent: Job, copies: Sequence[str], inputs: set[tuple[object, object]]) -> list[str]:
+    """Give copies the results of the latest equal ones of the tenant, and return these copies.
+
+    The rows of the latter are locked: their files are forgotten after this transaction, or they are not found.
+    """
+    keyed = select(Job.id, Job.result_key).where(Job.id.in_(copies), Job.result_key.is_not(None))
+    keys = {row.id: row.result_key for row in session.execute(keyed)}
+    equal = (
+        Job.tenant_id == parent.tenant_id,
+        Job.result_key.in_(set(keys.values())),
+        Job.state == JobState.SUCCEEDED,
+        Job.copy_of.is_not(None),
+        or_(Job.expires_at.is_(None), Job.expires_at > clock(session)),
+    )
+    results: dict[str | None, list[Artifact]] = {}
+    for job in session.scalars(select(Job).where(*equal).order_by(Job.created_at, Job.id).with_for_update(read=True)):
+        if {(file.kind, file.sha256) for file in job.artifacts if file.kind in SHARED.values()} == inputs:
+            results[job.result_key] = [file for file in job.artifacts if file.kind not in SHARED.values()]
+    found = {copy: files for copy in copies if (files := results.get(keys.get(copy)))}
+    rows = [
+        {"job_id": copy, "kind": file.kind, "sha256": file.sha256, "size": file.size}
+        for copy, files in found.items()
+        for file in files
+    ]
+    if rows:
+        session.execute(insert(Artifact), rows)
+        add_stored(session, parent.tenant_id, sum(file.size for files in found.values() for file in files))
+    return [*found]
 
 
 def queued(sessions: sessionmaker[Session], job_id: str) -> list[str]:

@@ -49,7 +49,7 @@ from service.jobs.models import (
 )
 from service.jobs.quota import add_stored
 from service.jobs.references import lock_content
-from service.jobs.transitions import ACTIVE, change, drop_files, lock, move, tenant_of, under
+from service.jobs.transitions import ACTIVE, change, drop_files, let_go, lock, move, tenant_of, under
 from service.metrics import JOBS_ACCEPTED, ended
 
 MIGRATION = 7239017  # key of the lock for migrations: an arbitrary constant
@@ -63,7 +63,7 @@ OUTPUTS = (
         ArtifactKind.POSTER,
     ),
     *(ArtifactKind.EXPLANATION, ArtifactKind.LAYERS, ArtifactKind.CREDENTIALS, ArtifactKind.EVIDENCE),
-    *(ArtifactKind.PREVIEW_MODEL, ArtifactKind.EXPORT),
+    *(ArtifactKind.PREVIEW_MODEL, ArtifactKind.PREVIEW_MANIFEST, ArtifactKind.EXPORT),
 )
 SIGNING = "signing"  # stage of a job that waits for its credentials
 
@@ -219,9 +219,20 @@ class Ledger:
         shared = {item.sha256 for item in parent.artifacts if item.kind in copies.SHARED}
         with self._session.begin() as session:
             lock_content(session, shared, stored)
-            made = copies.add(session, parent, wanted, clock(session), webhook)
+            made = self.add_copies(session, parent, wanted, clock(session), webhook)
             condition(session, made[0].id)
         JOBS_ACCEPTED.inc(len(made))
+        return made
+
+    def add_copies(
+        self, session: Session, parent: Job, wanted: Sequence[copies.NewCopy], moment: datetime, webhook: str | None
+    ) -> list[Job]:
+        """Record copies of a job in a transaction: held back, or, where it has succeeded, let go at once. The content
+        of its files is locked, and the job itself where it has not ended."""
+        made = copies.add(session, parent, wanted, moment, webhook)
+        if parent.state is JobState.SUCCEEDED:
+            done = {"progress": 1.0, **self._finished(moment)}
+            let_go(session, parent, [copy.id for copy in made], moment, done)
         return made
 
     def get(self, job_id: str, tenant: str = DEFAULT_TENANT) -> Job | None:

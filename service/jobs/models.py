@@ -128,6 +128,7 @@ class ArtifactKind(StrEnum):
     EXPLANATION = "explanation"
     LAYERS = "layers"
     CREDENTIALS = "credentials"
+    PREVIEW_MANIFEST = "preview_manifest"
     EXPORT = "export"
     EVIDENCE = "evidence"
     ORIGINAL = "original"

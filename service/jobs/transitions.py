@@ -3,7 +3,7 @@
 The event of a change of state, and the ends of the copies that wait for the job, belong to the same transaction.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
 from typing import Any
 
@@ -56,12 +56,18 @@ def move(
             drop_files(session, job_id, Artifact.kind.in_(COMPARED))
         if state not in ACTIVE and not job.copy_of and (waiting := copies.held(session, job_id)):
             if state is JobState.SUCCEEDED:
-                copies.let_go(session, job, waiting)
+                let_go(session, job, waiting, moment, values)
             else:
                 ended_too = {**values, "held": False}
                 for copy in waiting:
                     move(session, copy, (Job.state == JobState.QUEUED,), state, moment, **ended_too)
     return moved
+
+
+def let_go(session: Session, parent: Job, waiting: Sequence[str], moment: datetime, done: Mapping[str, Any]) -> None:
+    """Let copies go; those that have their results already succeed with the values ``done``."""
+    for copy in copies.let_go(session, parent, waiting):
+        move(session, copy, (Job.state == JobState.QUEUED,), JobState.SUCCEEDED, moment, cached=True, **done)
 
 
 def drop_files(session: Session, job_id: str, *which: ColumnElement[bool]) -> set[str]:

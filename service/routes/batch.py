@@ -1,5 +1,6 @@
 """Batches: many jobs in one request."""
 
+import json
 from typing import Annotated, Any
 
 from fastapi import APIRouter, BackgroundTasks, Request, status
@@ -11,6 +12,7 @@ from core.parameters import parse_parameters
 from core.validation import StrictModel
 from service import access
 from service.access import Admitted, Client, GuardedRoute, take_request
+from service.copies import check_copies, parse_copies
 from service.errors import ServiceErrorCode
 from service.idempotency_key import parse_idempotency_key
 from service.intake import Verdicts
@@ -51,6 +53,9 @@ class BatchItem(StrictModel):
         str | None, Field(description="As the header Idempotency-Key of POST /v1/watermarks.")
     ] = None
     cache: Annotated[bool, Field(strict=True, description="Whether results will do that exist already.")] = True
+    copies: Annotated[
+        list[dict[str, Any]], Field(description="Copies of it, as in POST /v1/watermarks: each a `Copy` object.")
+    ] = []  # noqa: RUF012
 
 
 class Batch(StrictModel):
@@ -124,21 +129,24 @@ def _result(
     try:
         if not paid:
             take_request(state, client)
-        job, replayed, _ = _submit(state, client, item, known)
+        job, replayed, started = _submit(state, client, item, known)
     except OperationalError:
         return _refused(ledger_unavailable())
     except MeshmarkError as error:
         return _refused(error)
     if not replayed:
-        background.add_task(state.announcer.announce, job)
+        for each in (job, *started):
+            background.add_task(state.announcer.announce, each)
     return BatchResult(status=status.HTTP_202_ACCEPTED, replayed=replayed, job=view(request, job))
 
 
 def _submit(state: AppState, client: Client, item: BatchItem, known: Verdicts) -> Accepted:
+    parameters = parse_parameters(item.parameters)
+    copies = parse_copies(json.dumps(item.copies)) if item.copies else []
     order = order_from(
         state,
         client.tenant,
-        parse_parameters(item.parameters),
+        parameters,
         parse_metadata(item.metadata),
         source_url=item.source_url,
         upload_id=item.upload_id,
@@ -146,6 +154,7 @@ def _submit(state: AppState, client: Client, item: BatchItem, known: Verdicts) -
         priority=Priority[item.priority.upper()],
         key=None if item.idempotency_key is None else parse_idempotency_key(item.idempotency_key),
         cache=item.cache,
+        copies=check_copies(copies, parameters, logo=False, font=False) if copies else (),
     )
     return submit(state, order, known)
 

@@ -1,31 +1,40 @@
 """Routes of a job's copies: ask for more, list all."""
 
+import json
+from functools import partial
+from itertools import chain
 from typing import Annotated, Any, Self
 
-from fastapi import APIRouter, BackgroundTasks, Header, Request, Response, status
+from fastapi import APIRouter, BackgroundTasks, Header, Query, Request, Response, status
+from fastapi.responses import StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field
 from pydantic.config import JsonDict
 
-from core.errors import ErrorCode
+from core.errors import ErrorCode, MeshmarkError
 from core.parameters import Parameters
 from core.validation import StrictModel
 from service import access
-from service.access import Admitted, GuardedRoute
-from service.copies import Copies, check_copies
+from service.access import Admitted, Client, GuardedRoute
+from service.archive import Entry, archived
+from service.copies import Copies, check_copies, stem_of
+from service.delivery import disposition
 from service.errors import ServiceErrorCode
 from service.idempotency_key import parse_idempotency_key
 from service.jobs.copies import list_copies
 from service.jobs.models import ArtifactKind, Job, JobKind, JobState
+from service.jobs.transitions import ACTIVE
 from service.problems import problem_responses
 from service.routes.lists import CursorQuery, LimitQuery
 from service.routes.schemas import EXAMPLE, ErrorView, LinksView, common, links
 from service.routes.stored import UNKNOWN, find_job, not_there
 from service.routes.taking import HEADERS, IdempotencyKeyHeader
-from service.state import State
+from service.state import AppState, State
 from service.submission import Accepted, submit_copies
 from service.webhooks.endpoints import check_job_webhook
 
 NDJSON = "application/x-ndjson"
+ZIP = "application/zip"
+INDEX = "copies.ndjson"  # the last file of an archive
 
 router = APIRouter(prefix="/v1/watermarks", tags=["watermarks"], route_class=GuardedRoute)
 
@@ -142,6 +151,15 @@ LISTED: dict[int | str, dict[str, Any]] = {
         "content": {NDJSON: {"schema": {"type": "string", "description": "Each line is a `CopyView`."}}},
     }
 }
+ARCHIVED: dict[int | str, dict[str, Any]] = {
+    200: {"description": "The archive.", "content": {ZIP: {"schema": {"type": "string", "format": "binary"}}}}
+}
+CacheQuery = Annotated[
+    bool,
+    Query(
+        description="Whether results will do that an equal copy of yours has: then the new one has succeeded at once."
+    ),
+]
 AcceptHeader = Annotated[
     str | None,
     Header(
@@ -168,6 +186,7 @@ async def create_copies(
     job_id: str,
     wanted: CopiesWanted,
     idempotency_key: IdempotencyKeyHeader = None,
+    cache: CacheQuery = True,
 ) -> CopiesMade:
     """Make copies of the job's asset with other texts at the places of its marks. Each is a job of its own."""
 
@@ -182,7 +201,7 @@ async def create_copies(
         parameters = Parameters.model_validate(parent.parameters)
         checked = check_copies(wanted.copies, parameters, logo=logo, font=font)
         key = None if idempotency_key is None else parse_idempotency_key(idempotency_key)
-        return submit_copies(state, parent, checked, wanted.webhook, key)
+        return submit_copies(state, parent, checked, wanted.webhook, key, cache)
 
     taken = await state.intake.run(client.tenant, accept)
     response.headers["Location"] = request.app.url_path_for("list_copies_of_watermark", job_id=job_id)
@@ -190,7 +209,8 @@ async def create_copies(
         response.headers["Idempotent-Replayed"] = "true"
     else:
         for job in taken.started:
-            background.add_task(state.announcer.announce, job)
+            if job.state is JobState.QUEUED:
+                background.add_task(state.announcer.announce, job)
     return CopiesMade(items=[CopyView.of(request, job) for job in taken.started])
 
 
@@ -220,3 +240,59 @@ def list_copies_of_watermark(
     following = request.url.include_query_params(cursor=page.cursor)
     place = f"{following.path}?{following.query}" if page.cursor else None
     return CopyPage(items=[CopyView.of(request, copy) for copy in page.jobs], next=place)
+
+
+@router.get(
+    "/{job_id}/copies.zip",
+    summary="Download all copies of a watermark",
+    response_class=Response,
+    responses=ARCHIVED
+    | UNKNOWN
+    | problem_responses(ServiceErrorCode.NOT_READY, ServiceErrorCode.JOB_EXPIRED, ServiceErrorCode.SERVICE_UNAVAILABLE),
+)
+async def download_copies_of_watermark(request: Request, state: State, client: Admitted, job_id: str) -> Response:
+    """One ZIP with the models of all copies that have succeeded, once all have ended, and an index as NDJSON."""
+    return await state.content.run(partial(_archive, request, state, client, job_id))
+
+
+def _archive(request: Request, state: AppState, client: Client, job_id: str) -> Response:
+    job = find_job(state, client, job_id)
+    copies = list_copies(state.ledger.sessions, job).jobs
+    if waiting := sum(copy.state in ACTIVE for copy in copies):
+        raise MeshmarkError(
+            ServiceErrorCode.NOT_READY,
+            f"{waiting} of {len(copies)} copies have not ended.",
+            f"Wait until all have; GET /v1/watermarks/{job_id}/copies lists them.",
+        )
+    entries = _entries(request, copies)
+    if len(entries) == 1:
+        raise MeshmarkError(
+            ServiceErrorCode.NOT_FOUND,
+            f"The watermark {job_id} has no copies whose files are there.",
+            f"Make some: POST /v1/watermarks/{job_id}/copies.",
+        )
+    chunks = archived(state.artifacts, entries)
+    try:
+        first = next(chunks)  # read here, where an error can still become a response
+    except FileNotFoundError:
+        raise MeshmarkError(
+            ServiceErrorCode.JOB_EXPIRED, "Copies were deleted meanwhile.", "Ask for the archive again."
+        ) from None
+    headers = {"Content-Disposition": disposition(f"{stem_of(job)}.copies.zip"), "Cache-Control": "private, no-store"}
+    return StreamingResponse(state.content.each(chain([first], chunks)), headers=headers, media_type=ZIP)
+
+
+def _entries(request: Request, copies: list[Job]) -> list[Entry]:
+    """The models of copies, and last the index of all."""
+    models: dict[str, Entry] = {}
+    lines = []
+    for copy in copies:
+        name = None
+        if model := copy.artifact(ArtifactKind.MODEL):
+            name = f"{stem_of(copy)}.watermarked.glb"
+            if name in models:  # names have not all letters that texts have
+                name = f"{stem_of(copy)}-{copy.id}.watermarked.glb"
+            models[name] = Entry(name, model)
+        told = CopyView.of(request, copy).model_dump(mode="json", exclude={"links", "stage", "progress"})
+        lines.append(json.dumps(told | {"file": name}, ensure_ascii=False) + "\n")
+    return [*models.values(), Entry(INDEX, "".join(lines).encode())]

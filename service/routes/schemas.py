@@ -50,6 +50,7 @@ EXAMPLE: JsonDict = {
         "explanation": None,
         "layers": None,
         "credentials": None,
+        "preview_manifest": None,
     },
 }
 
@@ -109,6 +110,7 @@ class LinksView(BaseModel):
     explanation: str | None
     layers: str | None
     credentials: str | None
+    preview_manifest: str | None
 
 
 class AnyJobView(BaseModel):

@@ -65,6 +65,7 @@ MEDIA_TYPES = {
     ArtifactKind.EXPLANATION: ["application/json"],
     ArtifactKind.LAYERS: ["model/gltf-binary"],
     ArtifactKind.CREDENTIALS: ["application/c2pa"],
+    ArtifactKind.PREVIEW_MANIFEST: ["application/c2pa"],
 }
 CONTENT: dict[ArtifactKind, dict[str, Any]] = {
     ArtifactKind.MODEL: {"type": "string", "format": "binary"},
@@ -89,6 +90,7 @@ CONTENT: dict[ArtifactKind, dict[str, Any]] = {
     },
     ArtifactKind.LAYERS: {"type": "string", "format": "binary"},
     ArtifactKind.CREDENTIALS: {"type": "string", "format": "binary"},
+    ArtifactKind.PREVIEW_MANIFEST: {"type": "string", "format": "binary"},
 }
 SUFFIXES = {
     ArtifactKind.MODEL: ".glb",
@@ -101,6 +103,12 @@ SUFFIXES = {
     ArtifactKind.EXPLANATION: ".explanation.json",
     ArtifactKind.LAYERS: ".explanation.glb",
     ArtifactKind.CREDENTIALS: ".c2pa",
+    ArtifactKind.PREVIEW_MANIFEST: ".preview.c2pa",
+}
+# The manifest beside a result.
+BESIDE = {
+    ArtifactKind.MODEL: ArtifactKind.CREDENTIALS,
+    ArtifactKind.PREVIEW_MODEL: ArtifactKind.PREVIEW_MANIFEST,
 }
 
 REFUSALS = problem_responses(
@@ -325,6 +333,12 @@ async def read_credentials(request: Request, state: State, client: Admitted, job
     return await _deliver(request, state, client, job_id, ArtifactKind.CREDENTIALS)
 
 
+@_offer(ArtifactKind.PREVIEW_MANIFEST, "the preview model's Content Credentials")
+async def read_preview_manifest(request: Request, state: State, client: Admitted, job_id: str) -> Response:
+    """The manifest store of the preview model, as `credentials` is the model's; where there is one beside the model."""
+    return await _deliver(request, state, client, job_id, ArtifactKind.PREVIEW_MANIFEST)
+
+
 async def _deliver(request: Request, state: AppState, client: Client, job_id: str, kind: ArtifactKind) -> Response:
     return await state.content.run(partial(_delivery, request, state, client, job_id, kind))
 
@@ -338,8 +352,8 @@ def _delivery(request: Request, state: AppState, client: Client, job_id: str, ki
     name = stem_of(job) + ".watermarked" + suffix
     headers = {"Content-Type": media_type, "Content-Disposition": disposition(name)}
     response = send_file(request, state, job, kind, headers)
-    if kind is ArtifactKind.MODEL and job.artifact(ArtifactKind.CREDENTIALS):
-        place = request.app.url_path_for("read_credentials", job_id=job_id)
+    if (beside := BESIDE.get(kind)) and job.artifact(beside):
+        place = request.app.url_path_for(f"read_{beside}", job_id=job_id)
         response.headers["Link"] = f'<{place}>; rel="c2pa-manifest"'  # C2PA 2.2, section 15.5.3.2
     return response
 

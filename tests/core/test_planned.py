@@ -71,6 +71,11 @@ def test_a_plan_that_was_written_and_read_again_gives_the_same_bytes(plan: Plan,
     assert watermark(BOX, asked("ORDER-4712"), preview=False, plan=again).model == copy.model
 
 
+def test_a_copy_of_an_asset_that_was_read_before_is_the_same(first: Result, plan: Plan, copy: Result) -> None:
+    again = [watermark(BOX, asked("ORDER-4712"), preview=False, plan=plan, before=first.asset) for _ in range(2)]
+    assert [result.model for result in again] == [copy.model] * 2
+
+
 TEXTS = ["AB", "ORDER-4711-EXTRA", "\N{UNICORN FACE}", "Mia"]
 
 

@@ -29,7 +29,10 @@ OPEN = {"/healthz", "/readyz"}  # what anybody may ask
 # for reasons.
 UNMADE = {
     f"/v1/watermarks/{{job_id}}/{part}"
-    for part in ("credentials", "export", "turntable", "poster", "explanation", "layers", "preview_model")
+    for part in (
+        *("credentials", "export", "turntable", "poster", "explanation", "layers"),
+        *("preview_model", "preview_manifest", "copies.zip"),
+    )
 }
 OWN_TOKEN = {"/v1/hooks/{source}"}  # what asks for a token that is no API key: see tests/service/routes/test_hooks.py
 

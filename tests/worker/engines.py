@@ -43,6 +43,8 @@ class Result:
     model: bytes
     report: dict[str, Any]
     preview: bytes | None
+    plan: Plan | None
+    asset: int
 
 
 def ordered(data: bytes) -> dict[str, Any]:
@@ -66,6 +68,7 @@ def directed(
     preview: bool = True,
     plan: Plan | None = None,
     copies: Sequence[str] = (),
+    before: int | None = None,
     progress: Callable[[str, float], None] | None = None,
     publish: Callable[[str, bytes], None] | None = None,
 ) -> Result:
@@ -75,14 +78,16 @@ def directed(
     order = ordered(data)
     progress("reading", 1.0)
     progress("placing", 0.5)
-    ACTIONS[order["do"]](order)
+    ACTIONS[order.get("for", {}).get(parameters.text, order["do"])](order)
     model = b"glTF of " + parameters.text.encode()
     if "sign" in order:
         model += b" by %d" % os.getpid()
     publish("model", model)
+    made = None
     if plan is None:
         longest = max([parameters.text, *copies], key=len)
-        publish("plan", plan_for(data, parameters.model_copy(update={"text": longest})).to_json())
+        made = plan_for(data, parameters.model_copy(update={"text": longest}))
+        publish("plan", made.to_json())
     missing = {"ocr": {"code": "not_measured", "message": "Not yet.", "remedy": "Wait."}}
     publish("report", json.dumps({"metrics": {"ocr": None, "missing": missing}}).encode())
     progress("evaluating", 0.0)
@@ -108,7 +113,7 @@ def directed(
     if "at_the_end" in order:
         publish("report", json.dumps(report).encode())
         ACTIONS[order["at_the_end"]](order)
-    return Result(model, report, picture)
+    return Result(model, report, picture, made, asset=os.getpid() if before is None else before)
 
 
 def plan_for(data: bytes, parameters: Parameters) -> Plan:
@@ -209,6 +214,11 @@ def eat_memory(_order: dict[str, Any]) -> None:
     while True:
         hoard.append(b"x" * 2**24)
         time.sleep(0.005)
+
+
+def hoard(_order: dict[str, Any]) -> None:
+    """Keep a quarter of a gigabyte for good."""
+    globals()["hoarded"] = b"x" * 2**28
 
 
 def refuse(_order: dict[str, Any]) -> None:
@@ -328,6 +338,7 @@ ACTIONS: dict[str, Callable[[dict[str, Any]], None]] = {
         segfault,
         hang,
         eat_memory,
+        hoard,
         find_disk_full,
         refuse,
         stumble,

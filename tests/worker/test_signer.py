@@ -137,6 +137,21 @@ def test_the_sidecar_fits_the_model_and_each_picture_has_its_own(signed: Signed,
         assert shown.convert("RGB").getpixel((0, 0)) == (9, 90, 200)
 
 
+def test_the_preview_model_has_credentials_of_its_own_with_the_marks_that_it_carries(signed: Signed) -> None:
+    light = {"sha256": "ab" * 32, "watermarks": []}
+    url = signed.finish(
+        order(report={**deepcopy(REPORT), "preview_model": light}), '{"text": "HI", "preview_model": {}}'
+    )
+    signed.signer.sign_due()
+    model, beside = (signed.http.get(f"{url}/{part}") for part in ("preview_model", "preview_manifest"))
+    assert model.headers["Link"] == f'<{url}/preview_manifest>; rel="c2pa-manifest"'
+    assert beside.headers["Content-Disposition"] == 'attachment; filename="asset.watermarked.preview.c2pa"'
+    found = read_credentials(model.content, GLB, beside.content)
+    assert (found.state, found.marks, found.title) == (CredentialState.VALID, (), "asset.watermarked.preview.glb")
+    of_the_model = signed.http.get(f"{url}/credentials").content
+    assert read_credentials(model.content, GLB, of_the_model).state == CredentialState.TAMPERED
+
+
 def test_no_worker_does_the_work_again_because_no_signer_runs(signed: Signed) -> None:
     url = signed.finish()
     with signed.client.worker.ledger.sessions() as session:

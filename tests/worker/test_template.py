@@ -72,7 +72,7 @@ def test_each_job_has_a_process_of_its_own_with_nothing_of_the_templates(templat
     opened = first["opened"]
     folder = str(tmp_path / "first")
     assert [opened[number] for number in "012"] == [f"{folder}/request", f"{folder}/stderr", f"{folder}/stderr"]
-    assert opened["3"].startswith("pipe:")
+    assert opened["3"].startswith("socket:")
     assert all(path.startswith("/proc/") for number, path in opened.items() if number not in "0123"), opened
 
 

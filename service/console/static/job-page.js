@@ -212,7 +212,7 @@ function Result({ job, report, stem, preview, current, onMark, onProblem }) {
       <${Icon} name="download" /> ${t(`download.${kind}`)}</button>`;
   return html`
     <div class="downloads">
-      ${get("model", ".watermarked.glb")}${get("preview_model", ".watermarked.preview.glb")}${report?.export && get("export", `.watermarked.${report.export.format.split("+").pop()}`)}${get("report", ".watermarked.report.json")}${get("preview", ".watermarked.png")}${get("turntable", ".turntable.webp")}${get("credentials", ".watermarked.c2pa")}
+      ${get("model", ".watermarked.glb")}${get("preview_model", ".watermarked.preview.glb")}${report?.export && get("export", `.watermarked.${report.export.format.split("+").pop()}`)}${get("report", ".watermarked.report.json")}${get("preview", ".watermarked.png")}${get("turntable", ".turntable.webp")}${get("credentials", ".watermarked.c2pa")}${get("preview_manifest", ".watermarked.preview.c2pa")}
     </div>
     ${!report && html`<p class="quiet" role="status">${t("loading")}</p>`}
     ${report && html`

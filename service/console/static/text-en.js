@@ -248,6 +248,7 @@ export default {
   "download.report": "Report",
   "download.preview": "Preview",
   "download.credentials": "Credentials",
+  "download.preview_manifest": "Credentials of the preview model",
   "download.export": "Export",
   "download.turntable": "Turntable",
   "turntable.alt": "The watermarked model as it turns",

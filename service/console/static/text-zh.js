@@ -248,6 +248,7 @@ export default {
   "download.report": "报告",
   "download.preview": "预览图",
   "download.credentials": "内容凭证",
+  "download.preview_manifest": "预览模型的内容凭证",
   "download.export": "其他格式",
   "download.turntable": "旋转展示",
   "turntable.alt": "旋转展示的加水印模型",

@@ -108,6 +108,16 @@ def test_a_statement_of_another_shape_than_ours_is_no_fault_of_the_file(signer: 
     assert found.marks in ((), ("None", "5"))
 
 
+def test_a_preview_model_is_told_by_its_own_hash_and_marks() -> None:
+    light = {"sha256": "ab" * 32, "watermarks": [1]}
+    two = [{**mark, "id": number} for number in (0, 1) for mark in report()["watermarks"][:1]]
+    two[1]["text"] = "CARRIED"
+    made = definition(report(preview_model=light, watermarks=two), "fox.preview.glb", GLB, preview=True)
+    [said] = [one["data"] for one in made["assertions"] if one["label"] == "org.meshmark.marks"]
+    assert said["model"] == {"sha256": "ab" * 32}
+    assert [mark["text"] for mark in said["watermarks"]] == ["CARRIED"]
+
+
 def test_a_file_without_credentials_has_none() -> None:
     picture = io.BytesIO()
     Image.new("RGB", (4, 4)).save(picture, "PNG")

@@ -28,7 +28,7 @@ def create(ledger: Ledger, number: int = 1000) -> Job:
 
     def condition(session: Session, job_id: str) -> None:
         job = session.get_one(Job, job_id)
-        copies.add(session, job, WANTED[:number], job.created_at, None)
+        ledger.add_copies(session, job, WANTED[:number], job.created_at, None)
 
     files = {ArtifactKind.INPUT: INPUT}
     return ledger.create("a.glb", {"text": "HI"}, files, lambda _: True, Submission("acme", condition=condition))

@@ -51,6 +51,17 @@ def test_each_item_is_a_job_of_its_own(client: Client) -> None:
         assert (job["state"], job["parameters"]["text"], job["metadata"]) == ("succeeded", text, {"order": text})
 
 
+def test_an_item_has_copies_of_its_own(client: Client) -> None:
+    name, copies = upload(client), [{"text": "ORDER-1", "metadata": {"customer": "1"}}, {"text": "ORDER-2"}]
+    results = send(client, item(name, copies=copies), item(name, "TWO", copies=[{"text": "A"}, {"text": "A"}]))
+    assert [outcome(result) for result in results] == [(202, None), (422, "invalid_parameters")]
+    url = results[0]["job"]["links"]["self"]
+    client.run(url)
+    made = client.http.get(f"{url}/copies").json()["items"]
+    assert [(copy["text"], copy["state"]) for copy in made] == [("ORDER-1", "succeeded"), ("ORDER-2", "succeeded")]
+    assert made[0]["metadata"] == {"customer": "1"}
+
+
 def test_an_item_names_its_own_webhook(client: Client) -> None:
     name, hook = upload(client), "https://shop.example/hooks/4711"
     assert outcome(send(client, item(name, webhook=hook))[0]) == (422, "no_webhook_secret")

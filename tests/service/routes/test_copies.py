@@ -1,6 +1,9 @@
 """Copies of a job, asked for with it and after it."""
 
+import io
 import json
+import zipfile
+from collections.abc import Iterator
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -9,9 +12,11 @@ import pytest
 from httpx2 import Response
 from sqlalchemy import select, update
 
+from service.archive import Entry, archived
 from service.config import Settings
 from service.jobs.clock import now
 from service.jobs.dead import WORKER_LOST, retry
+from service.jobs.folder_store import FolderStore
 from service.jobs.ledger_metrics import LedgerCollector
 from service.jobs.models import Artifact, ArtifactKind, Job, Tenant, WebhookDelivery
 from tests.service.conftest import Client, client_with
@@ -131,8 +136,8 @@ def test_copies_whose_job_loses_its_worker_for_good_fail(client: Client) -> None
 
 
 def test_a_copy_that_lost_its_worker_is_retried_as_a_copy(client: Client) -> None:
-    url = succeeded(client, COPIES[:1])
-    [copy] = listed(client, url)
+    url = succeeded(client)
+    [copy] = more(client, url, COPIES[:1]).json()["items"]
     ledger = client.worker.ledger
     assert ledger.claim(copy["id"], lease_seconds=-1)
     ledger.recover(1, WORKER_LOST)
@@ -150,7 +155,9 @@ def test_no_sweeper_announces_copies_that_are_held_back(client: Client) -> None:
     assert ledger.waiting(-1) == [url.rsplit("/", 1)[1]]
     families = {family.name: family for family in LedgerCollector(ledger.sessions).collect()}
     assert sum(sample.value for sample in families["meshmark_jobs"].samples) == 1
-    client.run(url)
+    job = ledger.claim(url.rsplit("/", 1)[1], lease_seconds=60)
+    assert job
+    assert ledger.succeed(job.lease)
     assert ledger.waiting(-1) == [copy["id"] for copy in listed(client, url)]
 
 
@@ -256,7 +263,8 @@ def test_copies_need_marks_and_count_as_jobs(tmp_path_factory: pytest.TempPathFa
         many = post(client, COPIES)
         assert (many.status_code, many.json()["code"]) == (429, "too_many_jobs")
         assert client.http.get("/v1/watermarks").json()["items"] == []
-        url = succeeded(client, COPIES[:2])
+        url = succeeded(client)
+        assert more(client, url, COPIES[:2]).status_code == 202
         assert more(client, url, COPIES[:2]).status_code == 429
         assert len(listed(client, url)) == 2
         huge = more(client, url, [{"text": str(number), "metadata": {"a": "x" * 99}} for number in range(100_000)])
@@ -267,7 +275,116 @@ def test_a_webhook_is_sent_for_each_copy(client: Client) -> None:
     endpoint = client.http.post("/v1/webhook-endpoints", json={"url": "https://shop.example/hooks"})
     assert endpoint.status_code == 201, endpoint.text
     url = succeeded(client, COPIES)
-    client.run(url)
     with client.worker.ledger.sessions() as session:
-        told = set(session.scalars(select(WebhookDelivery.job_id)))
-    assert told == {url.rsplit("/", 1)[1], listed(client, url)[0]["id"]}
+        told = sorted(session.scalars(select(WebhookDelivery.job_id)))
+    assert told == sorted([url.rsplit("/", 1)[1], *(copy["id"] for copy in listed(client, url))])
+
+
+@pytest.fixture
+def reusing(tmp_path: Path) -> Iterator[Client]:
+    """One that gives results of earlier jobs."""
+    with client_with(Settings(data_dir=tmp_path, cache=True)) as client:
+        yield client
+
+
+def test_a_copy_equal_to_an_earlier_one_has_its_results_at_once(reusing: Client) -> None:
+    url = succeeded(reusing, COPIES)
+    again = more(reusing, url, [*COPIES[:2], {"text": "OTHER"}]).json()["items"]
+    assert [copy["state"] for copy in again] == ["succeeded", "succeeded", "queued"]
+    jobs = [reusing.http.get(copy["links"]["self"]).json() for copy in again]
+    assert [job["cached"] for job in jobs] == [True, True, False]
+    assert [copy["metadata"] for copy in again[:2]] == [copy["metadata"] for copy in COPIES[:2]]
+    first, served = (reusing.http.get(listed(reusing, url)[place]["links"]["model"]) for place in (0, 3))
+    assert (served.content, served.headers["ETag"]) == (first.content, first.headers["ETag"])
+    assert jobs[0]["links"]["report"] is not None
+    anew = reusing.http.post(f"{url}/copies?cache=false", json={"copies": COPIES[:1]}).json()["items"]
+    assert [copy["state"] for copy in anew] == ["queued"]
+
+
+def test_a_job_that_is_sent_again_has_its_copies_at_once(reusing: Client) -> None:
+    succeeded(reusing, COPIES)
+    url = str(post(reusing, COPIES).headers["Location"])
+    assert (reusing.http.get(url).json()["cached"], states(reusing, url)) == (True, ["succeeded"] * 3)
+    with reusing.worker.ledger.sessions() as session:
+        assert not list(session.scalars(select(Job.id).where(Job.state == "queued")))
+
+
+def test_copies_that_waited_take_the_results_of_equal_ones(reusing: Client) -> None:
+    """Their job is made anew and has the same plan."""
+    succeeded(reusing, COPIES)
+    longer = [*COPIES, {"text": "ORDER-4"}]
+    url = str(post(reusing, longer).headers["Location"])
+    assert states(reusing, url) == ["queued"] * 4
+    reusing.run(url)
+    jobs = [reusing.http.get(copy["links"]["self"]).json() for copy in listed(reusing, url)]
+    assert [(job["state"], job["cached"]) for job in jobs] == [("succeeded", True)] * 3 + [("succeeded", False)]
+
+
+def test_results_at_other_places_and_of_deleted_or_expired_copies_are_not_taken(reusing: Client) -> None:
+    url = succeeded(reusing, COPIES)
+    other = str(post(reusing, COPIES[:1], asset(other=1)).headers["Location"])
+    reusing.run(other)
+    assert [reusing.http.get(copy["links"]["self"]).json()["cached"] for copy in listed(reusing, other)] == [False]
+    reusing.http.delete(listed(reusing, url)[0]["links"]["self"])
+    assert [copy["state"] for copy in more(reusing, url, COPIES[:2]).json()["items"]] == ["queued", "succeeded"]
+    with reusing.worker.ledger.sessions.begin() as session:
+        session.execute(update(Job).where(Job.copy_of.is_not(None)).values(expires_at=now() - timedelta(days=1)))
+    assert [copy["state"] for copy in more(reusing, url, COPIES[1:2]).json()["items"]] == ["queued"]
+
+
+def archive(client: Client, url: str) -> zipfile.ZipFile:
+    answer = client.http.get(f"{url}/copies.zip")
+    assert (answer.status_code, answer.headers["Content-Type"]) == (200, "application/zip"), answer.text
+    assert answer.headers["Content-Disposition"] == 'attachment; filename="asset.copies.zip"'
+    return zipfile.ZipFile(io.BytesIO(answer.content))
+
+
+def test_all_copies_come_in_one_archive_with_an_index(client: Client) -> None:
+    instead: dict[str, Any] = {"for": {"ORDER-22": "refuse"}}
+    content = asset(**instead)
+    url = str(post(client, [*COPIES, {"text": "ORDER/3"}], content).headers["Location"])
+    early = client.http.get(f"{url}/copies.zip")
+    assert (early.status_code, early.json()["code"]) == (409, "not_ready")
+    for _ in range(3):
+        client.run(url)
+    with archive(client, url) as found:
+        assert found.testzip() is None
+        *names, index = found.namelist()
+        last = listed(client, url)[3]["id"]
+        assert names == [
+            "asset-ORDER-1.watermarked.glb",
+            "asset-ORDER-3.watermarked.glb",
+            f"asset-ORDER-3-{last}.watermarked.glb",
+        ]
+        assert [found.read(name) for name in names] == [b"glTF of ORDER-1", b"glTF of ORDER-3", b"glTF of ORDER/3"]
+        lines = [json.loads(line) for line in found.read(index).decode().splitlines()]
+    assert [(line["text"], line["file"]) for line in lines] == [
+        ("ORDER-1", names[0]),
+        ("ORDER-22", None),
+        ("ORDER-3", names[1]),
+        ("ORDER/3", names[2]),
+    ]
+    assert lines[1]["error"]["code"] == "no_placement"
+    assert lines[0]["metadata"] == {"customer": "1"}
+
+
+def test_there_is_no_archive_without_copies(client: Client) -> None:
+    url = succeeded(client)
+    assert client.http.get(f"{url}/copies.zip").json()["code"] == "not_found"
+
+
+def test_an_archive_is_sent_as_it_is_read_and_breaks_off_where_a_file_is_gone(tmp_path: Path) -> None:
+    """Of each file no more than a piece is in memory."""
+    store = FolderStore(tmp_path)
+    files = []
+    for number in range(3):
+        with store.stage(io.BytesIO(bytes([number]) * 2**22), limit=2**22, name="model") as staged:
+            store.put(staged)
+            files.append(Artifact(job_id="1", kind=ArtifactKind.MODEL, sha256=staged.sha256, size=staged.size))
+    pieces = list(archived(store, [Entry(f"{number}.glb", file) for number, file in enumerate(files)]))
+    assert max(map(len, pieces)) < 2**21
+    with zipfile.ZipFile(io.BytesIO(b"".join(pieces))) as found:
+        assert [found.read(name) for name in found.namelist()] == [bytes([number]) * 2**22 for number in range(3)]
+    store.remove(files[1].sha256)
+    with pytest.raises(FileNotFoundError):
+        list(archived(store, [Entry(f"{number}.glb", file) for number, file in enumerate(files)]))
