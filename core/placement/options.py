@@ -24,8 +24,7 @@ class SearchOptions:
         last_resort: such a multiple, used only where nothing else fits at all.
         rounds: times that the lowest height before that is searched, or that which is asked for, each time for the
             directions still uncovered.
-        gain: of the objective by a search, at least, for the same height to be searched again, or any once there are
-            as many marks as were asked for.
+        gain: of the objective by a search, at least, for the same height to be searched again.
         narrower: ratio of widths below those, which long text needs on small assets.
         looking: share of the surface that has to look in a direction for text to be placed there.
         covered: share of the best possible coverage by text of a width, from which on a direction is covered well.
@@ -36,7 +35,7 @@ class SearchOptions:
     small: float = 0.6
     last_resort: float = 0.4
     rounds: int = 8
-    gain: float = 0.002
+    gain: float = 0.003
     narrower: float = 1.5
     looking: float = 0.001
     covered: float = 0.85

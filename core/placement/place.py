@@ -149,10 +149,12 @@ def _search(
         wanted = None
         if found is not None:
             chosen = climb(found, parameters.count, placed, rejected, found.start, options.selection)
-            complete = len(chosen) == parameters.count or (number > 0 and step is steps[number - 1])
-            gained = found.value(chosen) - found.value(found.start)
-            if number and len(found.boxes) and complete and gained < options.search.gain:
-                break  # there are as many marks as were asked for, or more of this height would not help
+            if number and len(found.boxes):
+                gained = found.value(chosen) - found.value(found.start)
+                if step is steps[number - 1] and gained < options.search.gain:
+                    break  # more of this height gains next to nothing
+                if len(chosen) == parameters.count and set(chosen) == set(found.start):
+                    break  # there are as many marks as were asked for, and lower text would replace none of them
             found = replace(found, start=tuple(chosen))
             well = [one for one in chosen if not found.last_resort[one]]
             if well:

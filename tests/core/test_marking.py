@@ -87,7 +87,9 @@ def test_letters_are_flat_where_the_files_coordinates_cannot_hold_soft_ones_and_
     assert {mark["cut"] for mark in report["watermarks"]} == {"split"}
     (notice,) = report["warnings"]
     assert notice["code"] == "flat_letters"
-    assert notice["message"].startswith("4 of 4 marks have flat letters: ")
+    number = len(report["watermarks"])
+    assert number >= 3
+    assert notice["message"].startswith(f"{number} of {number} marks have flat letters: ")
     ball.vertices += (-1000, 0, 0)
     here = watermark(ball.export(file_type="glb"), asked, preview=False).report
     assert {mark["cut"] for mark in here["watermarks"]} == {"delaunay"}
