@@ -41,12 +41,12 @@ class CandidateOptions:
 
     thickness: float = 0.15
     thinnest: float = 0.25
-    samples: int = 6000
-    draws: int = 7
+    samples: int = 8000
+    draws: int = 5
     radius: float | None = None
-    number: int = 400
-    more: float = 2.1
-    fewest: float = 0.44
+    number: int = 700
+    more: float = 1.2
+    fewest: float = 0.25
     choice: float = 2.0
     support_grid: tuple[int, int] = (8, 3)
     probes: int = 6

@@ -234,8 +234,8 @@ def _candidates(
     if options.radius is not None:
         points, face = sample(context.ground, options.samples, rng)
         return candidates(points, context.ground.normals[face], size, options.radius)
-    # Several layouts have fewer boxes each: a place that one fits into mostly serves the others as well.
-    most = options.number / np.sqrt(len(context.layouts.artworks))
+    # Each layout gets its share of the boxes: a place that one fits into mostly serves the others as well.
+    most = options.number / len(context.layouts.artworks)
     if wanted is not None:
         most *= max(options.more * float(wanted.mean()), options.fewest)
     directions = context.targets.directions if wanted is None else context.targets.directions[wanted]

@@ -25,7 +25,7 @@ def fitted(options: PlacementOptions | None) -> dict[Stage, int]:
 
 
 def test_a_sweep_over_the_values_of_an_algorithm_needs_only_a_record() -> None:
-    few = replace(PLACEMENT, candidates=CandidateOptions(number=40))
+    few = replace(PLACEMENT, candidates=CandidateOptions(number=70))
     strict = replace(PLACEMENT, levenberg_marquardt=LevenbergMarquardtOptions(bend=0.0))
     left = fitted(None)
     assert fitted(few)[Stage.CANDIDATES] < left[Stage.CANDIDATES] / 5
