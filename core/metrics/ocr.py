@@ -118,7 +118,7 @@ def _read(
     row: list[int] = []
     lines: list[list[tuple[Line, int]]] = []
     for number, picture in enumerate(pictures):
-        row.append(distinct.setdefault(sha256(np.ascontiguousarray(picture)).digest(), len(distinct)))
+        row.append(distinct.setdefault(sha256(picture.tobytes()).digest(), len(distinct)))
         if row[-1] == len(lines):
             found = [line for line in reader.detect(picture)[:MOST_LINES] if line.confidence >= confidence]
             lines.append([(line, 0 if right is None else _upright(line, right[number])) for line in found])

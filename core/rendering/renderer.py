@@ -328,7 +328,7 @@ def _read(
     shown, there = (left, bottom, bounds.width, bounds.height), np.s_[side - top : side - bottom, left:right]
 
     def pixels(kind: Any, of: Any, dtype: type) -> NDArray[Any]:
-        content = np.frombuffer(GL.glReadPixels(*shown, kind, of), dtype=dtype)
+        content: NDArray[Any] = np.frombuffer(GL.glReadPixels(*shown, kind, of), dtype=dtype)
         return content.reshape(bounds.height, bounds.width, -1)[::-1]  # the first row comes last
 
     GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, drawer._main_fb_ms)
