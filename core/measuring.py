@@ -6,7 +6,6 @@ from contextlib import ExitStack
 from hashlib import sha256
 from typing import Any
 
-from core import process
 from core.choices import Evaluate
 from core.errors import ErrorCode, MeshmarkError
 from core.rendering.pictures import PICTURE_SIZE, Views, views
@@ -98,8 +97,6 @@ def render(asset: Asset, output: Output, light: LightOutput | None, run: Run, dr
         )
     if isinstance(seen, MeshmarkError):
         run.notices.append(seen.notice())
-    if measured:
-        process.after_rendering()
     return Pictures(preview, animation, poster, seen, seen_light)
 
 

@@ -4,10 +4,8 @@ Environment variables are read by libraries when they are loaded, so each is set
 The engine changes nothing else of the process, also where it is used as a library.
 """
 
-import ctypes
 import gc
 import os
-from contextlib import suppress
 
 RARELY = (50_000, 20, 20)  # objects between two collections, and these between those of older ones
 
@@ -41,13 +39,6 @@ def before_opengl() -> None:
 
     np.infty = np.inf  # type: ignore[attr-defined]
     pyglet.options.headless = True
-
-
-def after_rendering() -> None:
-    """With metrics of pictures, which take the most memory of all stages: what earlier stages left free in the heap of
-    glibc goes back to the system first (malloc_trim(3)), some 50 to 90 MB."""
-    with suppress(AttributeError):  # another library of C
-        ctypes.CDLL(None).malloc_trim(0)
 
 
 def after_torch() -> None:

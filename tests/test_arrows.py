@@ -41,7 +41,7 @@ BELOW = {
     "marking": "stages embossing placement analysis artwork formats gltf geometry labels parameters budgets",
     "lightening": "marking stages analysis gltf preview_model",
     "planned": "marking plan stages embossing placement analysis artwork gltf geometry parameters validation",
-    "measuring": "explain stages report reporting metrics rendering analysis process",
+    "measuring": "explain stages report reporting metrics rendering analysis",
     "exporting": "stages formats labels",
     "pipeline": (
         "exporting explain lightening marking measuring plan planned stages formats budgets parameters preload"

@@ -1,6 +1,5 @@
 """What the engine changes of the process it runs in is said in one place; what it has to tell goes to a log."""
 
-import ctypes
 import os
 import re
 import subprocess
@@ -44,21 +43,3 @@ def test_each_change_is_made_with_what_needs_it(statement: str, expression: str,
     code = f"import os; {statement}; print({expression})"
     ended = subprocess.run([sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True)
     assert (ended.stdout.split(), ended.returncode) == ([expected], 0), ended.stderr
-
-
-@pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "malloc_trim"), reason="another library of C than glibc")
-def test_free_memory_goes_back_to_the_system() -> None:
-    """Also below a block that is in use, where it is not given back by itself."""
-    code = (
-        "from core import process\n"
-        "def held():\n"
-        "    return int(open('/proc/self/statm').read().split()[1]) * 4096\n"
-        "blocks = [bytearray(100_000) for _ in range(1000)]\n"
-        "last = bytearray(100_000)\n"
-        "del blocks\n"
-        "before = held()\n"
-        "process.after_rendering()\n"
-        "print(before - held() > 50_000_000)"
-    )
-    ended = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
-    assert (ended.stdout.split(), ended.returncode) == (["True"], 0), ended.stderr
