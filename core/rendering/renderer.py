@@ -222,7 +222,7 @@ class Renderer:
         return picture, depth
 
     def _bounds(self, axes: Float, part: Part) -> _Bounds:
-        """Where in a ``part`` the asset is; ``axes`` (3, 3) are the camera's, to the right, up and back."""
+        """Bounds of the asset in a ``part``; ``axes`` (3, 3) are the camera's, to the right, up and back."""
         seen = axes @ (self._cells - self._center).T
         # Distances of the near and of the far end of each cell.
         distance = EYE_DISTANCE - seen[2] + self._cell * np.array([[-1], [1]])
