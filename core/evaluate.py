@@ -2,6 +2,7 @@
 
 import json
 import time
+from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
@@ -95,17 +96,18 @@ def evaluate(
     boxes, relief = to_boxes(watermarks, surface)
     text = text or next((mark.text for mark in watermarks if mark.text), "")
     settings = tuple(dict.fromkeys("\n".join(mark.lines) for mark in watermarks if mark.text == text and mark.lines))
-    seen = _views(first, second) if level is Evaluate.FULL else (None, None)
-    pair = Pair(
-        Subject(*shown, seen[0], seed),
-        Subject(*written, seen[1]),
-        boxes,
-        relief,
-        text,
-        seed,
-        settings=settings,
-    )
-    measured = measure(pair, level)
+    with ExitStack() as drawing:
+        seen = _views(first, second, drawing) if level is Evaluate.FULL else (None, None)
+        pair = Pair(
+            Subject(*shown, seen[0], seed),
+            Subject(*written, seen[1]),
+            boxes,
+            relief,
+            text,
+            seed,
+            settings=settings,
+        )
+        measured = measure(pair, level)
     report = EvaluationReport(
         asset=asset_facts(file_facts(original, first_file.format), surface),
         model=asset_facts(file_facts(watermarked, second_file.format), frame),
@@ -121,10 +123,12 @@ def evaluate(
     return report.model_dump(mode="json")
 
 
-def _views(before: Scene, after: Scene) -> tuple[Views, Views] | tuple[MeshmarkError, MeshmarkError]:
+def _views(
+    before: Scene, after: Scene, drawing: ExitStack
+) -> tuple[Views, Views] | tuple[MeshmarkError, MeshmarkError]:
+    """Pictures of both, by a renderer that is open until the end of ``drawing``; or why there are none."""
     try:
-        with Renderer(PICTURE_SIZE) as renderer:
-            first = views(before, renderer, large=False)
-            return first, views(after, renderer, first.frame)
+        renderer = drawing.enter_context(Renderer(PICTURE_SIZE))
+        return views(before, renderer), views(after, renderer, renderer.frame)
     except MeshmarkError as error:
         return error, error

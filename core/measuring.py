@@ -2,6 +2,7 @@
 
 import json
 import logging
+from contextlib import ExitStack
 from hashlib import sha256
 from typing import Any
 
@@ -52,8 +53,9 @@ def as_json(report: Report, run: Run) -> dict[str, Any]:
     return report.model_copy(update=account).model_dump(mode="json")
 
 
-def render(asset: Asset, output: Output, light: LightOutput | None, run: Run) -> Pictures:
-    """The preview and the turntable, published, and the pictures for the metrics, from one OpenGL context.
+def render(asset: Asset, output: Output, light: LightOutput | None, run: Run, drawing: ExitStack) -> Pictures:
+    """The preview and the turntable, published, and the pictures for the metrics, from one OpenGL context, which is
+    open until the end of ``drawing``: what text is read in is drawn when it is asked for.
 
     A machine that cannot render still delivers the asset, and says so.
     """
@@ -68,21 +70,22 @@ def render(asset: Asset, output: Output, light: LightOutput | None, run: Run) ->
     seen: tuple[Views, Views] | MeshmarkError | None = None
     seen_light: Views | None = None
     try:
-        with Renderer(PICTURE_SIZE) as renderer:
-            if measured:
-                before = views(asset.scene, renderer, large=False)
-                if light is not None and light.output is not output:
-                    seen_light = views(light.output.scene, renderer, before.frame)
-                seen = before, views(output.scene, renderer, before.frame)
-            else:
-                renderer.load(output.scene)
-            if request.preview:
-                preview = contact_sheet(renderer)
-                run.publish("preview", preview)
-            if turning:
-                animation, poster = turntable(renderer)
-                run.publish("turntable", animation)
-                run.publish("poster", poster)
+        renderer = Renderer(PICTURE_SIZE)
+        drawing.callback(_close, renderer)
+        if measured:
+            before = views(asset.scene, renderer)
+            if light is not None and light.output is not output:
+                seen_light = views(light.output.scene, renderer, renderer.frame)
+            seen = before, views(output.scene, renderer, renderer.frame)
+        else:
+            renderer.load(output.scene)
+        if request.preview:
+            preview = contact_sheet(renderer)
+            run.publish("preview", preview)
+        if turning:
+            animation, poster = turntable(renderer)
+            run.publish("turntable", animation)
+            run.publish("poster", poster)
     except MeshmarkError as error:
         seen = error
     except Exception as error:  # drivers raise errors of all kinds
@@ -95,6 +98,13 @@ def render(asset: Asset, output: Output, light: LightOutput | None, run: Run) ->
     if isinstance(seen, MeshmarkError):
         run.notices.append(seen.notice())
     return Pictures(preview, animation, poster, seen, seen_light)
+
+
+def _close(renderer: Renderer) -> None:
+    try:
+        renderer.close()
+    except Exception:  # all is drawn: a driver's error here must not take it back
+        log.exception("the renderer could not be closed")
 
 
 def evaluate(

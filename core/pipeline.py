@@ -4,7 +4,7 @@ import resource
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -184,10 +184,11 @@ def run_stages(
     with stage("reporting"):
         report = measuring.report(asset, output, light, run)
         measuring.explain(asset, candidates, output, run)
-    with stage("rendering"):
-        seen = measuring.render(asset, output, light, run)
-    with stage("evaluating"):
-        report = measuring.evaluate(asset, ground, output, light, seen, report, run)
+    with ExitStack() as drawing:
+        with stage("rendering"):
+            seen = measuring.render(asset, output, light, run, drawing)
+        with stage("evaluating"):
+            report = measuring.evaluate(asset, ground, output, light, seen, report, run)
     told = measuring.as_json(report, run)
     beside = light.output.file.data if light and light.output is not output else None
     exported = output.exported.file if output.exported else None

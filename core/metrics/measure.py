@@ -28,7 +28,7 @@ from core.metrics.looks import first_looks
 from core.metrics.match import match
 from core.metrics.measurement import Measurement, Values
 from core.metrics.mesh_saliency import mesh_saliency
-from core.metrics.ocr import ocr
+from core.metrics.ocr import LOOK, Look, ocr
 from core.metrics.prominence import prominence
 from core.metrics.ray import ray
 from core.metrics.ray_origins import above_letters, top_face
@@ -40,7 +40,7 @@ from core.metrics.wps import wps
 from core.metrics.wps_area import wps_area
 from core.notices import Notice, NoticeCode
 from core.placement.selection import visibility
-from core.rendering.pictures import Views
+from core.rendering.pictures import Drawn, Views
 
 log = logging.getLogger(__name__)
 
@@ -269,10 +269,11 @@ def _readability(pair: Pair, found: Measurement) -> Values:
     if reason := _unreadable(pair.text):
         found.missing |= dict.fromkeys(READABILITY, reason)
         return {}
-    views = pair.watermarked.views
-    assert views.large is not None
-    looks = None if views.frame is None or len(pair.boxes) == 0 else first_looks(pair.boxes, pair.seen, views.frame)
-    read = ocr(views.large, pair.settings or (pair.text,), _reader(), looks)
+    pictures, looks = pair.watermarked.views.large, dict[int, Look]()
+    if isinstance(pictures, Drawn) and len(pair.boxes):
+        places, right = first_looks(pair.boxes, pair.seen, pictures.frame)
+        looks = {view: Look(part, right[view]) for view, part in pictures.parts(places, LOOK).items()}
+    read = ocr(pictures, pair.settings or (pair.text,), _reader(), looks)
     found.read = read.per_view
     return dict(zip(READABILITY, (read.ratio, read.ge_08, read.exact), strict=True))
 

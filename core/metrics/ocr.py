@@ -1,6 +1,6 @@
 """OCR Visibility (paper, supplement "OCR Visibility"; the recogniser and the shares are ours)."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import SequenceMatcher
 from hashlib import sha256
@@ -11,6 +11,7 @@ from scipy.sparse.csgraph import connected_components
 
 from core.arrays import Bool, Float
 from core.metrics.recognition import Line, Reader
+from core.rendering.pictures import Large
 
 Picture = NDArray[np.uint8]
 
@@ -48,6 +49,19 @@ class Ocr:
 
 
 @dataclass(frozen=True, eq=False)
+class Look:
+    """A part of a picture in which letters are known to stand.
+
+    Attributes:
+        picture: (:data:`LOOK`, :data:`LOOK`, 3) sRGB.
+        right: (2,) the way in which they run there, to the right and down.
+    """
+
+    picture: Picture
+    right: Float
+
+
+@dataclass(frozen=True, eq=False)
 class _Part:
     """A reading of a detected line."""
 
@@ -63,7 +77,7 @@ class _Part:
         return np.array([-self.right[1], self.right[0]])
 
 
-def ocr(pictures: Picture, settings: Sequence[str], reader: Reader, looks: Float | None = None) -> Ocr:
+def ocr(pictures: Large, settings: Sequence[str], reader: Reader, looks: Mapping[int, Look] | None = None) -> Ocr:
     """Readability of a text in pictures of an asset.
 
     In each picture lines of text are detected, and each is read upright and upside down, short ones in all four
@@ -75,44 +89,65 @@ def ocr(pictures: Picture, settings: Sequence[str], reader: Reader, looks: Float
     breaks as spaces.
 
     Args:
-        pictures: (V, H, W, 3) sRGB on a uniform background, which the upper left pixel shows.
+        pictures: V of (H, W, 3) sRGB on a uniform background, which the upper left pixel shows. Each is asked for when
+            it is searched, and not kept.
         settings: the text of the watermark in each of the ways in which it is broken into lines.
         reader: made once for many calls.
-        looks: (V, 2) where letters stand in each picture, to the right and down, in shares of its sides, nan where
-            none do. The picture is done where they are read exactly; else all of it is searched.
+        looks: by view, what is looked at first. The view is done where the text is read exactly there; else its whole
+            picture is searched.
     """
-    distinct: dict[bytes, int] = {}
-    row = [distinct.setdefault(sha256(picture).digest(), len(distinct)) for picture in pictures]
-    first = np.unique(row, return_index=True)[1]
-    lines: list[list[Line]] = [[] for _ in first]
-    if looks is not None:
-        for view in np.flatnonzero(np.isfinite(looks[first]).all(axis=1)).tolist():
-            found = reader.detect(_look(pictures[first[view]], looks[first[view]]))[:MOST_LINES]
-            lines[view] = [line for line in found if line.confidence >= SURE]
-    done = _best_readings(lines, settings, reader) == 1
-    for view in np.flatnonzero(~done).tolist():
-        lines[view] = reader.detect(_crop(pictures[first[view]]))[:MOST_LINES]
-    searched = [[] if look else found for look, found in zip(done.tolist(), lines, strict=True)]
-    per_view = np.where(done, 1.0, _best_readings(searched, settings, reader))[row]
+    per_view = np.zeros(len(pictures))
+    if looks:
+        near, right = [look.picture for look in looks.values()], [look.right for look in looks.values()]
+        per_view[list(looks)] = _read(near, settings, reader, SURE, right) == 1
+    rest = np.flatnonzero(per_view < 1).tolist()
+    per_view[rest] = _read((_crop(pictures[view]) for view in rest), settings, reader)
     return Ocr(float(per_view.mean()), float((per_view >= READABLE).mean()), float((per_view == 1).mean()), per_view)
 
 
-def _best_readings(lines: Sequence[Sequence[Line]], settings: Sequence[str], reader: Reader) -> Float:
-    """(V,) the best ratio among the readings of each view's ``lines``, V lists of them."""
+def _read(
+    pictures: Iterable[Picture],
+    settings: Sequence[str],
+    reader: Reader,
+    confidence: float = 0.0,
+    right: Sequence[Float] | None = None,
+) -> Float:
+    """(P,) the best ratio in each of the pictures, of lines with this ``confidence`` at least; ``right`` (2,) is the
+    way in which the text of each runs, where that is known."""
+    distinct: dict[bytes, int] = {}
+    row: list[int] = []
+    lines: list[list[tuple[Line, int]]] = []
+    for number, picture in enumerate(pictures):
+        row.append(distinct.setdefault(sha256(picture.tobytes()).digest(), len(distinct)))
+        if row[-1] == len(lines):
+            found = [line for line in reader.detect(picture)[:MOST_LINES] if line.confidence >= confidence]
+            lines.append([(line, 0 if right is None else _upright(line, right[number])) for line in found])
+    return _best_readings(lines, settings, reader)[row]
+
+
+def _upright(line: Line, right: Float) -> int:
+    """The quarter turns after which a line reads from left to right, if its text runs to the ``right`` (2,)."""
+    angle = np.radians(line.angle)
+    return 0 if right @ (np.cos(angle), np.sin(angle)) >= 0 else 2
+
+
+def _best_readings(lines: Sequence[Sequence[tuple[Line, int]]], settings: Sequence[str], reader: Reader) -> Float:
+    """(V,) the best ratio among the readings of each view's ``lines``, V lists of them, each with the quarter turns
+    after which it is read first."""
     single = [text for text in settings if "\n" not in text]
     several = [text for text in settings if "\n" in text]
     best = np.zeros(len(lines))
     parts: list[list[_Part]] = [[] for _ in lines]
     for turn in TURNS:
         turned = [
-            (view, line)
+            (view, line, (turn + first) % 4)
             for view in np.flatnonzero(best < 1).tolist()
-            for line in lines[view]
+            for line, first in lines[view]
             if turn % 2 == 0 or line.picture.shape[1] <= SQUARE * line.picture.shape[0]
         ]
-        readings = reader.read([np.rot90(line.picture, turn) for _, line in turned])
-        for (view, line), reading in zip(turned, readings, strict=True):
-            parts[view].append(_part(line, turn, reading))
+        readings = reader.read([np.rot90(line.picture, way) for _, line, way in turned])
+        for (view, line, way), reading in zip(turned, readings, strict=True):
+            parts[view].append(_part(line, way, reading))
             best[view] = max([best[view], *(_ratio(text, reading) for text in single)])
     for text in several:
         for view in np.flatnonzero(best < 1).tolist():
@@ -174,13 +209,6 @@ def _part(line: Line, turn: int, reading: str) -> _Part:
     angle = np.radians(line.angle + 90 * turn)
     height, length = line.picture.shape[:2] if turn % 2 == 0 else line.picture.shape[1::-1]
     return _Part(reading, np.array(line.center), np.array([np.cos(angle), np.sin(angle)]), length, height)
-
-
-def _look(picture: Picture, place: Float) -> Picture:
-    """The square of the picture about a ``place`` (2,), whole where the picture is large enough."""
-    size = np.array(picture.shape[1::-1])
-    left, top = np.clip(np.round(place * size) - LOOK // 2, 0, np.maximum(size - LOOK, 0)).astype(int)
-    return picture[top : top + LOOK, left : left + LOOK]
 
 
 def _crop(picture: Picture) -> Picture:

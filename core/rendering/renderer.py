@@ -23,6 +23,8 @@ from core.rendering.drawables import Drawable, drawables
 Float32 = NDArray[np.float32]
 
 BACKGROUND = 0.92  # sRGB grey
+AROUND = 2  # pixels drawn on each side of the asset
+CELLS = 64  # along the longest side of an asset, by which its outline is known well enough
 
 _SHADERS = Path(__file__).parent / "shaders"
 _ARRAYS = ("ctypesarrays", "ctypesparameters", "ctypespointers", "lists", "numpymodule", "strings")  # of PyOpenGL
@@ -52,13 +54,44 @@ class Frame:
     radius: float
 
 
+@dataclass(frozen=True)
+class Part:
+    """A square of a picture, or all of it; it alone is drawn.
+
+    Attributes:
+        of: width and height of the picture, pixels.
+        left, top: place of the square in it, pixels.
+        side: width and height of the square, pixels, as large as the renderer's pictures at most.
+    """
+
+    of: int
+    left: int
+    top: int
+    side: int
+
+
+@dataclass(frozen=True)
+class _Bounds:
+    """Rectangle of a part, as OpenGL counts its pixels: from the lower left."""
+
+    left: int
+    bottom: int
+    width: int
+    height: int
+
+    @property
+    def corners(self) -> tuple[int, int, int, int]:
+        """Left, bottom, right, and top."""
+        return self.left, self.bottom, self.left + self.width, self.bottom + self.height
+
+
 class Renderer:
     """One OpenGL context and one asset at a time; use it as a context manager.
 
     A process holds at most one renderer at a time: closing it ends the EGL display they would share.
 
     Args:
-        size: width and height of the pictures in pixels.
+        size: width and height of the pictures in pixels, unless a part is asked for.
 
     Attributes:
         frame: of the pictures, once an asset is loaded.
@@ -71,6 +104,7 @@ class Renderer:
 
     def __init__(self, size: int) -> None:
         self.size = size
+        self._asset: Scene | None = None
         try:
             self._gl = _pyrender()
             self._context = self._gl.OffscreenRenderer(size, size)
@@ -83,11 +117,7 @@ class Renderer:
         from pyrender.shader_program import ShaderProgramCache
 
         # pyrender's own shader leaves back faces and surfaces without normals dark and ignores alpha cutoffs.
-        drawer = self._context._renderer
-        drawer._program_cache = ShaderProgramCache(shader_dir=str(_SHADERS))
-        # Weakly, so that a renderer which is dropped is gone at once: found later among the garbage, it would take the
-        # display of its context away from another one that draws.
-        drawer._read_main_framebuffer = partial(_read, proxy(drawer), size)
+        self._context._renderer._program_cache = ShaderProgramCache(shader_dir=str(_SHADERS))
 
     def __enter__(self) -> Self:
         return self
@@ -95,6 +125,10 @@ class Renderer:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free the context; nothing can be drawn after that."""
         self._context.delete()
 
     def driver(self) -> str:
@@ -106,6 +140,8 @@ class Renderer:
     def load(self, asset: Scene, frame: Frame | None = None) -> None:
         """Take an asset as it is: normals (flat shading where there are none), base colours, vertex colours, emission.
 
+        An asset that is loaded already is only shown in the other frame.
+
         Args:
             asset: its scene.
             frame: the view; None: of the asset. To compare two assets, show both in the frame of one.
@@ -113,15 +149,20 @@ class Renderer:
         Raises:
             MeshmarkError: as :func:`core.rendering.drawables.drawables`.
         """
-        shown = drawables(asset, texture_limit=2 * self.size)  # finer texels could not be told apart
-        points = np.concatenate([drawable.positions for drawable in shown])
-        scene = self._gl.Scene(bg_color=[BACKGROUND] * 3)
-        textures: dict[Texture, Any] = {}
-        # One mesh: within it pyrender keeps the order of primitives, between meshes it does not.
-        scene.add(self._gl.Mesh([self._primitive(drawable, textures) for drawable in shown]))
-        self._camera = scene.add(self._gl.PerspectiveCamera(yfov=1.0))
-        self._scene, self._points = scene, points
-        self.aim(frame or _frame(points))
+        fresh = asset is not self._asset
+        if fresh:
+            shown = drawables(asset, texture_limit=2 * self.size)  # finer texels could not be told apart
+            scene = self._gl.Scene(bg_color=[BACKGROUND] * 3)
+            textures: dict[Texture, Any] = {}
+            # One mesh: within it pyrender keeps the order of primitives, between meshes it does not.
+            scene.add(self._gl.Mesh([self._primitive(drawable, textures) for drawable in shown]))
+            self._camera = scene.add(self._gl.PerspectiveCamera(yfov=1.0))
+            points = np.concatenate([drawable.positions for drawable in shown])
+            self._asset, self._scene, self._points, self._whole = asset, scene, points, _frame(points)
+            self._cells, self._cell = _cells(points)
+        wanted = frame or self._whole
+        if fresh or wanted != self.frame:
+            self.aim(wanted)
 
     def aim(self, frame: Frame) -> None:
         """Turn the camera to another ``frame`` of the asset that is loaded: a small one is seen from near by."""
@@ -135,14 +176,15 @@ class Renderer:
             zfar=EYE_DISTANCE + depth,
         )
 
-    def render(self, direction: ArrayLike, up: ArrayLike) -> NDArray[np.uint8]:
+    def render(self, direction: ArrayLike, up: ArrayLike, part: Part | None = None) -> NDArray[np.uint8]:
         """The asset seen from ``direction`` (3,), the sphere of the frame wholly in the picture: (size, size, 3) sRGB.
 
         Args:
             direction: from the object to the camera.
             up: (3,), the direction that points upwards in the picture; not parallel to ``direction``.
+            part: of the picture, (side, side, 3); None: all of it.
         """
-        picture, _ = self._draw(direction, up)
+        picture, _ = self._draw(direction, up, part=part)
         return picture
 
     def render_with_depth(
@@ -159,15 +201,40 @@ class Renderer:
         shaded = np.minimum(picture[..., 3] / np.float32(0.75 * 255), 1)
         return np.ascontiguousarray(picture[..., :3]), depth, shaded
 
-    def _draw(self, direction: ArrayLike, up: ArrayLike, flags: int = 0) -> tuple[NDArray[np.uint8], Any]:
+    def _draw(
+        self, direction: ArrayLike, up: ArrayLike, flags: int = 0, part: Part | None = None
+    ) -> tuple[NDArray[np.uint8], Any]:
         backward = _unit(np.asarray(direction, dtype=np.float64))
         right = _unit(np.cross(np.asarray(up, dtype=np.float64), backward))
+        axes = np.stack([right, np.cross(backward, right), backward])
         pose = np.eye(4)
-        pose[:3, :3] = np.column_stack([right, np.cross(backward, right), backward])
+        pose[:3, :3] = axes.T
         pose[:3, 3] = self._center + EYE_DISTANCE * backward
         self._scene.set_pose(self._camera, pose)
+        part = part or Part(self.size, 0, 0, self.size)
+        bounds, drawer = self._bounds(axes, part), self._context._renderer
+        self._context.viewport_width = self._context.viewport_height = part.side
+        # Weakly, so that a renderer which is dropped is gone at once: found later among the garbage, it would take the
+        # display of its context away from another one that draws.
+        drawer._configure_forward_pass_viewport = partial(_confine, proxy(drawer), part, bounds)
+        drawer._read_main_framebuffer = partial(_read, proxy(drawer), part.side, bounds)
         picture, depth = self._context.render(self._scene, flags)
         return picture, depth
+
+    def _bounds(self, axes: Float, part: Part) -> _Bounds:
+        """Bounds of the asset in a ``part``; ``axes`` (3, 3) are the camera's, to the right, up and back."""
+        seen = axes @ (self._cells - self._center).T
+        # Distances of the near and of the far end of each cell.
+        distance = EYE_DISTANCE - seen[2] + self._cell * np.array([[-1], [1]])
+        if not distance.min() > self._camera.camera.znear:  # the camera may stand among what it looks at
+            return _Bounds(0, 0, part.side, part.side)
+        scale = part.of / 2 / np.tan(self._camera.camera.yfov / 2) / distance[:, None]
+        middle = part.of / 2 - np.array([part.left, part.of - part.top - part.side])
+        low = ((seen[:2] - self._cell) * scale).min(axis=(0, 2)) + middle
+        high = ((seen[:2] + self._cell) * scale).max(axis=(0, 2)) + middle
+        low = np.clip(np.floor(low) - AROUND, 0, part.side - 1).astype(int)
+        high = np.clip(np.ceil(high) + AROUND, low + 1, part.side).astype(int)
+        return _Bounds(int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1]))
 
     def _primitive(self, drawable: Drawable, textures: dict[Texture, Any]) -> Any:
         material = drawable.material
@@ -220,11 +287,35 @@ def _frame(points: NDArray[np.float32]) -> Frame:
     return Frame((x, y, z), float(np.linalg.norm(points - center, axis=1).max()))
 
 
+def _cells(points: NDArray[np.float32]) -> tuple[Float, float]:
+    """(C, 3) middles of the cells of a grid in which there are any of the ``points`` (N, 3), and the radius of a cell;
+    many times fewer than points."""
+    low = points.min(axis=0)
+    side = max(float((points.max(axis=0) - low).max()), 1e-6) / CELLS
+    number = np.unique(((points - low) / np.float32(side)).astype(np.int64) @ [(CELLS + 1) ** 2, CELLS + 1, 1])
+    place = np.stack(np.unravel_index(number, (CELLS + 1,) * 3), axis=1) + 0.5
+    return low + side * place, float(np.sqrt(3) / 2 * side)
+
+
 def _unit(vector: Float) -> Float:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-def _read(drawer: Any, size: int, scene: Any, flags: int) -> tuple[NDArray[np.uint8], NDArray[np.float32] | None]:
+def _confine(drawer: Any, part: Part, bounds: _Bounds, flags: int) -> None:
+    """Let pyrender's ``drawer`` draw a part of the picture, and in that only the bounds: background takes as long as
+    what stands before it."""
+    from OpenGL import GL
+    from pyrender.renderer import Renderer as Drawer
+
+    Drawer._configure_forward_pass_viewport(drawer, flags)
+    GL.glViewport(-part.left, part.top + part.side - part.of, part.of, part.of)
+    GL.glEnable(GL.GL_SCISSOR_TEST)
+    GL.glScissor(bounds.left, bounds.bottom, bounds.width, bounds.height)
+
+
+def _read(
+    drawer: Any, side: int, bounds: _Bounds, scene: Any, flags: int
+) -> tuple[NDArray[np.uint8], NDArray[np.float32] | None]:
     """The picture that pyrender's ``drawer`` drew; with alpha, which tells the shading, the depth of its pixels too.
 
     Replaces pyrender's own, which spends most of its time on the depth, needed or not.
@@ -232,22 +323,32 @@ def _read(drawer: Any, size: int, scene: Any, flags: int) -> tuple[NDArray[np.ui
     from OpenGL import GL
     from pyrender.constants import RenderFlags
 
-    whole, with_depth = (0, 0, size, size), bool(flags & RenderFlags.RGBA)
+    with_depth = bool(flags & RenderFlags.RGBA)
+    left, bottom, right, top = bounds.corners
+    shown, there = (left, bottom, bounds.width, bounds.height), np.s_[side - top : side - bottom, left:right]
+
+    def pixels(kind: Any, of: Any, dtype: type) -> NDArray[Any]:
+        content: NDArray[Any] = np.frombuffer(GL.glReadPixels(*shown, kind, of), dtype=dtype)
+        return content.reshape(bounds.height, bounds.width, -1)[::-1]  # the first row comes last
+
     GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, drawer._main_fb_ms)
     GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, drawer._main_fb)
-    GL.glBlitFramebuffer(*whole, *whole, GL.GL_COLOR_BUFFER_BIT, GL.GL_LINEAR)
+    GL.glBlitFramebuffer(*bounds.corners, *bounds.corners, GL.GL_COLOR_BUFFER_BIT, GL.GL_LINEAR)
     if with_depth:
-        GL.glBlitFramebuffer(*whole, *whole, GL.GL_DEPTH_BUFFER_BIT, GL.GL_NEAREST)
+        GL.glBlitFramebuffer(*bounds.corners, *bounds.corners, GL.GL_DEPTH_BUFFER_BIT, GL.GL_NEAREST)
     GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, drawer._main_fb)
-    colors = GL.glReadPixels(*whole, GL.GL_RGBA if with_depth else GL.GL_RGB, GL.GL_UNSIGNED_BYTE)
-    picture = np.frombuffer(colors, dtype=np.uint8).reshape(size, size, -1)[::-1].copy()  # its first row comes last
+    picture = np.full((side, side, 4 if with_depth else 3), round(255 * BACKGROUND), dtype=np.uint8)
+    picture[..., 3:] = 255
+    picture[there] = pixels(GL.GL_RGBA if with_depth else GL.GL_RGB, GL.GL_UNSIGNED_BYTE, np.uint8)
     if not with_depth:
         return picture, None
-    depth = np.frombuffer(GL.glReadPixels(*whole, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT), dtype=np.float32)
-    return picture, _distance(depth.reshape(size, size)[::-1], scene.main_camera_node.camera)
+    distance = np.zeros((side, side), dtype=np.float32)
+    depth = pixels(GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, np.float32)[..., 0]
+    distance[there] = _distance(depth, scene.main_camera_node.camera)
+    return picture, distance
 
 
 def _distance(depth: NDArray[np.float32], camera: Any) -> NDArray[np.float32]:
-    """(S, S) distance along the view axis for values of the depth buffer, 0 where nothing is: those of 1."""
+    """(H, W) distance along the view axis for values of the depth buffer, 0 where nothing is: those of 1."""
     near, far = np.float32(camera.znear), np.float32(camera.zfar)
     return np.where(depth < 1, near * far / (far - depth * (far - near)), np.float32(0))

@@ -397,4 +397,4 @@ def _timed(seconds: dict[str, float], name: str) -> Iterator[None]:
 
 
 def _alike(seen: Pictures | MeshmarkError | None) -> Views | MeshmarkError | None:
-    return Views(seen, seen, None) if isinstance(seen, np.ndarray) else seen
+    return Views(seen, seen) if isinstance(seen, np.ndarray) else seen

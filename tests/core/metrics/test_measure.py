@@ -120,7 +120,7 @@ def test_weights_that_cannot_be_read_are_done_without_and_the_report_warns(
 ) -> None:
     monkeypatch.setenv("MESHMARK_MODELS", str(tmp_path / ("a name that is too long" * 20)))
     pictures = np.full((2, 64, 64, 3), 200, np.uint8)
-    seen = Subject(BLOCK, index_of(BLOCK), Views(pictures, pictures, None))
+    seen = Subject(BLOCK, index_of(BLOCK), Views(pictures, pictures))
     boxes = on_all_sides()
     found = measure(Pair(seen, seen, boxes, np.full(len(boxes), 0.2), ""), Evaluate.FULL)
     assert found.values["ss"] == pytest.approx(1)

@@ -1,4 +1,6 @@
+from collections.abc import Sequence
 from difflib import SequenceMatcher
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -7,7 +9,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from core.choices import Evaluate
 from core.gltf.scene import scene_of
-from core.metrics.ocr import LOOK, SURE, Ocr, ocr
+from core.metrics.ocr import LOOK, SURE, Look, Ocr, ocr
 from core.metrics.recognition import Line, Reader
 from core.parameters import Parameters
 from core.pipeline import watermark
@@ -91,6 +93,46 @@ def test_a_view_that_occurs_twice_counts_twice_but_is_read_once(
     np.testing.assert_allclose(result.per_view, [1, 0, 1, 12 / 19])
 
 
+def look(picture: Picture, across: float, right: tuple[float, float] = (1.0, 0.0)) -> Look:
+    """Of a picture with all its height in the middle, ``across`` in shares of its width."""
+    top = (picture.shape[0] - LOOK) // 2
+    left = min(max(round(across * picture.shape[1]) - LOOK // 2, 0), picture.shape[1] - LOOK)
+    return Look(picture[top : top + LOOK, left : left + LOOK], np.array(right))
+
+
+@pytest.mark.parametrize(("turn", "right"), [(0, (1.0, 0.1)), (180, (-1.0, 0.1)), (180, (1.0, 0.0))])
+def test_a_look_is_read_first_the_way_in_which_its_letters_run(
+    reader: Reader, monkeypatch: pytest.MonkeyPatch, turn: int, right: tuple[float, float]
+) -> None:
+    lines: list[int] = []
+    read = reader.read
+
+    def counted(pictures: Sequence[Picture]) -> list[str]:
+        lines.append(len(pictures))
+        return read(pictures)
+
+    monkeypatch.setattr(reader, "read", counted)
+    shown = drawn("watermark", turn=turn)
+    assert ocr(shown[None], ("watermark",), reader, {0: look(shown, 0.5, right)}).exact == 1
+    assert sum(lines) == (2 if (turn, right[0]) == (180, 1.0) else 1)
+
+
+def test_pictures_are_asked_for_only_where_they_are_searched(reader: Reader) -> None:
+    class Pictures:
+        asked: ClassVar[list[int]] = []
+
+        def __len__(self) -> int:
+            return 3
+
+        def __getitem__(self, view: int, /) -> Picture:
+            self.asked.append(view)
+            return EMPTY
+
+    read = ocr(Pictures(), ("watermark",), reader, {1: look(drawn("watermark"), 0.5)})
+    np.testing.assert_array_equal(read.per_view, [0, 1, 0])
+    assert Pictures.asked == [0, 2]
+
+
 @pytest.mark.parametrize("sure", [SURE, 1.0])
 def test_where_a_look_finds_the_text_beyond_doubt_the_picture_is_not_searched(
     reader: Reader, monkeypatch: pytest.MonkeyPatch, sure: float
@@ -104,11 +146,8 @@ def test_where_a_look_finds_the_text_beyond_doubt_the_picture_is_not_searched(
 
     monkeypatch.setattr(reader, "detect", counted)
     monkeypatch.setattr("core.metrics.ocr.SURE", sure)
-    shown, looks = (
-        np.stack([drawn("watermark"), drawn("watercolor"), EMPTY]),
-        np.array([[0.5, 0.5]] * 2 + [[np.nan] * 2]),
-    )
-    result = ocr(shown, ("watermark",), reader, looks)
+    shown = np.stack([drawn("watermark"), drawn("watercolor"), EMPTY])
+    result = ocr(shown, ("watermark",), reader, {view: look(shown[view], 0.5) for view in (0, 1)})
     assert searched[:2] == [(LOOK, LOOK)] * 2
     assert len(searched) == 2 + (2 if sure == SURE else 3)
     np.testing.assert_allclose(result.per_view, [1, 12 / 19, 0])
@@ -118,7 +157,7 @@ def test_where_a_look_finds_the_text_beyond_doubt_the_picture_is_not_searched(
 def test_a_look_beside_the_letters_changes_nothing(reader: Reader, lines: tuple[str, ...]) -> None:
     shown = np.stack([np.pad(drawn(*lines), ((0, 0), (0, 512), (0, 0)), mode="edge")])
     for place in (0.25, 0.95):
-        assert ocr(shown, ("\n".join(lines),), reader, np.array([[place, 0.5]])).exact == 1
+        assert ocr(shown, ("\n".join(lines),), reader, {0: look(shown[0], place)}).exact == 1
 
 
 def test_where_the_word_stands_in_the_picture_does_not_matter(reader: Reader) -> None:

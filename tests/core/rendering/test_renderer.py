@@ -11,7 +11,7 @@ import pytest
 from core.errors import ErrorCode, MeshmarkError
 from core.geometry.directions import fibonacci_directions, view_directions
 from core.gltf.scene import scene_of
-from core.rendering.renderer import Renderer
+from core.rendering.renderer import Frame, Part, Renderer
 from tests.core.rendering.glb import QUAD, QUAD_FACES, QUAD_UV, GlbWriter, cube
 from tests.core.rendering.shots import GREY, SIZE, UP, shoot, shown
 
@@ -123,7 +123,7 @@ def test_a_renderer_that_is_dropped_is_gone_before_another_one_draws() -> None:
     program = """
 import gc, sys, weakref
 from core.gltf.scene import scene_of
-from core.rendering.renderer import Renderer
+from core.rendering.renderer import Frame, Part, Renderer
 from tests.core.rendering.glb import cube
 gc.disable()
 renderer = Renderer(64)
@@ -135,3 +135,21 @@ del renderer
 sys.exit(left() is not None)
 """
     subprocess.run([sys.executable, "-c", program], check=True)
+
+
+@pytest.mark.parametrize("nearer", [1, 4])
+def test_only_what_shows_the_asset_is_drawn_and_none_of_it_is_cut_off(
+    renderer: Renderer, monkeypatch: pytest.MonkeyPatch, nearer: int
+) -> None:
+    """From near by too, where the asset passes the edges of the picture."""
+    renderer.load(scene_of(cube((0.2, 0.5, 0.3, 1), scale=[9, 2, 1], translation=[3, -1, 2])))
+    renderer.aim(Frame(renderer.frame.center, renderer.frame.radius / nearer))
+    cameras = list(zip(fibonacci_directions(12), np.tile(UP, (12, 1)), strict=True))
+    confined = [(renderer.render(*camera), *renderer.render_with_depth(*camera)) for camera in cameras]
+    bounds = [renderer._bounds(np.eye(3), Part(SIZE, 0, 0, SIZE))]
+    monkeypatch.setattr("core.rendering.renderer.AROUND", SIZE)
+    free = [(renderer.render(*camera), *renderer.render_with_depth(*camera)) for camera in cameras]
+    for one, other in zip(confined, free, strict=True):
+        for ours, theirs in zip(one, other, strict=True):
+            np.testing.assert_array_equal(ours, theirs)
+    assert bounds[0].height < SIZE / 2 or nearer == 4
