@@ -27,8 +27,8 @@ ASKED = Parameters(text="SAMPLE", count=3, evaluate=Evaluate.NONE)
 
 @cache
 def asset() -> bytes:
-    """A box with a smaller one on top: places over its edges are dropped."""
-    shape = join(cuboid(30, 10, 20), cuboid(5, 16, 5))
+    """Two bars that cross: places over their edges are dropped."""
+    shape = join(cuboid(30, 5, 5), cuboid(5, 16, 5))
     return plain_glb(Mesh(shape.positions, shape.faces))
 
 
