@@ -146,6 +146,8 @@ class Worker:
                     work = self._prepared(job, source, folder, heartbeat)
                     session = series.start(self.template, work, self._limits)
                 self._work(job, session, heartbeat)
+                if not _followed(job):
+                    series.end()  # before its end is told, so that then nothing is left of it
                 finish = self.ledger.hand_over if signed else self.ledger.succeed
                 if not self._retried(heartbeat, lambda: finish(lease)):
                     raise LeaseLostError
@@ -186,7 +188,7 @@ class Worker:
         """Let the job's process wait for copies, if there may be some."""
         if job.copy_of:
             series.keep(job)
-        elif job.artifact(ArtifactKind.TEXTS):
+        elif _followed(job):
             with suppress(OperationalError):
                 if published := self.ledger.get(job.id, job.tenant_id):
                     series.keep(published)
@@ -360,6 +362,11 @@ def private_folders(settings: Settings) -> tuple[Path, ...]:
         secret = [settings.hooks_file, *secret_files(settings.hooks_file)]  # tokens and keys of buckets
         private += [path.resolve() for path in secret]
     return (*private, *ledger_files(settings))
+
+
+def _followed(job: Job) -> bool:
+    """True for a job after which copies of its asset may come."""
+    return job.copy_of is not None or job.artifact(ArtifactKind.TEXTS) is not None
 
 
 def scratch_name(lease: Lease) -> str:

@@ -117,6 +117,7 @@ class BatchItem(TypedDict):
     webhook: NotRequired[str]
     idempotency_key: NotRequired[str]
     cache: NotRequired[bool]
+    copies: NotRequired[Sequence[Copy]]
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,7 @@ def edited(data: bytes, old: bytes, new: bytes) -> bytes:
 
 def rubble(side: int) -> bytes:
     """An OBJ of a square whose vertices lie at random heights."""
-    height = np.random.default_rng(0).uniform(0, 10, (side, side))
+    height = np.random.default_rng(0).uniform(0, 4, (side, side))
     vertices = [f"v {x} {y} {height[x, y]:.1f}" for x in range(side) for y in range(side)]
     corner = [x * side + y + 1 for x in range(side - 1) for y in range(side - 1)]
     faces = [f"f {a} {a + side} {a + side + 1} {a + 1}" for a in corner]

@@ -113,7 +113,7 @@ def test_a_process_that_dies_between_two_copies_ends_neither(client: Client, mon
 
     def die(session: Session) -> bool:
         os.kill(session._pid, signal.SIGKILL)
-        wait_until(lambda: select.select([session._channel], [], [], 0)[0])
+        wait_until(lambda: select.select([session._channel], [], [], 0.0)[0])
         return may_go_on(session)
 
     monkeypatch.setattr(Session, "may_go_on", die)
@@ -130,7 +130,7 @@ def test_a_process_that_dies_when_it_is_asked_ends_the_copy_alone(
 
     def die(session: Session, parameters: dict[str, Any], folder: Path) -> None:
         os.kill(session._pid, signal.SIGKILL)
-        wait_until(lambda: select.select([session._channel], [], [], 0)[0])
+        wait_until(lambda: select.select([session._channel], [], [], 0.0)[0])
         go_on(session, parameters, folder)
 
     monkeypatch.setattr(Session, "go_on", die)
