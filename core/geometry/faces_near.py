@@ -1,4 +1,4 @@
-"""Faces near each mark, found once, so that no metric goes over the whole asset for every mark."""
+"""Faces near each mark, found once, so that nobody goes over the whole asset for every mark."""
 
 import numpy as np
 from numpy.typing import NDArray
