@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from datetime import datetime, timedelta
 from typing import NamedTuple
 
-from sqlalchemy import insert, literal, or_, select, tuple_, update
+from sqlalchemy import func, insert, literal, or_, select, tuple_, update
 from sqlalchemy.orm import Session, sessionmaker
 
 from service.correlation import correlation
@@ -129,15 +129,20 @@ def _served(session: Session, parent: Job, copies: Sequence[str], inputs: set[tu
     """
     keyed = select(Job.id, Job.result_key).where(Job.id.in_(copies), Job.result_key.is_not(None))
     keys = {row.id: row.result_key for row in session.execute(keyed)}
+    places = [(kind, sha256) for kind, sha256 in inputs if kind == ArtifactKind.PLACEMENT]
     equal = (
         Job.tenant_id == parent.tenant_id,
         Job.result_key.in_(set(keys.values())),
         Job.state == JobState.SUCCEEDED,
         Job.copy_of.is_not(None),
+        Job.artifacts.any(tuple_(Artifact.kind, Artifact.sha256).in_(places)),
         or_(Job.expires_at.is_(None), Job.expires_at > clock(session)),
     )
+    # Of a copy that was asked for over and over, only the last time is looked at.
+    latest = select(func.max(Job.created_at)).where(*equal).group_by(Job.result_key)
+    latest_jobs = select(Job).where(*equal, Job.created_at.in_(latest)).order_by(Job.created_at, Job.id)
     results: dict[str | None, list[Artifact]] = {}
-    for job in session.scalars(select(Job).where(*equal).order_by(Job.created_at, Job.id).with_for_update(read=True)):
+    for job in session.scalars(latest_jobs.with_for_update(read=True)):
         if {(file.kind, file.sha256) for file in job.artifacts if file.kind in SHARED.values()} == inputs:
             results[job.result_key] = [file for file in job.artifacts if file.kind not in SHARED.values()]
     found = {copy: files for copy in copies if (files := results.get(keys.get(copy)))}
