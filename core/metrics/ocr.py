@@ -1,10 +1,11 @@
 """OCR Visibility (paper, supplement "OCR Visibility"; the recogniser and the shares are ours)."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import SequenceMatcher
 from hashlib import sha256
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
@@ -17,6 +18,11 @@ Picture = NDArray[np.uint8]
 
 READABLE = 0.8  # ratio from which on the text is recognisable: one or two of nine letters wrong
 MARGIN = 32  # pixels of background left around the asset
+# Times the picture's own size at which it is searched. The detector misses letters 5 to 15 pixels high on ground whose
+# own edges are stronger, which anybody reads: of 90 views of 33 assets in which a coloured text was not read, 1.5 times
+# as large it is in all but 33, half of them of a chain whose letters are 5 pixels high, and at twice the size in hardly
+# more, for as much memory again.
+SIZES = (1.0, 1.5)
 MOST_LINES = 32  # lines a view, at most: an asset covered with writing of its own must not take minutes
 TURNS = (0, 2, 1, 3)  # quarter turns; upside down before upright
 SQUARE = 3.0  # length over height of a detected line, up to which it may be one of few letters that stand upright in it
@@ -80,10 +86,11 @@ class _Part:
 def ocr(pictures: Large, settings: Sequence[str], reader: Reader, looks: Mapping[int, Look] | None = None) -> Ocr:
     """Readability of a text in pictures of an asset.
 
-    In each picture lines of text are detected, and each is read upright and upside down, short ones in all four
-    rotations. A reading scores ``difflib.SequenceMatcher(None, text, reading).ratio()``, without regard to case, and a
-    picture the best of its readings, 0 where there is none. Once the text was read exactly, the picture is done. Equal
-    pictures are read once. Only the :data:`MOST_LINES` most prominent lines of a picture are read.
+    In each picture, and where that is not enough in the same one enlarged (:data:`SIZES`), lines of text are detected,
+    and each is read upright and upside down, short ones in all four rotations. A reading scores
+    ``difflib.SequenceMatcher(None, text, reading).ratio()``, without regard to case, and a picture the best of its
+    readings, 0 where there is none. Once the text was read exactly, the picture is done. Equal pictures are read once.
+    Only the :data:`MOST_LINES` most prominent lines of a picture are read.
 
     A text of several lines is compared with the readings of neighbouring parallel lines, joined in reading order, line
     breaks as spaces.
@@ -97,32 +104,35 @@ def ocr(pictures: Large, settings: Sequence[str], reader: Reader, looks: Mapping
             picture is searched.
     """
     per_view = np.zeros(len(pictures))
-    if looks:
-        near, right = [look.picture for look in looks.values()], [look.right for look in looks.values()]
-        per_view[list(looks)] = _read(near, settings, reader, SURE, right) == 1
-    rest = np.flatnonzero(per_view < 1).tolist()
-    per_view[rest] = _read((_crop(pictures[view]) for view in rest), settings, reader)
+    known: dict[bytes, float] = {}
+
+    def read(picture: Picture, confidence: float, right: Float | None) -> float:
+        key = sha256(picture.tobytes()).digest()
+        if key not in known:
+            known[key] = _read(picture, settings, reader, confidence, right)
+        return known[key]
+
+    for view, look in (looks or {}).items():
+        per_view[view] = read(look.picture, SURE, look.right) == 1
+    for view in np.flatnonzero(per_view < 1).tolist():
+        per_view[view] = read(_crop(pictures[view]), 0.0, None)
     return Ocr(float(per_view.mean()), float((per_view >= READABLE).mean()), float((per_view == 1).mean()), per_view)
 
 
 def _read(
-    pictures: Iterable[Picture],
-    settings: Sequence[str],
-    reader: Reader,
-    confidence: float = 0.0,
-    right: Sequence[Float] | None = None,
-) -> Float:
-    """(P,) the best ratio in each of the pictures, of lines with this ``confidence`` at least; ``right`` (2,) is the
-    way in which the text of each runs, where that is known."""
-    distinct: dict[bytes, int] = {}
-    row: list[int] = []
-    lines: list[list[tuple[Line, int]]] = []
-    for number, picture in enumerate(pictures):
-        row.append(distinct.setdefault(sha256(picture.tobytes()).digest(), len(distinct)))
-        if row[-1] == len(lines):
-            found = [line for line in reader.detect(picture)[:MOST_LINES] if line.confidence >= confidence]
-            lines.append([(line, 0 if right is None else _upright(line, right[number])) for line in found])
-    return _best_readings(lines, settings, reader)[row]
+    picture: Picture, settings: Sequence[str], reader: Reader, confidence: float = 0.0, right: Float | None = None
+) -> float:
+    """The best ratio in a picture, of lines with this ``confidence`` at least; ``right`` (2,) is the way in which its
+    text runs, where that is known."""
+    best = 0.0
+    for size in SIZES:
+        enlarged = picture if size == 1 else cv2.resize(picture, None, fx=size, fy=size, interpolation=cv2.INTER_CUBIC)
+        found = [line for line in reader.detect(np.asarray(enlarged))[:MOST_LINES] if line.confidence >= confidence]
+        lines = [(line, 0 if right is None else _upright(line, right)) for line in found]
+        best = max(best, _best_reading(lines, settings, reader))
+        if best == 1:
+            break
+    return best
 
 
 def _upright(line: Line, right: Float) -> int:
@@ -131,28 +141,24 @@ def _upright(line: Line, right: Float) -> int:
     return 0 if right @ (np.cos(angle), np.sin(angle)) >= 0 else 2
 
 
-def _best_readings(lines: Sequence[Sequence[tuple[Line, int]]], settings: Sequence[str], reader: Reader) -> Float:
-    """(V,) the best ratio among the readings of each view's ``lines``, V lists of them, each with the quarter turns
-    after which it is read first."""
+def _best_reading(lines: Sequence[tuple[Line, int]], settings: Sequence[str], reader: Reader) -> float:
+    """The best ratio among the readings of ``lines``, each with the quarter turns after which it is read first."""
     single = [text for text in settings if "\n" not in text]
     several = [text for text in settings if "\n" in text]
-    best = np.zeros(len(lines))
-    parts: list[list[_Part]] = [[] for _ in lines]
+    best, parts = 0.0, list[_Part]()
     for turn in TURNS:
         turned = [
-            (view, line, (turn + first) % 4)
-            for view in np.flatnonzero(best < 1).tolist()
-            for line, first in lines[view]
+            (line, (turn + first) % 4)
+            for line, first in lines
             if turn % 2 == 0 or line.picture.shape[1] <= SQUARE * line.picture.shape[0]
         ]
-        readings = reader.read([np.rot90(line.picture, way) for _, line, way in turned])
-        for (view, line, way), reading in zip(turned, readings, strict=True):
-            parts[view].append(_part(line, way, reading))
-            best[view] = max([best[view], *(_ratio(text, reading) for text in single)])
-    for text in several:
-        for view in np.flatnonzero(best < 1).tolist():
-            best[view] = max(best[view], _best_passage(text, parts[view]))
-    return best
+        readings = reader.read([np.rot90(line.picture, way) for line, way in turned])
+        for (line, way), reading in zip(turned, readings, strict=True):
+            parts.append(_part(line, way, reading))
+            best = max([best, *(_ratio(text, reading) for text in single)])
+        if best == 1:
+            return best
+    return max([best, *(_best_passage(text, parts) for text in several)])
 
 
 def _ratio(text: str, reading: str) -> float:

@@ -9,7 +9,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from core.choices import Evaluate
 from core.gltf.scene import scene_of
-from core.metrics.ocr import LOOK, SURE, Look, Ocr, ocr
+from core.metrics.ocr import LOOK, SIZES, SURE, Look, Ocr, ocr
 from core.metrics.recognition import Line, Reader
 from core.parameters import Parameters
 from core.pipeline import watermark
@@ -89,8 +89,25 @@ def test_a_view_that_occurs_twice_counts_twice_but_is_read_once(
 
     monkeypatch.setattr(reader, "detect", counted)
     result = score(reader, drawn("watermark"), EMPTY, drawn("watermark"), drawn("watercolor"))
-    assert len(seen) == 3
+    assert len(seen) == 1 + 2 * len(SIZES)  # the last two enlarged, too
     np.testing.assert_allclose(result.per_view, [1, 0, 1, 12 / 19])
+
+
+@pytest.mark.parametrize("height", [9, 12, 15])
+def test_small_letters_on_a_thing_with_stronger_edges_of_its_own_are_read(
+    reader: Reader, monkeypatch: pytest.MonkeyPatch, height: int
+) -> None:
+    sheet = Image.new("RGB", (700, 700), PAPER)
+    pen = ImageDraw.Draw(sheet)
+    for side in (0, 700):  # the head of an axe, with its blades and its handle
+        blade = [(abs(side - x), y) for x, y in ((40, 60), (240, 120), (240, 420), (40, 520), (10, 300))]
+        pen.polygon(blade, fill=(135, 150, 155))
+    pen.polygon([(140, 100), (560, 100), (560, 440), (140, 440)], fill=(100, 110, 112))
+    pen.rectangle((300, 80, 400, 690), fill=(70, 75, 78))
+    pen.text((620, 300), "watermark", fill=(10, 10, 10), font=ImageFont.truetype(FONT, height), anchor="mm")
+    assert score(reader, np.asarray(sheet)).exact == 1
+    monkeypatch.setattr("core.metrics.ocr.SIZES", (1.0,))
+    assert score(reader, np.asarray(sheet)).exact == 0
 
 
 def look(picture: Picture, across: float, right: tuple[float, float] = (1.0, 0.0)) -> Look:
@@ -148,8 +165,10 @@ def test_where_a_look_finds_the_text_beyond_doubt_the_picture_is_not_searched(
     monkeypatch.setattr("core.metrics.ocr.SURE", sure)
     shown = np.stack([drawn("watermark"), drawn("watercolor"), EMPTY])
     result = ocr(shown, ("watermark",), reader, {view: look(shown[view], 0.5) for view in (0, 1)})
-    assert searched[:2] == [(LOOK, LOOK)] * 2
-    assert len(searched) == 2 + (2 if sure == SURE else 3)
+    looks, enlarged = (LOOK, LOOK), (round(LOOK * SIZES[1]),) * 2
+    assert searched[: 3 if sure == SURE else 4] == [looks, *([] if sure == SURE else [enlarged]), looks, enlarged]
+    whole = [size for size in searched if size not in (looks, enlarged)]
+    assert len(whole) == (0 if sure == SURE else 1) + 2 * len(SIZES)
     np.testing.assert_allclose(result.per_view, [1, 12 / 19, 0])
 
 
