@@ -219,8 +219,9 @@ def _part(line: Line, turn: int, reading: str) -> _Part:
 
 def _crop(picture: Picture) -> Picture:
     """The picture cropped to the asset: background need not be searched."""
-    shown = (picture != picture[0, 0]).any(axis=2)
-    rows, columns = (np.flatnonzero(shown.any(axis=axis)) for axis in (1, 0))
+    shown = picture != picture[0, 0]
+    rows = np.flatnonzero(shown.reshape(len(shown), -1).any(axis=1))
+    columns = np.flatnonzero(shown.any(axis=0).any(axis=1))
     if not len(rows):
         return picture[:1, :1]
     return picture[
