@@ -153,8 +153,8 @@ def _run(network: onnxruntime.InferenceSession, pictures: Sequence[Picture], col
     """The output for (H, W, 3) sRGB pictures of one size, their colours brought to mean 0 and deviation 1."""
     mean, deviation = np.array(colors, dtype=np.float32)[:, None, :, None, None]
     blob = cv2.dnn.blobFromImages(pictures, swapRB=True)
-    blob -= mean  # in place: that of a whole picture is twelve megabytes
-    blob /= deviation
+    np.subtract(blob, mean, out=blob)  # in place: that of a whole picture is twelve megabytes
+    np.divide(blob, deviation, out=blob)
     (output,) = network.run(None, {network.get_inputs()[0].name: blob})
     return np.asarray(output)
 
