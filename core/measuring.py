@@ -8,7 +8,7 @@ from typing import Any
 
 from core.choices import Evaluate
 from core.errors import ErrorCode, MeshmarkError
-from core.rendering.pictures import PICTURE_SIZE, Views, views
+from core.rendering.pictures import PICTURE_SIZE, Drawn, Views, views
 from core.rendering.preview import contact_sheet
 from core.rendering.renderer import Renderer
 from core.rendering.turntable import turntable
@@ -75,7 +75,7 @@ def render(asset: Asset, output: Output, light: LightOutput | None, run: Run, dr
         if measured:
             before = views(asset.scene, renderer)
             if light is not None and light.output is not output:
-                seen_light = views(light.output.scene, renderer, renderer.frame)
+                seen_light = Views(before.compared[:0], Drawn(light.output.scene, renderer, renderer.frame))
             seen = before, views(output.scene, renderer, renderer.frame)
         else:
             renderer.load(output.scene)

@@ -83,7 +83,7 @@ class Views:
     """Views of an asset, as large as each use needs.
 
     Attributes:
-        compared: (V, N, N, 3) sRGB, to be compared with those of another asset.
+        compared: (V, N, N, 3) sRGB, to be compared with those of another asset; (0, N, N, 3) where nothing is.
         large: the same views, in which text is looked for.
     """
 
@@ -137,9 +137,7 @@ def pictures(
     return drawn
 
 
-def _each(
-    draw: Callable[[Float, Float], Pictures], directions: Float, ups: Float
-) -> Iterator[tuple[Pictures, Bool]]:
+def _each(draw: Callable[[Float, Float], Pictures], directions: Float, ups: Float) -> Iterator[tuple[Pictures, Bool]]:
     """What is drawn by each different camera, and which of the views show it."""
     cameras, row = np.unique(np.hstack([directions, ups]), axis=0, return_inverse=True)
     for number, camera in enumerate(cameras):
