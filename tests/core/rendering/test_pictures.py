@@ -1,11 +1,12 @@
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
 
 from core.gltf.scene import scene_of
-from core.rendering.pictures import Drawn, pictures, views
+from core.rendering.pictures import DIRECTIONS, MANY, UPS, Drawn, pictures, views
 from core.rendering.renderer import Part, Renderer
 from tests.core.rendering.glb import QUAD, QUAD_FACES, GlbWriter, cube, plain
 
@@ -27,6 +28,16 @@ class Counting(Renderer):
 def renderer() -> Iterator[Counting]:
     with Counting(SIZE) as renderer:
         yield renderer
+
+
+def ball(rings: int) -> bytes:
+    """A ball of nearly twice as many triangles as ``rings`` squared."""
+    across, down = np.meshgrid(np.linspace(0, 2 * np.pi, rings + 1), np.linspace(0, np.pi, rings + 1))
+    points = np.stack([np.sin(down) * np.cos(across), np.cos(down), -np.sin(down) * np.sin(across)], axis=-1)
+    place = np.arange((rings + 1) ** 2).reshape(rings + 1, rings + 1)
+    above, after, below, last = place[:-1, :-1], place[:-1, 1:], place[1:, :-1], place[1:, 1:]
+    faces = np.concatenate([np.stack([above, below, after], axis=-1), np.stack([after, below, last], axis=-1)])
+    return GlbWriter().mesh(points.reshape(-1, 3), faces.reshape(-1, 3), material=plain(RED)).bytes()
 
 
 def one_sided_card() -> bytes:
@@ -71,6 +82,31 @@ def test_pictures_to_be_compared_are_half_as_wide_and_show_the_same(renderer: Co
     means = large.reshape(24, SIZE // 2, 2, SIZE // 2, 2, 3).mean(axis=(2, 4))
     assert np.abs(original.compared - means).mean() < 1
     assert np.quantile(np.abs(original.compared - means), 0.95) <= 2
+
+
+def test_pictures_of_many_triangles_show_the_same_as_those_of_few() -> None:
+    few, many = scene_of(ball(8)), scene_of(ball(120))
+    with Renderer(256) as renderer:
+        plain = views(few, renderer)
+        dense = views(many, renderer)
+        assert plain.large[0].shape == dense.large[0].shape == (256, 256, 3)
+        assert plain.compared.shape == dense.compared.shape == (24, 128, 128, 3)
+        means = np.stack([dense.large[view] for view in range(24)]).reshape(24, 128, 2, 128, 2, 3).mean(axis=(2, 4))
+        difference = np.abs(dense.compared - means)
+        assert difference.mean() < 0.5
+        assert np.quantile(difference, 0.95) <= 2
+        np.testing.assert_array_equal(dense.compared, views(many, renderer).compared)
+
+
+def test_an_asset_is_drawn_as_the_one_it_is_compared_with() -> None:
+    """Else letters of many triangles on an asset of few would be compared with edges that are drawn another way."""
+    many = scene_of(ball(120))
+    with Renderer(128) as renderer:
+        own = views(many, renderer)
+        assert renderer.frame.triangles >= MANY
+        shared = views(many, renderer, replace(renderer.frame, triangles=12))
+        assert (own.compared != shared.compared).any()
+        np.testing.assert_array_equal(shared.compared[3], renderer.render(DIRECTIONS[3], UPS[3], Part(64, 0, 0, 64)))
 
 
 def test_large_pictures_are_drawn_when_they_are_asked_for_and_the_front_once(renderer: Counting) -> None:
