@@ -138,7 +138,7 @@ def pictures(
 
 
 def _each(draw: Callable[[Float, Float], Pictures], directions: Float, ups: Float) -> Iterator[tuple[Pictures, Bool]]:
-    """What is drawn by each different camera, and which of the views show it."""
+    """Pictures drawn by each different camera, each with the views that show it."""
     cameras, row = np.unique(np.hstack([directions, ups]), axis=0, return_inverse=True)
     for number, camera in enumerate(cameras):
         yield draw(camera[:3], camera[3:]), row == number
