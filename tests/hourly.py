@@ -1,7 +1,7 @@
 """`python -m tests.hourly FILE... --jobs N`: how long assets take, so many at once, each in a process of its own.
 
 As `meshmark apply --jobs N` and a worker run them: forked from a process that has loaded the libraries, which does not
-count, with their share of the processors' threads; without metrics and pictures.
+count, with their share of the processors' threads; without pictures, and without metrics or with those of geometry.
 """
 
 import argparse
@@ -29,12 +29,13 @@ def orders(files: Sequence[Path], folder: Path) -> list[Order]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Prints jobs at once, number of files marked and seconds as JSON; fails where a file was not marked."""
+    """Prints the metrics, jobs at once, number of files marked and seconds as JSON; fails where a file was not marked."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("files", type=Path, nargs="+")
     parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--evaluate", type=Evaluate, choices=[Evaluate.NONE, Evaluate.GEOMETRY], default=Evaluate.NONE)
     options = parser.parse_args(arguments)
-    style = Style(Parameters(text=TEXT, evaluate=Evaluate.NONE), None, None)
+    style = Style(Parameters(text=TEXT, evaluate=options.evaluate), None, None)
     with TemporaryDirectory() as folder:
         wanted = orders(options.files, Path(folder))
         mark_all(wanted[:1], style, options.jobs, quiet=True)  # loads the libraries
@@ -45,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if outcome.error:
             print(f"hourly: {outcome.order.input}: {outcome.error.code}: {outcome.error.message}", file=sys.stderr)
             return 1
-    print(json.dumps({"jobs": options.jobs, "marked": len(outcomes), "seconds": seconds}))
+    print(json.dumps({"evaluate": options.evaluate, "jobs": options.jobs, "marked": len(outcomes), "seconds": seconds}))
     return 0
 
 

@@ -30,8 +30,10 @@ HOUR = 3600.0
 
 @dataclass(frozen=True)
 class Rate:
-    """Small assets marked, so many jobs at once, in so many seconds of the clock."""
+    """Small assets marked, with the metrics that ``evaluate`` says, so many jobs at once, in so many seconds of the
+    clock."""
 
+    evaluate: str
     jobs: int
     marked: int
     seconds: float
@@ -61,6 +63,7 @@ def hourly(rates: Sequence[Rate]) -> list[str]:
         return []
     body = [
         [
+            rate.evaluate,
             str(rate.jobs),
             str(rate.marked),
             number(rate.seconds),
@@ -69,8 +72,8 @@ def hourly(rates: Sequence[Rate]) -> list[str]:
         ]
         for rate in rates
     ]
-    told = f"Assets of up to {SMALL:,} faces, without metrics, one after the other or {PROCESSORS} at once."
-    head = ("Jobs at once", "Marked", "Seconds", "Seconds an asset", "Assets an hour")
+    told = f"Assets of up to {SMALL:,} faces, without pictures, one after the other or {PROCESSORS} at once."
+    head = ("`evaluate`", "Jobs at once", "Marked", "Seconds", "Seconds an asset", "Assets an hour")
     return ["## Small assets an hour", told, table(head, body)]
 
 
@@ -79,9 +82,10 @@ def small(found: dict[str, Any], folder: Path) -> list[Path]:
     return [folder / row["asset"] for row in found["assets"] if row["status"] == "ok" and row["faces"] <= SMALL]
 
 
-def rate(files: Sequence[Path], jobs: int) -> Rate:
-    """Mark files, so many at once, by a process whose libraries know the number of their threads from the start."""
+def rate(files: Sequence[Path], evaluate: Evaluate, jobs: int) -> Rate:
+    """Mark files with these metrics, so many at once, by a process whose libraries know the number of their threads from the start."""
     command = [sys.executable, "-m", "tests.hourly", *map(str, files), "--jobs", str(jobs)]
+    command += ["--evaluate", evaluate]
     done = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True)
     return Rate(**json.loads(done.stdout))
 
@@ -100,7 +104,8 @@ def main() -> int:
     with progress(str(options.folder), quiet=False) as tell:
         found = profile(options.folder, repeats=options.repeats, evaluate=Evaluate.FULL, progress=tell)
     files = small(found, options.folder.resolve())
-    rates = [rate(files, jobs) for jobs in (1, PROCESSORS) if files]
+    kinds = [(evaluate, jobs) for evaluate in (Evaluate.NONE, Evaluate.GEOMETRY) for jobs in (1, PROCESSORS)]
+    rates = [rate(files, *kind) for kind in kinds if files]
     options.page.write_text(written(page, found, rates))
     if options.out:
         write_profile(found, options.out)

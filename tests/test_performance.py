@@ -41,7 +41,7 @@ def outside(text: str) -> str:
 
 def test_figures_take_the_place_of_those_between_the_markers() -> None:
     before = f"# Page\n\nBefore.\n\n{BEGIN}\n\nold\n\n{END}\n\nAfter.\n"
-    text = written(before, FOUND, [Rate(1, 10, 20.0), Rate(2, 10, 12.5)])
+    text = written(before, FOUND, [Rate("none", 1, 10, 20.0), Rate("geometry", 2, 10, 12.5)])
     assert outside(text) == outside(before)
     assert "old" not in text
     assert [f"| {each} |" in text for each in ("cow.glb | 10 | 8 | 12", "1 | 10 | 20.0 | 2.000 | 1,800")] == [True] * 2
@@ -79,9 +79,9 @@ def test_seconds_are_told_where_all_were_marked(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(hourly, "mark_all", lambda wanted, *_, **__: [Outcome(order) for order in wanted])
-    assert hourly.main(["cow.glb", "--jobs", "2"]) == 0
+    assert hourly.main(["cow.glb", "--jobs", "2", "--evaluate", "geometry"]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert (told["jobs"], told["marked"]) == (2, hourly.LEAST)
+    assert (told["evaluate"], told["jobs"], told["marked"]) == ("geometry", 2, hourly.LEAST)
     refused = MeshmarkError(ErrorCode.NO_PLACEMENT, "Too thin.", "Choose another.")
     monkeypatch.setattr(hourly, "mark_all", lambda wanted, *_, **__: [Outcome(wanted[-1], error=refused)])
     assert hourly.main(["wire.stl"]) == 1
