@@ -29,7 +29,7 @@ def orders(files: Sequence[Path], folder: Path) -> list[Order]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Prints the metrics, jobs at once, number of files marked and seconds as JSON; fails where a file was not marked."""
+    """Prints metrics, jobs at once, number of files marked and seconds as JSON; fails where a file was not marked."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("files", type=Path, nargs="+")
     parser.add_argument("--jobs", type=int, default=1)

@@ -83,9 +83,9 @@ def small(found: dict[str, Any], folder: Path) -> list[Path]:
 
 
 def rate(files: Sequence[Path], evaluate: Evaluate, jobs: int) -> Rate:
-    """Mark files with these metrics, so many at once, by a process whose libraries know the number of their threads from the start."""
-    command = [sys.executable, "-m", "tests.hourly", *map(str, files), "--jobs", str(jobs)]
-    command += ["--evaluate", evaluate]
+    """Mark files with these metrics, so many at once, by a process whose libraries know the number of their threads
+    from the start."""
+    command = [sys.executable, "-m", "tests.hourly", *map(str, files), "--jobs", str(jobs), "--evaluate", evaluate]
     done = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True)
     return Rate(**json.loads(done.stdout))
 
