@@ -9,7 +9,6 @@ from types import ModuleType, TracebackType
 from typing import Any, Self
 from weakref import proxy
 
-import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -199,6 +198,8 @@ class Renderer:
     def render_half(self, direction: ArrayLike, up: ArrayLike) -> NDArray[np.uint8]:
         """As :meth:`render`, half as wide: (size // 2, size // 2, 3). Each pixel is the mean of four that are drawn
         with one sample, not one with four samples, each of which llvmpipe looks for in every triangle."""
+        import cv2  # here: the renderer is loaded by all who may draw
+
         picture, _ = self._draw(direction, up, single=True)
         half = (self.size // 2, self.size // 2)
         return np.asarray(cv2.resize(picture, half, interpolation=cv2.INTER_AREA), dtype=np.uint8)
