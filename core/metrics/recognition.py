@@ -149,6 +149,14 @@ class Reader:
         return texts
 
 
+def scaled(picture: Picture, factor: float) -> Picture:
+    """An (H, W, 3) sRGB picture, larger or smaller by a ``factor``."""
+    if factor == 1:
+        return picture
+    method = cv2.INTER_AREA if factor < 1 else cv2.INTER_CUBIC
+    return np.asarray(cv2.resize(picture, None, fx=factor, fy=factor, interpolation=method), dtype=np.uint8)
+
+
 def _run(network: onnxruntime.InferenceSession, pictures: Sequence[Picture], colors: Colors) -> NDArray[np.float32]:
     """The output for (H, W, 3) sRGB pictures of one size, their colours brought to mean 0 and deviation 1."""
     mean, deviation = np.array(colors, dtype=np.float32)[:, None, :, None, None]

@@ -10,7 +10,7 @@ import numpy as np
 from PIL import Image
 
 from core.arrays import Float
-from core.metrics.recognition import Reader
+from core.metrics.recognition import Reader, scaled
 from core.verify.header import FORMATS, declared_size, malformed_picture
 from core.verify.look import Picture
 from core.verify.readings import TURNS
@@ -75,24 +75,17 @@ def read_picture(picture: Picture, texts: Sequence[str], reader: Reader) -> list
     the surface are a few grey levels lighter and darker than it, and more is then read of small ones.
     """
     scale = _scale(picture, LEAST)
-    found = _read(_scaled(picture, scale), scale, texts, reader)
+    found = _read(scaled(picture, scale), scale, texts, reader)
     if found:
         return found
     scale = _scale(picture, LEAST_EVEN)
-    return _read(_evened(_scaled(picture, scale)), scale, texts, reader)
+    return _read(_evened(scaled(picture, scale)), scale, texts, reader)
 
 
 def _scale(picture: Picture, least: int) -> float:
     """The factor by which a picture is enlarged, or reduced, to be between ``least`` and MOST pixels long."""
     longest: int = max(picture.shape[:2])
     return min(MOST / longest, max(least / longest, 1.0))
-
-
-def _scaled(picture: Picture, scale: float) -> Picture:
-    if scale == 1:
-        return picture
-    method = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
-    return np.asarray(cv2.resize(picture, None, fx=scale, fy=scale, interpolation=method), dtype=np.uint8)
 
 
 def _evened(picture: Picture) -> Picture:

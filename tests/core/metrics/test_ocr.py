@@ -179,6 +179,15 @@ def test_a_look_beside_the_letters_changes_nothing(reader: Reader, lines: tuple[
         assert ocr(shown, ("\n".join(lines),), reader, {0: look(shown[0], place)}).exact == 1
 
 
+def test_a_picture_that_is_all_in_its_look_is_searched_as_any_other(
+    reader: Reader, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("core.metrics.ocr.SURE", 1.0)  # nothing is found beyond doubt
+    shown = look(drawn("watermark"), 0.5).picture.copy()
+    shown[-1, -1] = shown[0, -1] = shown[-1, 0] = 0  # it is not cropped
+    assert ocr(shown[None], ("watermark",), reader, {0: Look(shown, np.array([1.0, 0.0]))}).exact == 1
+
+
 def test_where_the_word_stands_in_the_picture_does_not_matter(reader: Reader) -> None:
     picture = drawn("watermark")
     corners = [np.roll(picture, shift, axis=(0, 1)) for shift in ((-225, -125), (225, 125))]
